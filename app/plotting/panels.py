@@ -145,8 +145,7 @@ def _add_axes(figure: Any, box: Box) -> Any:
     axes.set_axisbelow(True)
     axes.patch.set_visible(False)  # the SIMULATED mark across the page must be visible behind the axes
     axes.set_title("", y=1.0)  # a fixed position avoids the automatic placement
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
     return axes
 
 

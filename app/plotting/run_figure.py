@@ -1,6 +1,6 @@
 """Picture of a run: points or curves with the model, estimates and the last recording (matplotlib)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -73,24 +73,19 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = usable_mask(points["quality"])
-    series: Sequence[tuple[str, float, dict[str, Any], str]] = (  # an imported table may have one of them only
-        ("peak_to_peak", 1e6, {"fmt": "o", "ms": 6, "mec": "tab:red", "ecolor": "tab:red"}, "measured, max - min"),
-        (
-            "fundamental",
-            2e6,
-            {"fmt": "s", "ms": 4, "mec": "tab:orange", "ecolor": "tab:orange"},
-            "measured, 2 x fundamental",
-        ),
-    )
-    for name, scale, look, label in series:
-        draw_measured(axes, f, scale * points[name], scale * points[f"{name}_errors"], good, label, **look)
+    for name, scale, label, marker, size, color in (  # an imported table may have one of them only
+        ("peak_to_peak", 1e6, "measured, max - min", "o", 6, "tab:red"),
+        ("fundamental", 2e6, "measured, 2 x fundamental", "s", 4, "tab:orange"),
+    ):
+        y, errors = scale * points[name], scale * points[f"{name}_errors"]
+        draw_measured(axes, f, y, errors, good, label, fmt=marker, ms=size, mec=color, ecolor=color)
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.text(
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
     )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    found = [*map(format_estimate, run.estimates())]
-    axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="best")
+    found = "\n".join(map(format_estimate, run.estimates()))
+    axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
 
 
 def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
@@ -109,7 +104,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
         pressed = None if free else skin(Membrane(), elongation / Membrane().L_m, tactor=tactor)
         model = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier, skin=pressed)
         axes.plot(curve_f, 1e6 * model.peak_to_peak, "--", color=colour, lw=0.9)
-        words = "free" if free else f"{1e3 * elongation:.2f} mm"
+        label = "free" if free else f"{1e3 * elongation:.2f} mm"
         f, moved, errors = (points[name][of_part] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
         draw_measured(
             axes,
@@ -117,7 +112,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
             1e6 * moved,
             1e6 * errors,
             good[of_part],
-            words,
+            label,
             face=colour,
             flagged="",
             fmt="o",
@@ -192,8 +187,7 @@ def _curve_colors(count: int) -> Any:
 
 
 def _axis_label(column: str, unit: str) -> str:
-    words = column.replace("_", " ")
-    return f"{words} ({unit})" if unit else words
+    return column.replace("_", " ") + (f" ({unit})" if unit else "")
 
 
 def _draw_trace(axes: Any, run: Run, _tactor: Tactor) -> None:

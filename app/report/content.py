@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress, pluralize, version
 from app.plotting.panels import ReportPlot
-from app.report import provenance, tables
+from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
@@ -50,7 +50,7 @@ def build_report(
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
-        record=provenance.report_record(specimen, known, runs, outcomes, fingerprint, code),
+        record=tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs
 
@@ -112,10 +112,10 @@ def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list
     if summary.perception_margins or summary.latency is not None:
         sections.append(ReportSection("What is felt, and how soon", tables.perception_blocks(summary)))
     sources: list[Block] = [
-        *provenance.held_values(summary.specimen),
-        provenance.quality_table(runs),
-        provenance.instrument_table(runs),
-        *provenance.software_tables(runs),
-        provenance.hash_table(runs),
+        *tables.held_values(summary.specimen),
+        tables.quality_table(runs),
+        tables.instrument_table(runs),
+        *tables.software_tables(runs),
+        tables.hash_table(runs),
     ]
     return [*sections, ReportSection("Where the numbers come from", sources)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import count
+from itertools import accumulate, count
 from pathlib import Path
 from typing import Any
 
@@ -24,24 +24,16 @@ MAX_FONT_PT, MIN_FONT_PT = 8.0, 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class LaidOutRow:
-    """A table row: the lines of each cell."""
-
-    cells: tuple[tuple[str, ...], ...]
-    height: float
-
-
-@dataclass(frozen=True, slots=True)
 class LaidOutTable:
-    """A table with column positions, font size and wrapped cells."""
+    """A table with font size, column positions and the lines of each cell, row by row."""
 
     font_size: float
     column_left: tuple[float, ...]
-    rows: tuple[LaidOutRow, ...]
+    rows: tuple[tuple[list[str], ...], ...]
 
-    @property
-    def height(self) -> float:
-        return sum(row.height for row in self.rows)
+    def row_height(self, row: tuple[list[str], ...]) -> float:
+        """Return the height of a row in inches."""
+        return line_height(self.font_size) * max(map(len, row)) + 0.05
 
 
 @lru_cache(maxsize=20_000)
@@ -97,17 +89,12 @@ def lay_out_table(table: Table, width: float) -> LaidOutTable:
         max(text_width(word, size, "bold", family) for row in every for word in row[i].split(" ")) for i in columns
     ]
     widths = _shrink_columns(natural, least, width - COLUMN_GAP_IN * (len(natural) - 1))
-    rows = []
-    for row in every:
-        cells = tuple(
-            tuple(wrap_text(cell, w + 0.005, size, "bold", family)) for cell, w in zip(row, widths, strict=True)
-        )
-        rows.append(LaidOutRow(cells, line_height(size) * max(map(len, cells)) + 0.05))
-    left, x = [], 0.0
-    for w in widths:
-        left.append(x)
-        x += w + COLUMN_GAP_IN
-    return LaidOutTable(size, tuple(left), tuple(rows))
+    rows = tuple(
+        tuple(wrap_text(cell, w + 0.005, size, "bold", family) for cell, w in zip(row, widths, strict=True))
+        for row in every
+    )
+    left = accumulate((w + COLUMN_GAP_IN for w in widths[:-1]), initial=0.0)
+    return LaidOutTable(size, tuple(left), rows)
 
 
 def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
@@ -291,21 +278,22 @@ class _PageFlow:
     def _add_table(self, block: Table) -> None:
         table = lay_out_table(block, WIDTH)
         note = wrap_text(block.note, WIDTH, 7.5) if block.note else []
-        self._require_space(min(0.3 + table.height + 0.14 * len(note), 3.0))
+        height = sum(map(table.row_height, table.rows))
+        self._require_space(min(0.3 + height + 0.14 * len(note), 3.0))
         self._y -= 0.06
         self._add_text(block.title, 9.5, "bold", gap=0.03)
         for at, row in enumerate(table.rows):
-            self._require_space(row.height)
+            self._require_space(table.row_height(row))
             page = self._pages[-1]
             bad = at - 1 in block.highlighted_rows
-            for x, lines in zip(table.column_left, row.cells, strict=True):
+            for x, lines in zip(table.column_left, row, strict=True):
                 for i, line in enumerate(lines):
                     _draw_text(
                         page, LEFT + x, self._y - 0.035 - i * line_height(table.font_size), line, size=table.font_size, va="top",
                         weight="bold" if at == 0 or bad else "normal", color=RED if bad else "black",
                         family="monospace" if block.monospace and at else "sans-serif",
                     )  # fmt: skip
-            self._y -= row.height
+            self._y -= table.row_height(row)
             page.add_artist(_draw_rule(self._y, 0.7 if at == 0 else 0.3))
         self._y -= 0.06
         if block.note:

@@ -41,13 +41,10 @@ class OverlaidRuns(QObject):
             if all(run.path != path for run in self.runs):
                 self._file_worker.submit(partial(read_measured_response, path), self._on_loaded, self._on_error)
 
-    def remove(self, run: MeasuredResponse) -> None:
-        """Remove a run."""
-        self._set_runs(tuple(r for r in self.runs if r is not run))
-
-    def clear(self) -> None:
-        """Remove all runs."""
-        self._set_runs(())
+    def remove(self, *runs: MeasuredResponse) -> None:
+        """Remove runs."""
+        removed = [run.path for run in runs]
+        self._set_runs(tuple(run for run in self.runs if run.path not in removed))
 
     def fit(self, setting: ExploreSetting) -> None:
         """Fit the model to the runs, starting from a setting; during a fit: cancel it."""

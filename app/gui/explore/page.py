@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, Qt, Signal
+from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
@@ -152,7 +152,7 @@ class ExplorePage(QSplitter):
     def clear_overlays(self) -> None:
         """Remove kept curves and measured runs."""
         self.session.kept_curves = ()
-        self.overlaid.clear()
+        self.overlaid.remove(*self.overlaid.runs)
         self._request_result()
 
     def fit_runs(self) -> None:
@@ -291,31 +291,32 @@ class ExplorePage(QSplitter):
 
     def _connect_signals(self) -> None:
         bar = self.toolbar
-        self._result_ready.connect(self._on_result)
-        self.overlaid.changed.connect(self._show_overlaid)
-        self.overlaid.fitting.connect(self._on_fitting)
-        self.overlaid.fitted.connect(self._on_fitted)
-        self.overlaid.message.connect(self.status_line.show_message)
-        self.sliders.value_changed.connect(self.set_value)
-        self.sliders.reset_requested.connect(lambda name: self.set_setting(self.setting.with_default(name)))
-        self.sliders.input_rejected.connect(lambda text: self.status_line.show_message(text, is_error=True))
-        self.plot.cursor_moved.connect(self._on_cursor_moved)
-        bar.preset_chosen.connect(self.load_preset)
-        bar.skin_chosen.connect(lambda on: self.set_setting(replace(self.setting, on_skin=on)))
-        bar.frequency_chosen.connect(self.plot.cursor_line.setValue)
-        bar.range_chosen.connect(self._set_range)
-        bar.series_changed.connect(self._update_series)
-        bar.copy_chosen.connect(self.copy)
-        for button, action in (
-            (bar.undo_button, self.undo),
-            (bar.redo_button, self.redo),
-            (bar.keep_button, self.keep_curve),
-            (bar.clear_button, self.clear_overlays),
-            (bar.overlay_button, self._choose_runs),
-            (bar.fit_button, self.fit_runs),
-            (bar.study_button, self._choose_study_file),
-        ):
-            button.clicked.connect(action)
+        connections: tuple[tuple[SignalInstance, Callable[..., object]], ...] = (
+            (self._result_ready, self._on_result),
+            (self.overlaid.changed, self._show_overlaid),
+            (self.overlaid.fitting, self._on_fitting),
+            (self.overlaid.fitted, self._on_fitted),
+            (self.overlaid.message, self.status_line.show_message),
+            (self.sliders.value_changed, self.set_value),
+            (self.sliders.reset_requested, lambda name: self.set_setting(self.setting.with_default(name))),
+            (self.sliders.input_rejected, lambda text: self.status_line.show_message(text, is_error=True)),
+            (self.plot.cursor_moved, self._on_cursor_moved),
+            (bar.preset_chosen, self.load_preset),
+            (bar.skin_chosen, lambda on: self.set_setting(replace(self.setting, on_skin=on))),
+            (bar.frequency_chosen, self.plot.cursor_line.setValue),
+            (bar.range_chosen, self._set_range),
+            (bar.series_changed, self._update_series),
+            (bar.copy_chosen, self.copy),
+            (bar.undo_button.clicked, self.undo),
+            (bar.redo_button.clicked, self.redo),
+            (bar.keep_button.clicked, self.keep_curve),
+            (bar.clear_button.clicked, self.clear_overlays),
+            (bar.overlay_button.clicked, self._choose_runs),
+            (bar.fit_button.clicked, self.fit_runs),
+            (bar.study_button.clicked, self._choose_study_file),
+        )
+        for signal, slot in connections:
+            signal.connect(slot)
         add_actions(
             self,
             {

@@ -39,16 +39,17 @@ class ShapePlot(PlotBase):
 
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
-        self.beam.setPen(pg.mkPen(theme.model, width=2))
-        self.layer.setPen(pg.mkPen(theme.warning, width=5))
-        self.cylinder.setPen(pg.mkPen(theme.text, width=7))
-        for line in self._envelope:
-            line.setPen(pg.mkPen(theme.line, width=1))
+        for item, color, width in (
+            (self.beam, theme.model, 2),
+            (self.layer, theme.warning, 5),
+            (self.cylinder, theme.text, 7),
+            *((line, theme.line, 1) for line in self._envelope),
+            *((clamp, theme.secondary_text, 6) for clamp in self._clamps),
+        ):
+            item.setPen(pg.mkPen(color, width=width))
         fill = pg.mkColor(theme.model)
         fill.setAlpha(26)
         self._fill.setBrush(fill)
-        for clamp in self._clamps:
-            clamp.setPen(pg.mkPen(theme.secondary_text, width=6))
 
     def _series(self) -> Iterable[PlotSeries]:
         for name, line in zip(("the beam", "lowest", "highest"), (self.beam, *self._envelope), strict=True):

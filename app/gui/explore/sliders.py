@@ -7,6 +7,7 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
 
 from app.common import PEAK_TO_PEAK, UnitError, read_number
+from app.common.units import PLAIN_NUMBER
 from app.explore.sliders import GROUPS, SliderSpec
 from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
 from app.gui.plots.base import caption_label
@@ -77,11 +78,9 @@ class SliderRow:
             return
         text = self.field.text().strip()
         try:
-            try:
+            if PLAIN_NUMBER.fullmatch(text):  # in the displayed unit
                 value = float(self._quantity.check(float(text) / self.spec.factor))
-            except ValueError as error:
-                if isinstance(error, ParameterError):
-                    raise
+            else:
                 value = read_number(text, self._quantity)
         except (UnitError, ParameterError) as error:
             set_style_kind(self.field, "faulty")
@@ -129,9 +128,8 @@ class SliderPanel(QWidget):
         grid.setHorizontalSpacing(6)
         grid.setVerticalSpacing(1)
         grid.setColumnStretch(1, 1)
-        grid.setColumnMinimumWidth(0, 150)
-        grid.setColumnMinimumWidth(3, 56)
-        grid.setColumnMinimumWidth(4, 24)
+        for column, width in ((0, 150), (3, 56), (4, 24)):
+            grid.setColumnMinimumWidth(column, width)
         for at, (slider, quantity) in enumerate(sliders):
             row = SliderRow(slider, quantity, self)
             for column, widget in enumerate((row.label, row.slider_widget, row.field, row.unit, row.reset_button)):

@@ -11,7 +11,7 @@ from app.explore.state import ExploreSetting
 from app.gui.plots.base import caption_label
 from app.gui.plots.series import SERIES
 from app.gui.widgets.actions import tooltip
-from app.gui.widgets.layouts import row
+from app.gui.widgets.layouts import make_choice, row
 
 RANGES_HZ = (250, 500, 1000, 4000)
 
@@ -35,13 +35,13 @@ class ExploreToolbar(QObject):
         self.preset_box.setAccessibleName("begin from")
         self.preset_box.activated.connect(self._on_preset)
         self.free_button, self.skin_button = (
-            _choice("Free", "The tactor vibrates freely"),
-            _choice("On skin", "On the membrane"),
+            make_choice("Free", "The tactor vibrates freely", checkable=True),
+            make_choice("On skin", "On the membrane", checkable=True),
         )
         _make_exclusive(self, self.free_button, self.skin_button)
         self.skin_button.toggled.connect(self.skin_chosen)
         self.undo_button, self.redo_button = (
-            _button(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
+            make_choice(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
         )
         self.undo_button.setAccessibleName("undo")
         self.redo_button.setAccessibleName("redo")
@@ -54,20 +54,20 @@ class ExploreToolbar(QObject):
         self.frequency.setToolTip("Frequency whose motion is shown; the dotted line can be dragged, too")
         self.frequency.setAccessibleName("frequency of the motion in Hz")
         self.frequency.editingFinished.connect(self._on_frequency)
-        self.ranges = [_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz") for hz in RANGES_HZ]
+        self.ranges = [make_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz", checkable=True) for hz in RANGES_HZ]
         _make_exclusive(self, *self.ranges)
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.keep_button = _button("Keep curve", tooltip("explore.keep"))
-        self.clear_button = _button("Clear", "Take kept curves and measured runs away")
-        self.overlay_button = _button("Lay a run over …", f"{tooltip('explore.overlay')}, or drop files here")
-        self.fit_button = _button("Fit these", tooltip("explore.fit"))
+        self.keep_button = make_choice("Keep curve", tooltip("explore.keep"))
+        self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
+        self.overlay_button = make_choice("Lay a run over …", f"{tooltip('explore.overlay')}, or drop files here")
+        self.fit_button = make_choice("Fit these", tooltip("explore.fit"))
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
-        self.study_button = _button("Save study …", tooltip("explore.study"))
-        self.copy_json_button = _button("Copy JSON", tooltip("explore.copy-json"))
-        self.copy_toml_button = _button("Copy TOML", "Every parameter as TOML for --set")
+        self.study_button = make_choice("Save study …", tooltip("explore.study"))
+        self.copy_json_button = make_choice("Copy JSON", tooltip("explore.copy-json"))
+        self.copy_toml_button = make_choice("Copy TOML", "Every parameter as TOML for --set")
         self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self._chips = row(spacing=4)
@@ -107,8 +107,7 @@ class ExploreToolbar(QObject):
             chip.deleteLater()
         self.run_chips = []
         for run in runs:
-            chip = _choice(f"{run.label}  ✕", f"{run.path}: press to take it away")
-            chip.setCheckable(False)
+            chip = make_choice(f"{run.label}  ✕", f"{run.path}: press to take it away")
             chip.clicked.connect(lambda _=False, run=run: remove(run))
             self._chips.addWidget(chip)
             self.run_chips.append(chip)
@@ -128,19 +127,6 @@ class ExploreToolbar(QObject):
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
             self.frequency_chosen.emit(hz)
-
-
-def _button(text: str, tip: str) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.setProperty("kind", "choice")
-    return button
-
-
-def _choice(text: str, tip: str) -> QPushButton:
-    button = _button(text, tip)
-    button.setCheckable(True)
-    return button
 
 
 def _make_exclusive(parent: QObject, *buttons: QPushButton) -> None:

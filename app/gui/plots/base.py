@@ -80,7 +80,7 @@ class CornerLabel:
     """A text in the strip above a plot, where no trace crosses it: at the left, elided, or at the right, bold."""
 
     def __init__(self, plot: Any, text: str, font: QFont, right: bool) -> None:
-        self._plot, self._right, self._text = plot, right, text
+        self._plot, self._right, self.text = plot, right, text
         self._item = QGraphicsSimpleTextItem(text, plot)
         font = QFont(font)
         font.setBold(right)
@@ -92,14 +92,10 @@ class CornerLabel:
         self._item.setBrush(QBrush(QColor(color)))
 
     def set_text(self, text: str) -> None:
-        if text != self._text:
-            self._text = text
+        if text != self.text:
+            self.text = text
             self._item.setText(text)
             self._place_label()
-
-    @property
-    def text(self) -> str:
-        return self._text
 
     def set_visible(self, visible: bool) -> None:
         self._item.setVisible(visible)
@@ -113,7 +109,7 @@ class CornerLabel:
         if not self._right:  # the right end is kept free for SIMULATED
             metrics = QFontMetricsF(self._item.font())
             width = max(box.width() - 8 * metrics.averageCharWidth() - 80, 40)
-            self._item.setText(metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, width))
+            self._item.setText(metrics.elidedText(self.text, Qt.TextElideMode.ElideRight, width))
         left = box.right() - self._item.boundingRect().width() if self._right else box.left()
         self._item.setPos(max(left, 0), box.top() - self._item.boundingRect().height())
 
@@ -145,21 +141,19 @@ class BandFill(QGraphicsPathItem):
         fill.setAlpha(self.ALPHA)
         self.setBrush(QBrush(fill))
 
-    def show_between(self, x: Array, low: Array, high: Array) -> None:
-        """Fill between two curves over x; empty where one of them is not finite."""
-        self.ends = (x, low, high)
+    def show_band(self, x: Array, ends: Iterable[Array] | None) -> None:
+        """Fill between lower and upper end over x, except where one of them is not finite; None: draw no band."""
         path = QPainterPath()
-        there = np.isfinite(low) & np.isfinite(high)
-        for part in np.split(np.arange(x.size), np.flatnonzero(np.diff(there)) + 1):
-            if part.size > 1 and there[part[0]]:
-                around = np.concatenate((low[part], high[part][::-1]))
-                path.addPath(pg.arrayToQPath(np.concatenate((x[part], x[part][::-1])), around))
-        self.setPath(path)
-
-    def clear(self) -> None:
-        """Draw no band."""
         self.ends = None
-        self.setPath(QPainterPath())
+        if ends is not None:
+            low, high = ends
+            self.ends = (x, low, high)
+            there = np.isfinite(low) & np.isfinite(high)
+            for part in np.split(np.arange(x.size), np.flatnonzero(np.diff(there)) + 1):
+                if part.size > 1 and there[part[0]]:
+                    around = np.concatenate((low[part], high[part][::-1]))
+                    path.addPath(pg.arrayToQPath(np.concatenate((x[part], x[part][::-1])), around))
+        self.setPath(path)
 
 
 def stable_range(low: float, high: float, current: tuple[float, float] | None) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.common import display_unit, minmax_decimate
 from app.gui.plots.base import (
@@ -18,8 +18,7 @@ from app.gui.plots.base import (
     stable_range,
 )
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import make_label, row
+from app.gui.widgets.layouts import make_choice, make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
 from model import Array
@@ -44,8 +43,7 @@ class CurvesPlot(PlotBase):
         self._add_legend(left=False)
         self.drawn_curves: list[tuple[pg.PlotCurveItem, BandFill]] = []
         self.caption, self.source = caption_label("Curves"), make_label(kind="note", wrap=False)
-        self.points_button = QPushButton("Show the points")
-        set_style_kind(self.points_button, "choice")
+        self.points_button = make_choice("Show the points")
         self._add_head(row(self.caption, self.source, None, self.points_button, spacing=14))
         self.set_theme(theme)
 
@@ -96,7 +94,7 @@ class CurvesPlot(PlotBase):
             fill.set_color(colour.name())
             if errors is not None:
                 (places, low), (_, high) = (decimate_to_drawn(x, y + side * errors) for side in (-SIGMAS, SIGMAS))
-                fill.show_between(places, low, high)
+                fill.show_band(places, (low, high))
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
                 self.legend.addItem(line, curve.label)
             self.drawn_curves.append((line, fill))
@@ -122,11 +120,8 @@ class CurvesPlot(PlotBase):
             return
         factor = display_unit("m/V")[0] / curve.request.amplitude_v
         self.model.setData(curve.frequency_hz, factor * curve.fundamental)
-        if curve.band is None:
-            self.band.clear()
-        else:
-            low, high = curve.band.fundamental
-            self.band.show_between(curve.frequency_hz, factor * low, factor * high)
+        ends = None if curve.band is None else [factor * end for end in curve.band.fundamental]
+        self.band.show_band(curve.frequency_hz, ends)
 
     def _scale(self) -> None:
         if not self.drawn_curves:

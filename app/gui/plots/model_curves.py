@@ -42,11 +42,7 @@ class DrawnCurve:
         self.curve = curve
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
             line.setData(curve.frequency_hz, series.values_of(curve))
-            if curve.band is None:
-                fill.clear()
-            else:
-                low, high = series.values_of(curve.band)
-                fill.show_between(curve.frequency_hz, low, high)
+            fill.show_band(curve.frequency_hz, None if curve.band is None else series.values_of(curve.band))
 
     def remove(self) -> None:
         """Remove the items from the plot."""

@@ -8,14 +8,13 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.common import display_unit
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import make_label, row
+from app.gui.widgets.layouts import make_choice, make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.messages import describe_point
 from protocols.base import Protocol, Quality, RunEnded
@@ -42,8 +41,7 @@ class PointsPlot(PlotBase):
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
         self.caption, self.hint_label = caption_label(), make_label(HOLLOW_HINT, "note", wrap=False)
-        self.curves_button = QPushButton("Show the curves")
-        set_style_kind(self.curves_button, "choice")
+        self.curves_button = make_choice("Show the curves")
         self.curves_button.hide()
         self.selection = EntrySelection(self._draw, self.repeat_requested.emit)
         self.scatter.sigClicked.connect(lambda _, spots: self.selection.toggle(self._shown_indices, spots))

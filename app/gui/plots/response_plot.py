@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,6 @@ class ResponsePlot(PlotBase):
         self.series_boxes = [QCheckBox(series.label) for series in SERIES]
         self.hint_label = ElidedLabel()
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
-        self._residual_strip: ResidualStrip | None = None
         self.strip_box = QComboBox()
         self.strip_box.addItems([f"below: {quantity}" for quantity in STRIP_QUANTITIES])
         self.strip_box.setToolTip("What is drawn under the response: measured less model, or the phase")
@@ -108,8 +108,8 @@ class ResponsePlot(PlotBase):
             box.setIcon(legend_icon(series, theme.model, color, self.devicePixelRatioF()))
             box.setIconSize(LEGEND_ICON_SIZE)
         self.model_curves.set_theme(theme)
-        if self._residual_strip is not None:
-            self._residual_strip.set_theme(theme)
+        if "residual_strip" in vars(self):
+            self.residual_strip.set_theme(theme)
         self._draw_points()
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
@@ -203,17 +203,16 @@ class ResponsePlot(PlotBase):
         self.model_curves.select_series([box.isChecked() for box in self.series_boxes])
         self._scale()
 
-    @property
+    @cached_property
     def residual_strip(self) -> ResidualStrip:
         """The plot below the response; created when first used."""
-        if self._residual_strip is None:
-            self._residual_strip = ResidualStrip(self.plot, self._theme)
-            self._layout.addWidget(self._residual_strip)
-        return self._residual_strip
+        strip = ResidualStrip(self.plot, self._theme)
+        self._layout.addWidget(strip)
+        return strip
 
     def _draw_strip(self) -> None:
-        if self._residual_strip is not None:
-            self._residual_strip.draw(self._points, self._curve, self._point_colors(0))
+        if "residual_strip" in vars(self):
+            self.residual_strip.draw(self._points, self._curve, self._point_colors(0))
 
     def _select_strip(self, index: int) -> None:
         self.residual_strip.quantity = STRIP_QUANTITIES[index]

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QButtonGroup, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QWidget
 
 from app.gui.plots.base import (
     TICK_LINES,
@@ -15,7 +15,7 @@ from app.gui.plots.base import (
     stable_range,
     trace_pen,
 )
-from app.gui.widgets.layouts import make_label, row
+from app.gui.widgets.layouts import make_choice, make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.feed import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
@@ -137,19 +137,14 @@ class TimePlot(TracePlotBase):
         self._displacement_plot.setXRange(-self.span.shown_s, 0, padding=0)
 
     def _build(self) -> None:
-        head = row(caption_label("Live traces"), self._axis_label, None, spacing=12)
         # Buttons instead of a drop-down list: an open list would take the Stop key.
         for at, span in enumerate(SPANS):
-            button = QPushButton(f"{span.shown_s:g} s" + (" standing" if span.triggered else ""))
-            button.setCheckable(True)
-            button.setProperty("kind", "choice")
-            button.setToolTip(
-                f"Show the last {span.shown_s:g} s"
-                + (", the cycles of the drive lined up like an oscilloscope's" if span.triggered else "")
-            )
-            self._spans.addButton(button, at)
-            head.addWidget(button)
-        self._add_head(head)
+            tip = f"Show the last {span.shown_s:g} s"
+            tip += ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
+            text = f"{span.shown_s:g} s" + (" standing" if span.triggered else "")
+            self._spans.addButton(make_choice(text, tip, checkable=True), at)
+        title = caption_label("Live traces")
+        self._add_head(row(title, self._axis_label, None, *self._spans.buttons(), spacing=12))
 
 
 def trigger_time(time_s: Array, drive_v: Array, level_v: float, shown_s: float) -> float:

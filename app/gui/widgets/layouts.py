@@ -136,6 +136,11 @@ def make_splitter(
     return splitter
 
 
+def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButton:
+    """Return a button in the style of a choice; a checkable one shows whether it is chosen."""
+    return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
+
+
 def _set_margins(layout: L, margins: Margins | None) -> L:
     if margins is not None:
         layout.setContentsMargins(*margins)
