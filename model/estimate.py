@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class EstimatedQuantity:
-    """An identified quantity: value and standard error in `unit`; `source` says from what, or names the runs."""
+    """An identified quantity: value and standard error in `unit`; `source` is its origin or the names of the runs."""
 
     name: str
     value: float

@@ -32,7 +32,7 @@ class ParameterSpec:
 
     @property
     def limits(self) -> str:
-        """The limits as words, e.g. "greater than 0 m"; every quantity is finite besides."""
+        """The limits as text, e.g. "greater than 0 m"; every quantity is finite besides."""
         bounds = (
             ("greater than", self.interval.gt),
             ("at least", self.interval.ge),

@@ -1,6 +1,6 @@
 """The paper's Table I as validated values, and the letters of Eqs. (1)-(6) that follow from them.
 
-`Tactor` and `Membrane` are the scalar face: one specimen, checked when made. `Beam` carries the same letters as floats or
+`Tactor` and `Membrane` are one specimen, validated on construction. `Beam` carries the same letters as floats or
 as arrays of one shape; the numerics underneath take a `Beam`, so that a study of ten thousand specimens is one call.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
 
 FloatOrArray = Any
-"""A float, or an array of floats: the formulas of this module do not care."""
+"""A float or an array of floats; the formulas of this module take both."""
 
 
 class Beam(NamedTuple):

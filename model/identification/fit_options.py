@@ -1,4 +1,4 @@
-"""What a joint fit is asked: which parameters are free, fixed or tied, what is known beforehand, and which loss."""
+"""Fit options: free, fixed and tied parameters, priors, start values and loss of a joint fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,12 +20,12 @@ class IdentificationError(ValueError):
 
 
 class FitCancelled(Exception):
-    """Somebody asked the fit to stop."""
+    """The fit was cancelled."""
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Everything but the data.
+    """Options of a joint fit: everything but the data.
 
     Attributes:
         tactor, membrane, contact_length: values of what is not free.

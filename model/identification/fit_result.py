@@ -95,7 +95,7 @@ class JointFit:
     def parameter_scale(self) -> Array:
         """What one hundred percent means, (P,): the value, at least its usual size; ten standard errors of the prior for a shared error.
 
-        A shared error is bounded by its prior, so it is never what the runs cannot tell.
+        A shared error is bounded by its prior, so it is always identified.
         """
         base, shared = self.options.base_values(), self.observations.shared_errors
         return np.array(
@@ -181,7 +181,7 @@ class JointFit:
 
     @property
     def verdict(self) -> str:
-        """Chi-square in words."""
+        """Chi-square and its interpretation as text."""
         if self.degrees_of_freedom <= 0:
             return "no residual is left over to test the model with: measure more points"
         text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"

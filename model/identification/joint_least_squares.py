@@ -110,7 +110,7 @@ def joint_fit(
 
 
 def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
-    """The start asked for; the table's values; and those of the table moved both ways."""
+    """Return the start of the options, the default values, and the default values moved both ways."""
     base = problem.options.base_values()
     table = np.array([known.start_value(n, base) for n in problem.names])
     own = np.array([n not in problem.observations.shared_errors for n in problem.names])

@@ -118,7 +118,7 @@ class StaticLoadingObservation(_ObservationBase):
 class MassResonanceObservation(_ObservationBase):
     """Resonance frequency for each mass added in the cylinder.
 
-    `meaning` says what the frequency is: the "peak" of the displacement's spectrum under a constant voltage, or the
+    `meaning` is the definition of the frequency: the "peak" of the displacement's spectrum under a constant voltage, or the
     "undamped" natural frequency, as from a fit of the pole. At a damping ratio of 0.21 they are 5 % apart.
     """
 
@@ -182,7 +182,7 @@ class FrequencyResponseObservation(_ObservationBase):
     harmonic_errors_m: Array | None = None
     """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
     order: float | None = None
-    """When it was measured among the others (any clock): the first and the last of a kind tell drift."""
+    """When it was measured among the others (any clock): the first and the last of a kind show drift."""
 
     def __post_init__(self) -> None:
         kind = "frequency response"

@@ -35,7 +35,7 @@ class PaperChainError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class IdentificationStep:
-    """One step: its name, the runs it used, what came out (SI, by name), and what it did in words."""
+    """One step: its name, the runs it used, its results (SI, by name), and a summary."""
 
     name: str
     runs: tuple[str, ...]
@@ -83,7 +83,7 @@ class PaperChainOptions:
             sum of squares over the sum of squares of the measured values; the paper does not give its weights, and with these
             neither unit nor number of points decides. One half by default.
         damping: "counted" compares measured peaks with the damped model's peaks, like with like, and goes round the steps
-            until c0 no longer changes k2. "neglected" is the paper's word, C = 0: it takes every peak for an undamped
+            until c0 no longer changes k2. "neglected" is the paper's treatment, C = 0: it takes every peak for an undamped
             frequency, 5 % off at a damping ratio of 0.21.
         amplitude: "fundamental" of the sine fit, or half of "peak_to_peak" as the paper did. A run that has only one gives that.
         amplifier, n: the amplifier's map, and the number of shape functions.

@@ -182,8 +182,8 @@ def resampled_errors(
     """As `linearized_errors`, from the spread of the whole chain over redrawn data; any method.
 
     Raises:
-        ChainError: more than half of the draws cannot be identified.
-        FitCancelled: `cancelled` said so.
+        PaperChainError: more than half of the draws cannot be identified.
+        FitCancelled: `cancelled` returned true.
     """
     names = tuple(result.values)
     rows = []

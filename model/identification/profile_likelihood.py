@@ -1,4 +1,4 @@
-"""Profile intervals: how far one parameter can move when all others give way, where a standard error is too simple."""
+"""Profile intervals: confidence interval of one parameter with all others fitted again at each value."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ class ProfileInterval:
     values: Array
     """Evaluated values, ascending."""
     chi_square_rise: Array
-    """Chi-square above its least, each with all other parameters fitted repeat."""
+    """Chi-square above its least, each with all other parameters fitted again."""
 
 
 def profile_interval(

@@ -1,4 +1,4 @@
-"""The beam's response with its exact slopes to every factor of Eq. (14), for few frequencies and many parameters.
+"""Receptance of the beam with its exact derivatives to every factor of Eq. (14), for few frequencies and many parameters.
 
 Z = K - omega^2 M + i omega C is linear in the factors of the six Gram parts, so with Z x = N'(L1) and Z y = N(L), both from
 one factorisation, the response y . N'(L1) has the slopes -(y . part_j x). A fit needs some hundred frequencies a step and

@@ -1,4 +1,4 @@
-"""Residuals and their slopes for one campaign under one setting: what every fit, test and plan evaluates."""
+"""Least-squares problem: residuals and Jacobian of one set of observations with given fit options."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How fast the Galerkin solution approaches the exact one, as a study anyone can call."""
+"""Convergence study: error of the Galerkin solution against the exact one by number of shape functions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Parameter studies: any variable over any values, one or several at once, in chunks of bounded memory.
 
-A study is a description; `blocks` computes it chunk by chunk, in process or on any `concurrent.futures.StepExecutor` (a Dask
+A study is a description; `chunks` computes it chunk by chunk, in process or on any `concurrent.futures.Executor` (a Dask
 client's `get_executor()` is one). Figs. 10, 11 and 12 of the paper are presets.
 """
 
@@ -135,7 +135,7 @@ class Study:
         return max(1, int(self.memory_mb * 1e6 / per_set))
 
     def chunks(self, executor: Executor | None = None, in_flight: int = 8) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield (index of the first set, values (sets, F)) in order, computing as they are asked for.
+        """Yield (index of the first set, values (sets, F)) in order, each computed on demand.
 
         With an executor at most `in_flight` chunks are handed out beyond the one being read; closing the iterator cancels them.
         """

@@ -1,4 +1,4 @@
-"""From estimates with a covariance to the band around any curve: linearised, and on request sampled."""
+"""Uncertainty band of a curve from estimates with their covariance, linearised."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,9 +36,9 @@ class EstimateSet:
                 raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
             known[name].check(value)
         S = np.asarray(self.covariance, float)
-        wanted = (len(self.names), len(self.names))
-        if S.shape != wanted:
-            raise ParameterError(f"covariance has shape {S.shape}: {len(self.names)} estimates need {wanted}")
+        expected = (len(self.names), len(self.names))
+        if S.shape != expected:
+            raise ParameterError(f"covariance has shape {S.shape}: {len(self.names)} estimates need {expected}")
         if not np.isfinite(S).all() or (np.diag(S) < 0).any():
             raise ParameterError("covariance has a negative variance or is not finite: repeat the fit that gave it")
         d = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class StorageError(Exception):
-    """The file cannot be written. The message says where and why; what was written before stays readable."""
+    """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""
 
 
 @contextmanager

@@ -19,7 +19,7 @@ READ_ATTEMPTS = 24
 
 
 class RunReadError(Exception):
-    """A file cannot be read as a run; the message says which and why."""
+    """A file cannot be read as a run; the message contains the path and the reason."""
 
 
 class NotARunError(RunReadError):
@@ -80,9 +80,9 @@ def open_run(path: Path) -> "h5py.File":
     if file is not None:
         file.close()  # else HDF5 returns the same damaged file at the next opening
     if cut_off:
-        have, want = cut_off.groups()
+        present, expected = cut_off.groups()
         raise RunReadError(
-            f"{path} is cut off, as a half-copied file is: {have} of {want} bytes are there; copy it again"
+            f"{path} is cut off, as a half-copied file is: {present} of {expected} bytes are there; copy it again"
         )
     raise RunReadError(f"{path} is damaged and cannot be opened ({_first_line(failure)}); take another copy of it")
 

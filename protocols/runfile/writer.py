@@ -149,10 +149,10 @@ def _create_trace(entry: h5py.Group, sensor: LaserSensor) -> None:
 def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: Mapping[str, tuple[str, str, int]]) -> None:
     x, y = axes
     points = create_group(entry, "points", "NXdata", signal=y, axes=[x])
-    for name, (unit, words, width) in columns.items():
+    for name, (unit, description, width) in columns.items():
         shape, longest = ((0, width), (None, width)) if width else ((0,), (None,))
         column = points.create_dataset(name, shape, "f8", maxshape=longest, chunks=(TABLE_CHUNK, *shape[1:]))
-        column.attrs.update({"units": unit, "long_name": f"{words} ({unit})"})
+        column.attrs.update({"units": unit, "long_name": f"{description} ({unit})"})
     entries = points.create_dataset(ENTRY_COLUMN, (0,), "i8", maxshape=(None,), chunks=(TABLE_CHUNK,))
     entries.attrs.update({"units": "1", "long_name": "entry of the plan"})
 
@@ -253,9 +253,9 @@ class RunFileWriter:
         Raises:
             StorageError: it cannot be created.
         """
-        wanted = run_path(folder, metadata.specimen, metadata.protocol, metadata.started_at or datetime.now(UTC))
+        first = run_path(folder, metadata.specimen, metadata.protocol, metadata.started_at or datetime.now(UTC))
         for attempt in range(1, 1000):
-            path = wanted if attempt == 1 else wanted.with_stem(f"{wanted.stem}-{attempt}")
+            path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
             if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
                 return cls(path, metadata)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")

@@ -9,14 +9,13 @@ suffice raise ValueError with the reason.
                                                       from a sweep (swept_response) or periods (periodic_response)
     peak       spectrum_peak, response_peak           where a spectrum, or a response, is largest
     modal_fit  fit_sdof                               natural frequency and damping from a response
-    levels     level, step_value                      a mean and a step, with errors that know mains and slow noise
+    levels     estimate_level, estimate_step          a mean and a step, with errors that know mains and slow noise
     step_detection  WeightStepDetector                a weight placed on the tactor, online
     creep      fit_creep                              logarithmic creep per decade
     loop       fold, measure_loops                    width, area, asymmetry of hysteresis loops
     decay      fit_decay                              frequency and damping of a free decay
 
-`checks` and `spectral_blocks` are shared by several of them. Only numpy is imported here; what needs scipy is imported from
-its module, by name.
+`checks` and `spectral_blocks` are shared by several of them. Each name is imported when it is first used.
 """
 
 from protocols.signals.settling import SettlingDetector

@@ -43,7 +43,7 @@ def fit_creep(
     """Fit creep to what followed a step.
 
     The errors come from how the bins scatter about the line, each weighted with its count of samples; slow noise scatters
-    bins more than its share of samples would, and is felt.
+    bins more than its share of samples would, and is included.
 
     Args:
         time_s: (N,), since the step, rising; all > 0.

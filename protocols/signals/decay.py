@@ -119,9 +119,9 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
 def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, float]:
     """Angular frequency and damping, of a coarse grid, that explain most of the beginning of the record."""
     x, t = x[:GRID_SAMPLES], t[:GRID_SAMPLES]
-    span, told_apart = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]
+    span, resolvable = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]
     # A mode is as wide as its damping; a record resolves frequencies 1 / duration apart.
-    counts = [4 + int(2 * min(span / zeta, told_apart)) for zeta in GRID_DAMPING]
+    counts = [4 + int(2 * min(span / zeta, resolvable)) for zeta in GRID_DAMPING]
     zeta = np.repeat(GRID_DAMPING, counts)
     w = 2 * np.pi * np.concatenate([np.geomspace(*band_hz, count) for count in counts])
     pole = (-zeta + 1j * np.sqrt(1 - zeta**2)) * w

@@ -91,7 +91,7 @@ def estimate_periodic_response(
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
         period_s: a whole number of samples.
-        band_hz: where lines are wanted.
+        band_hz: where lines are computed.
         dropped: periods left out at the beginning, while the response becomes periodic.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
 

@@ -54,7 +54,7 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
         samples: (N,), evenly spaced.
         rate_hz: samples per second.
         frequency_hz: of the fundamental.
-        harmonics: how many components are wanted, the fundamental included; fewer where they pass Nyquist.
+        harmonics: number of components, the fundamental included; fewer where they pass Nyquist.
 
     Raises:
         ValueError: fewer samples than unknowns.

@@ -59,7 +59,7 @@ def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: 
 
     The first and last `taper_samples` samples are faded in and out with half a cosine.
 
-    Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the bins that are wanted are put
+    Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the bins in use are put
     together of them (the first step of any fast transform): two thirds of the time of a transform of the whole. Single
     precision: its rounding, 3e-7 of the largest bin, is far below half a count of a 16-bit converter.
     """

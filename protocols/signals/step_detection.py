@@ -49,7 +49,7 @@ class WeightStep:
 
 @dataclass
 class WeightStepDetector:
-    """Feed it the trace; it answers once, with a `WeightStep`.
+    """Detector of one weight step: takes the trace in blocks and returns one `WeightStep`.
 
         ZEROING -- quiet --> READY -- leaves the zero --> MOVING -- quiet elsewhere --> SETTLED
                                ^------- quiet at the zero, a bump -------/
@@ -58,7 +58,7 @@ class WeightStepDetector:
         rate_hz: samples per second.
         min_step: smallest change that counts as a landing, in the unit of the samples.
         tolerance: windows that agree this well are quiet; None: a twentieth of `min_step`. Creep after the landing is
-            forgiven up to a hundredth of the step besides.
+            tolerated up to a hundredth of the step besides.
         window_s: of one window; 0.1 s is whole cycles of both 50 and 60 Hz.
         window_count: that must agree.
         mains_hz: see `level`.

@@ -124,7 +124,7 @@ def estimate_swept_response(
         drive: (N,), the whole sweep and, better, a moment of rest after it.
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
-        band_hz: where lines are wanted; those at which the sweep was not are left out.
+        band_hz: where lines are computed; those at which the sweep was not are left out.
         resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or what a short record allows.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
 
