@@ -22,7 +22,7 @@ from app.gui.widgets.actions import add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.dropped_files import dropped_runs
 from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.layouts import column
+from app.gui.widgets.layouts import column, make_splitter
 from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.live.latest_only import LatestOnlyWorker
@@ -277,12 +277,9 @@ class ExplorePage(QSplitter):
     def _right_column(self) -> QWidget:
         below, right = QWidget(), QWidget()
         column(self.toolbar.motion_row, (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
-        rows = QSplitter(Qt.Orientation.Vertical)
-        rows.addWidget(self.plot)
-        rows.addWidget(below)
-        rows.setSizes([400, 210])
-        rows.setObjectName("explore/rows")
-        rows.setChildrenCollapsible(False)
+        rows = make_splitter(
+            "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
+        )
         column(
             self.toolbar.series_row, self.toolbar.overlay_row, (rows, 1),
             parent=right, margins=(0, 0, 0, 0), spacing=4,

@@ -11,7 +11,7 @@ from app.explore.state import ExploreSetting
 from app.gui.plots.base import caption_label
 from app.gui.plots.series import SERIES
 from app.gui.widgets.actions import tooltip
-from app.gui.widgets.layouts import make_choice, row
+from app.gui.widgets.layouts import configure, make_choice, row
 
 RANGES_HZ = (250, 500, 1000, 4000)
 
@@ -28,11 +28,10 @@ class ExploreToolbar(QObject):
 
     def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.preset_box = QComboBox()
+        self.preset_box = configure(QComboBox(), accessibleName="begin from")
         self.preset_box.addItem("Begin from …")
         for name, title in presets.items():
             self.preset_box.addItem(title, name)
-        self.preset_box.setAccessibleName("begin from")
         self.preset_box.activated.connect(self._on_preset)
         self.free_button, self.skin_button = (
             make_choice("Free", "The tactor vibrates freely", checkable=True),
@@ -49,10 +48,12 @@ class ExploreToolbar(QObject):
         self.series[0].setChecked(True)
         for box in self.series:
             box.toggled.connect(self.series_changed)
-        self.frequency = QLineEdit("160")
+        self.frequency = configure(
+            QLineEdit("160"),
+            toolTip="Frequency whose motion is shown; the dotted line can be dragged, too",
+            accessibleName="frequency of the motion in Hz",
+        )
         self.frequency.setFixedWidth(64)
-        self.frequency.setToolTip("Frequency whose motion is shown; the dotted line can be dragged, too")
-        self.frequency.setAccessibleName("frequency of the motion in Hz")
         self.frequency.editingFinished.connect(self._on_frequency)
         self.ranges = [make_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz", checkable=True) for hz in RANGES_HZ]
         _make_exclusive(self, *self.ranges)
