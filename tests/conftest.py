@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,17 +18,29 @@ from tests.helpers.simulated_bench import assert_safe_voltage
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter
 
 
-settings.register_profile("quick", max_examples=10, deadline=None)  # a busy computer is no failure
+settings.register_profile("quick", max_examples=5, deadline=None)  # a busy computer is no failure
 settings.register_profile("deep", max_examples=100, deadline=None)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Hypothesis tries ten examples of everything where the deep tests are left out, and a hundred where they are not."""
+    """Hypothesis tries five examples of everything where the deep tests are left out, and a hundred where they are not."""
     settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
 
 
+@pytest.hookimpl(tryfirst=True)  # before deep tests are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What waits for real wires and watchdogs begins first: at the end every worker would wait for it."""
+    """Mark as deep what `one_in` leaves out, and let what waits for real wires and watchdogs begin first.
+
+    At the end every worker would wait for it.
+    """
+    counts: Counter[tuple[Path, str]] = Counter()
+    for item in items:
+        marker = item.get_closest_marker("one_in")
+        if marker is not None and item.get_closest_marker("deep") is None:
+            function = (item.path, item.originalname)  # type: ignore[attr-defined]
+            if counts[function] % marker.args[0]:
+                item.add_marker("deep")
+            counts[function] += 1
     items.sort(key=lambda item: "safety" not in item.path.parts)
 
 

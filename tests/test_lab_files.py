@@ -98,6 +98,7 @@ def test_the_lab_protocol_is_found_by_its_entry_point(folder: Path) -> None:
         assert file["entry/protocol"].asstr()[()] == "lab-steps"
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("driver", ["lab-derived", "lab-whole"])
 def test_a_lab_driver_drives_the_simulated_bench(driver: str, folder: Path) -> None:

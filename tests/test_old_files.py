@@ -105,6 +105,7 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
     assert not comparison.differences
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("run", RUNS)
 def test_a_run_is_shown_and_exported_in_every_format(run: str, folder: Path) -> None:
     if run in (DWELL, CRASHED):
@@ -138,6 +139,7 @@ def test_the_files_hold_every_kind_of_event(folder: Path) -> None:
     assert found == KINDS
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("run", "entries"), [(STOPPED, 7), (CRASHED, 4)])
 def test_a_run_that_did_not_end_is_resumed(run: str, entries: int, folder: Path) -> None:
     before = set(folder.glob("runs/*.h5"))

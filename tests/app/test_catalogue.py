@@ -13,11 +13,17 @@ from app.common import Progress
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 
 
+@pytest.fixture(scope="module")
+def two_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("archive")
+    finished_run(folder, "T7")
+    finished_run(folder, "T8")
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    finished_run(tmp_path / "runs", "T7")
-    finished_run(tmp_path / "runs", "T8")
-    return tmp_path / "runs"
+def folder(two_runs: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(two_runs, tmp_path / "runs")
 
 
 @pytest.fixture

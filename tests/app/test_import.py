@@ -29,6 +29,7 @@ TABLES = {
 }
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
 def test_every_country_s_table_is_read(name: str, encoding: str, tmp_path: Path) -> None:

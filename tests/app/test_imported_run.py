@@ -114,6 +114,7 @@ def written(folder: Path, protocol: type[Protocol]) -> Path:
     return file.path
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

@@ -83,6 +83,7 @@ def contract(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=240)
 
 
+@pytest.mark.deep
 def test_the_guides_own_example_passes_by_the_guides_own_command(tmp_path: Path) -> None:
     guide_files(tmp_path)
     command = re.search(r"^python -m sim_hardware\.testing (.*)$", GUIDE.read_text(), re.M)

@@ -15,13 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FENCE = re.compile(r"^```(console|python run)( exit=\w+)?\n(.*?)^```", re.M | re.S)
 REFUSED = re.compile(r"^```text\n(tactor-bench [^\n]*)\n(tactor-bench: .*?)^```", re.M | re.S)
-FIRST = {"README.md", "tutorial.md"}
-"""What a newcomer reads; commands of the other pages are run by the deep tests."""
-COMMANDED = [
-    pytest.param(page, marks=[] if page.name in FIRST else [pytest.mark.deep], id=str(page.relative_to(ROOT)))
-    for page in PAGES
-    if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))
-]
+COMMANDED = [page for page in PAGES if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))]
 
 
 def reference() -> Any:
@@ -63,7 +57,8 @@ def blocks(page: Path) -> Iterator[tuple[str, str, str]]:
         yield kind, exit_code.removeprefix(" exit="), text
 
 
-@pytest.mark.parametrize("page", COMMANDED)
+@pytest.mark.deep
+@pytest.mark.parametrize("page", COMMANDED, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_command_does_what_the_page_says(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

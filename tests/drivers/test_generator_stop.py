@@ -65,6 +65,7 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
         assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
 @pytest.mark.parametrize(("make", "model"), WAYS)
 def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: str, fault: str) -> None:

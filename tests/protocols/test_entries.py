@@ -33,6 +33,7 @@ from tests.helpers.level_protocol import LEVELS, Handy, Level, Levels, high_volt
 from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("moment", ["EntryBegan", "Playing", "SettleEnded", "BlockTaken"])
 def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(moment: str, tmp_path: Path) -> None:
     pause = threading.Event()

@@ -62,6 +62,7 @@ def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path:
         assert plain["entry/estimates/displacement_per_volt/value"][()] == pytest.approx(600 * 2.37886e-7, rel=2e-3)
 
 
+@pytest.mark.deep
 def test_every_command_of_the_page_does_what_it_says(
     file: Path,
     kind: type[Protocol],

@@ -98,6 +98,7 @@ MOMENTS = [
 ]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_stop_at_any_moment_goes_to_rest_and_keeps_what_was_measured(moment: type, tmp_path: Path) -> None:
     cancel = threading.Event()

@@ -202,6 +202,7 @@ def test_a_long_sweep_is_refused_before_anything_is_armed_where_the_box_cannot_h
                 rehearse(MassResonance(), lab.bench.amplifier)
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG2042X", "AFG3022C"])
 def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Path) -> None:
     """Most hold each of their points until the next, and the card folds those steps into the band: alike in every period."""

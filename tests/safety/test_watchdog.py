@@ -78,6 +78,7 @@ def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_whe
         safe(tactor_bench.bench)
 
 
+@pytest.mark.deep
 def test_where_the_wire_takes_one_connection_only_a_program_that_hangs_is_ended_first(tmp_path: Path) -> None:
     with program(tmp_path, *LONG, watchdog="own_connection = false\nsilence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()

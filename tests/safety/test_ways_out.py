@@ -31,6 +31,7 @@ def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> 
         assert len(file.points()["frequency"]) == 2
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("moment", [pytest.param("high voltage OFF", marks=pytest.mark.deep), "25.0"])
 def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, moment: str, tmp_path: Path) -> None:

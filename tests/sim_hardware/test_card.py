@@ -31,7 +31,7 @@ def samples(bench: SimulatedBench, block: int, scans: int = 3000, rate_hz: float
         return np.concatenate([stream.read().raw for _ in range(scans // block)], axis=1)
 
 
-@pytest.mark.parametrize("block", [1, 7, 75, 2100])
+@pytest.mark.parametrize("block", [pytest.param(1, marks=pytest.mark.deep), 7, 75, 2100])
 def test_samples_do_not_depend_on_the_portions(block):
     assert np.array_equal(samples(playing(), block, 2100), samples(playing(), 300, 2100))
 

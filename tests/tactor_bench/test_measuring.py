@@ -206,6 +206,7 @@ def test_ctrl_c_brings_the_bench_to_rest_and_is_a_keyboard_interrupt(
     assert [run.points > 0 for run in stopped] == [True]
 
 
+@pytest.mark.deep
 def test_a_bench_that_was_left_open_does_not_keep_python_from_ending(tmp_path: Path) -> None:
     code = "import tactor_bench as tb; bench = tb.connect('sim', speed='max', progress=False); print(bench)"
     done = subprocess.run(
@@ -356,6 +357,7 @@ def live(run: Program) -> None:
     run.wait_for("100.0")
 
 
+@pytest.mark.deep
 def test_sigint_in_mid_run_is_a_keyboard_interrupt_after_rest(tmp_path: Path) -> None:
     with script(tmp_path, watchdog=PATIENT) as (run, _):
         live(run)

@@ -76,6 +76,7 @@ def test_what_is_not_physical_or_given_twice_is_a_sentence() -> None:
 KNOWN = {"c0": (150.0, 3.0), "mu": (-1.4e-5, 4e-8), "E_m": (6e6, 2e5), "c_s(1.27 mm)": (500.0, 20.0)}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("elongation_m", [None, 1.27e-3])
 def test_the_band_of_a_calibration_is_the_one_that_the_window_draws(elongation_m: float | None, tmp_path: Path) -> None:
     accepted = calibration(1, KNOWN)

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOK = ROOT / "docs" / "notebooks" / "first-run.ipynb"
 LAST = """
@@ -17,6 +19,7 @@ print("inside:", sum(inside), "of", len(inside))
 """
 
 
+@pytest.mark.deep
 def test_every_cell_runs_and_the_points_are_on_the_band(tmp_path: Path) -> None:
     cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
     assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells if cell["cell_type"] == "code")

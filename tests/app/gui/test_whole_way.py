@@ -104,6 +104,7 @@ def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, be
     assert find(window, "status.voltage").text == "0 V"
 
 
+@pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda laboratory: laboratory.control.inject("generator-power-off")

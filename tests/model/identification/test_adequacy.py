@@ -28,6 +28,7 @@ def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) ->
     return assess_adequacy(joint_fit(measured, FitOptions(n=20)))
 
 
+@pytest.mark.deep
 def test_noise_is_called_noise() -> None:
     """One alarm in a hundred campaigns is what the tests promise; three are tried here, five hundred in the benchmark."""
     campaign = perfect(World(), Noise(), SHARED)

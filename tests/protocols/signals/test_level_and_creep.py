@@ -23,6 +23,7 @@ def covered(values: np.ndarray, truth: float, errors: np.ndarray, freedoms: np.n
     return float(np.mean(np.abs(values - truth) <= factors * errors))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("memory", [0.0, 0.95])
 def test_a_level_is_covered_whether_its_noise_is_white_or_slow(memory: float) -> None:
     rng = np.random.default_rng(11)
@@ -90,6 +91,7 @@ def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | No
         estimate_level(samples, RATE, mains_hz)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("with_drift", [False, True])
 def test_creep_reaches_the_bound_and_covers_it(with_drift: bool) -> None:
     rng = np.random.default_rng(14)
