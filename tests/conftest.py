@@ -1,5 +1,6 @@
 """Fixtures of all tests: no display, no user settings, no thread left behind."""
 
+import gc
 import os
 import threading
 import time
@@ -42,6 +43,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker("deep")
             counts[function] += 1
     items.sort(key=lambda item: "safety" not in item.path.parts)
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what was collected: modules and tests, which stay until the end."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -153,6 +153,7 @@ def whole_window(
 
 def end(window: MainWindow) -> None:
     """Close a window whatever it shows, and delete it."""
+    window.setUpdatesEnabled(False)  # nothing that is shown now is looked at
     window.close_session(force=True)
     until(lambda: not window.isVisible(), "for the window to close")
     window.deleteLater()

@@ -99,6 +99,7 @@ def open_page(qt: QApplication, no_widget_left_behind: None) -> Iterator[OpenPag
 
     yield show
     for frame, page in shown:
+        frame.setUpdatesEnabled(False)
         page.shutdown()
         frame.close()
         frame.deleteLater()
