@@ -52,8 +52,8 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(autouse=True)
-def no_thread_left_behind() -> Iterator[None]:
-    """A test that leaves one of our threads running fails: it would also keep a generator playing."""
+def no_thread_left_running() -> Iterator[None]:
+    """Fail a test that leaves one of our threads running: it would also keep a generator playing."""
     before = set(threading.enumerate())
     yield
     deadline = time.monotonic() + 20.0
@@ -66,10 +66,10 @@ def no_thread_left_behind() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def the_volts_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Whatever a test of the program was about: the volts that reached the simulated amplifier are looked at afterwards.
+def voltages_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Check the voltages that reached the simulated amplifier, whatever the test was about.
 
-    A test that takes the drive away on purpose says so with the marker `breaks_the_drive`.
+    Tests that remove the drive on purpose have the marker `breaks_the_drive`.
     """
     if request.path.relative_to(Path(__file__).parent).parts[0] not in ("app", "protocols", "safety", "tactor_bench"):
         yield
