@@ -116,10 +116,10 @@ def _split_line(line: str, delimiter: str) -> list[str]:
 def _uneven_row_message(
     path: Path, line_number: int, cells: Sequence[str], first: int, headings: Sequence[str], delimiter: str
 ) -> str:
-    said = f"{path}, line {line_number}: {len(cells)} cells where the header (line {first}) names {len(headings)} columns: '{truncate_text(delimiter.join(cells))}'"
+    message = f"{path}, line {line_number}: {len(cells)} cells where the header (line {first}) names {len(headings)} columns: '{truncate_text(delimiter.join(cells))}'"
     if delimiter == "," and len(cells) == 2 * len(headings):
-        return f"{said}; decimal commas between commas cannot be told apart: save it with ; between the cells"
-    return f"{said}; give every column a cell, an empty one where there is no value"
+        return f"{message}; decimal commas between commas cannot be told apart: save it with ; between the cells"
+    return f"{message}; give every column a cell, an empty one where there is no value"
 
 
 def _is_number(cell: str) -> bool:

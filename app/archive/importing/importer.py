@@ -22,7 +22,7 @@ from app.archive.importing.points import ImportedRun, build_points, write_import
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.time_series import build_series_points
 from app.archive.importing.values import ImportOptions
-from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value
+from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
 from app.config import AmplifierTable, validation_messages
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
@@ -46,22 +46,24 @@ def import_files(
     Raises:
         UsageError: names the file that is wrong, where, and the remedy.
     """
-    every = table_kinds()
-    if options.kind and options.kind not in every:
-        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
-    try:
+    known_kinds = table_kinds()
+    if options.kind and options.kind not in known_kinds:
+        raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(known_kinds)}")
+    with usage_errors(TableImportError, StorageError):
         parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
-        wanted = [
-            every[options.kind]
+        kinds = [
+            known_kinds[options.kind]
             if options.kind
-            else every.get(str(sheet.metadata.get("protocol"))) or detect_kind(sheet, options.columns)
+            else known_kinds.get(str(sheet.metadata.get("protocol"))) or detect_kind(sheet, options.columns)
             for sheet in sheets
         ]
-        taken = _import_tables(sheets, wanted, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
-        written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
-    except (TableImportError, StorageError) as error:
-        raise UsageError(str(error)) from None
+        taken = _import_tables(sheets, kinds, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
+        written = (
+            []
+            if options.dry_run
+            else [write_imported_run(each, table_options, options.folder) for each, table_options in taken]
+        )
     return [each for each, _ in taken], written
 
 
@@ -119,27 +121,27 @@ def read_time(text: str) -> datetime:
 
 def _import_tables(
     sheets: Sequence[ImportTable],
-    wanted: Sequence[TableKind],
+    kinds: Sequence[TableKind],
     options: ImportOptions,
     amplifier: AmplifierTable,
     progress: Progress,
 ) -> list[tuple[ImportedRun, ImportOptions]]:
     made, series = [], list[tuple[ImportTable, ColumnMapping]]()
-    raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == TIME_SERIES)
+    raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, kinds, strict=True) if kind.name == TIME_SERIES)
     sizes = [
-        0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True)
+        0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, kinds, strict=True)
     ]
     *parts, raw_progress = progress.split([*sizes, raw])
-    for sheet, kind, file_progress in zip(sheets, wanted, parts, strict=True):
-        asked = _import_options(sheet, kind, options, amplifier)
+    for sheet, kind, file_progress in zip(sheets, kinds, parts, strict=True):
+        table_options = _import_options(sheet, kind, options, amplifier)
         matched = match_columns(sheet, kind, options.columns)
         if kind.name == TIME_SERIES:
             series.append((sheet, matched))
         else:
-            made.append((build_points(sheet, matched, asked, file_progress), asked))
+            made.append((build_points(sheet, matched, table_options, file_progress), table_options))
     if series:
-        asked = _import_options(series[0][0], wanted[0], options, amplifier)
-        made.append((build_series_points(series, asked, raw_progress), asked))
+        table_options = _import_options(series[0][0], kinds[0], options, amplifier)
+        made.append((build_series_points(series, table_options, raw_progress), table_options))
     return made
 
 

@@ -68,11 +68,11 @@ def _load_mat(path: Path) -> dict[str, Any]:
         )
         if done.returncode == 0:
             return dict(pickle.loads(done.stdout))  # noqa: S301 - from the text above
-        said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
+        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
     except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
-        said = "it cannot be read to its end"
+        reason = "it cannot be read to its end"
     raise TableImportError(
-        f"{path} is no MAT file that can be read ({truncate_text(said)}); save it anew: save('file.mat', '-v7')"
+        f"{path} is no MAT file that can be read ({truncate_text(reason)}); save it anew: save('file.mat', '-v7')"
     )
 
 

@@ -39,11 +39,11 @@ def build_series_points(
     """
     points, curves, cautions = [], [], list[str]()
     parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
-    for entry, ((sheet, matched), tell_one) in enumerate(zip(series, parts, strict=True)):
-        point, curve, said = _series_point(sheet, matched, options, tell_one)
+    for entry, ((sheet, matched), file_progress) in enumerate(zip(series, parts, strict=True)):
+        point, curve, warnings = _series_point(sheet, matched, options, file_progress)
         points.append(point)
         curves.append(replace(curve, entry=entry))
-        cautions += said
+        cautions += warnings
     frequencies = [point.frequency for point in points]
     for i, f in enumerate(frequencies):
         if (j := next((j for j in range(i) if abs(frequencies[j] - f) < 0.05), None)) is not None:
@@ -94,18 +94,18 @@ def _series_point(
         point = sine_point([recording], simulated)
     except ValueError as error:
         raise TableImportError(f"{table.path}: {error}") from None
-    told = {
+    columns = {
         "time": CurveColumn(time - time[0], "s", "time"),
         "displacement": CurveColumn(moved, "m", "displacement of the centre"),
     }
     if "drive" in values:
-        told["drive"] = CurveColumn(drive, "V", "volts at the amplifier's input")
+        columns["drive"] = CurveColumn(drive, "V", "volts at the amplifier's input")
     else:
         point = replace(point, phase=math.nan, phase_errors=math.nan)
         cautions.append(f"{table.path.name} has no drive: its phase is not known")
     return (
         point,
-        ResultCurve("time series", f"{point.frequency:.4g} Hz, {table.path.name}", "time", "displacement", told),
+        ResultCurve("time series", f"{point.frequency:.4g} Hz, {table.path.name}", "time", "displacement", columns),
         cautions,
     )
 

@@ -84,7 +84,7 @@ def table_values(
     cautions: list[str] = []
     needed = {name for group in mapping.kind.required for name in group}
     whole = "quality" in mapping.columns  # our own export: its flags say what is missing
-    for (name, cells), tell_column in zip(
+    for (name, cells), column_progress in zip(
         mapping.columns.items(), progress.split([1.0] * len(mapping.columns)), strict=True
     ):
         slot = mapping.kind.column(name)
@@ -92,7 +92,7 @@ def table_values(
         if name == "side":
             values[name] = np.array([_parse_side(table, cells, row, whole) for row in range(len(cells.cells))])
             continue
-        column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, tell_column)
+        column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, column_progress)
         wrong = ~np.isfinite(column) if name in needed and not whole else np.isinf(column)
         refuse_cells(table, cells, wrong, "'{}' is no measured value; give the number, or take the line out")
         if name.endswith("_errors"):
@@ -195,18 +195,20 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
         )
         places.setdefault(key, []).append(row)
     twice = [group for group in places.values() if len(group) > 1]
-    said = []
+    messages = []
     if twice:
         where = ", ".join(table.row_locations[row] for row in twice[0][:5])
-        said.append(f"{x} {values[x][twice[0][0]]:g} stands {len(twice[0])} times ({where}): all are kept, as repeats")
+        messages.append(
+            f"{x} {values[x][twice[0][0]]:g} stands {len(twice[0])} times ({where}): all are kept, as repeats"
+        )
     elif (
         mapping.kind.name in ("sine-dwell", "mass-resonance")
         and "elongation" not in values
         and (np.diff(values[x]) < 0).any()
     ):
         row = int(np.flatnonzero(np.diff(values[x]) < 0)[0]) + 1
-        said.append(f"{x} does not rise ({table.row_locations[row]}): kept in the order of the file")
-    return said
+        messages.append(f"{x} does not rise ({table.row_locations[row]}): kept in the order of the file")
+    return messages
 
 
 def add_uncertainties(kind: TableKind, values: dict[str, Array], options: ImportOptions, warnings: list[str]) -> None:
