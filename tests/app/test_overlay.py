@@ -82,9 +82,7 @@ def test_a_request_outside_the_models_range_has_no_curve(overlay: Overlay) -> No
     assert overlay.result() is None
 
 
-def test_the_curve_is_that_of_the_active_calibration_and_its_band_is_one_errors_worth(
-    overlay: Overlay, tmp_path: Path
-) -> None:
+def test_curve_uses_active_calibration_and_band_is_one_standard_error(overlay: Overlay, tmp_path: Path) -> None:
     error = 2e-5
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, error)}),), 1))
     curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
@@ -113,9 +111,7 @@ def test_on_the_membrane_the_curve_is_that_of_the_skin_at_each_elongation(overla
     np.testing.assert_array_equal(free.peak_to_peak, overlay.compute(replace(question, elongations_m=())).peak_to_peak)
 
 
-def test_a_calibration_of_the_skin_moves_the_curves_on_the_membrane_and_gives_them_bands(
-    overlay: Overlay, tmp_path: Path
-) -> None:
+def test_skin_calibration_moves_membrane_curves_and_adds_bands(overlay: Overlay, tmp_path: Path) -> None:
     found = {"c_s_0": (200.0, 10.0), "E_m": (6e6, 1e5), "c_s(1.27 mm)": (700.0, 5.0)}
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
     free = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7", (0.0, 1.27e-3)))
@@ -168,9 +164,7 @@ def test_another_calibration_is_seen_when_it_is_looked_for(overlay: Overlay, tmp
     assert curve.active_model.tactor == replace(Tactor(), c0=100.0)
 
 
-def test_a_calibration_that_cannot_be_read_is_told_and_the_papers_values_stand_in(
-    overlay: Overlay, tmp_path: Path
-) -> None:
+def test_unreadable_calibration_is_reported_and_paper_values_used(overlay: Overlay, tmp_path: Path) -> None:
     calibrations_path(tmp_path, "T7").write_text("{")
     curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
     assert "cannot be read" in curve.active_model.problem

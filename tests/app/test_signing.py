@@ -120,7 +120,7 @@ def test_a_real_tactor_is_identified_with_twenty_shapes(made: Made, tmp_path: Pa
     assert shape_count_of_file(copy) == 20
 
 
-def test_everything_is_drawn_with_as_many_shapes_and_what_they_lack_is_below_a_line_s_width() -> None:
+def test_default_shape_count_is_one_constant_and_accurate_enough_to_draw() -> None:
     """One default in the whole model; drawn with it, a tactor moves within 0.4 % of the exact solution, 2 % of nothing seen."""
     defaults = {
         (name, parameter.default)

@@ -34,7 +34,7 @@ def test_a_value_has_the_figures_its_error_allows(value: float, error: float, un
     assert format_with_uncertainty(value, error, unit) == message
 
 
-def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_samples_is_not() -> None:
+def test_curve_with_errors_is_summarised_by_its_peak_and_samples_are_not() -> None:
     columns = {
         "frequency": CurveColumn(np.array([25.0, 151.0, 525.0]), "Hz", ""),
         "response": CurveColumn(np.array([4e-5, 9.2531e-4, 1e-5]), "m/V", ""),

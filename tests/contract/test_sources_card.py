@@ -75,7 +75,7 @@ def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(device_under_tes
     assert_safe_voltage(bench.report())
 
 
-def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_back() -> None:
+def test_dead_server_is_reported_and_rest_reached_when_it_returns() -> None:
     """The server took the running drive with it: the output stays where it was, and is measured before it is moved."""
     with card_output_over_grpc() as (source, bench, clock):
         energised((source, bench, clock))

@@ -130,7 +130,7 @@ def test_the_map_has_two_slopes_and_clips_where_the_amplifier_does(volts: float,
     assert AmplifierMap().specimen_v(volts) == pytest.approx(specimen)
 
 
-def test_a_held_level_lasts_until_it_is_ended_whatever_its_duration_and_rest_lasts_no_time() -> None:
+def test_held_level_lasts_until_stopped_and_rest_has_no_duration() -> None:
     amplifier, source = guard()
     assert amplifier.remaining_s == 0
     amplifier.start_drive(Hold(4.0, 0.01))
@@ -145,7 +145,7 @@ def test_a_held_level_lasts_until_it_is_ended_whatever_its_duration_and_rest_las
 
 
 @pytest.mark.parametrize("deaf", [False, True])
-def test_a_source_that_fails_to_stop_is_moved_to_rest_all_the_same_and_the_first_failure_is_told(deaf: bool) -> None:
+def test_source_that_fails_to_stop_is_ramped_to_rest_and_error_raised(deaf: bool) -> None:
     amplifier, source = guard()
     amplifier.start_drive(Hold(4.0, 1.0))
     source.told.clear()

@@ -64,7 +64,7 @@ def ended_well(lab: BenchConnection) -> None:
 # -- arming --------------------------------------------------------------------------------------------------------------
 
 
-def test_high_voltage_is_off_while_the_source_is_set_up_and_comes_on_at_measured_rest(lab: BenchConnection) -> None:
+def test_high_voltage_is_off_during_setup_and_on_at_measured_rest(lab: BenchConnection) -> None:
     hand = Hand(lab.control)
     seen: list[Block] = []
     with live(lab, hand, seen.append) as armed:
@@ -88,7 +88,7 @@ def test_a_source_that_rests_is_not_set_up_again_and_the_person_is_told_on_only(
     ended_well(lab)
 
 
-def test_one_that_was_touched_between_two_runs_is_prepared_anew_with_high_voltage_off(lab: BenchConnection) -> None:
+def test_source_changed_between_runs_is_set_up_again_with_high_voltage_off(lab: BenchConnection) -> None:
     with live(lab):
         pass
     panel(lab.control, "BURS:PHAS 45")
@@ -129,7 +129,7 @@ def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: Be
     assert report.outside_rest_s < 5.0
 
 
-def test_rest_that_cannot_be_brought_back_is_unsafe_with_the_volts_that_were_seen(lab: BenchConnection) -> None:
+def test_unrecoverable_rest_is_unsafe_with_measured_voltages(lab: BenchConnection) -> None:
     hand = Hand(lab.control, lambda: lab.control.inject("drive-cable-off"))
     with (
         pytest.raises(UnsafeError, match=r"By hand, now: .*lowest -?0\.\d+ V, highest 0\.\d+ V") as failed,
@@ -150,7 +150,7 @@ def test_without_a_card_nothing_is_touched_and_the_run_has_failed_only(lab: Benc
     assert hand.told == []
 
 
-def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_unsafe(lab: BenchConnection) -> None:
+def test_missing_card_with_high_voltage_left_on_is_unsafe(lab: BenchConnection) -> None:
     with live(lab):
         pass
     lab.control.inject("card-unplugged")
@@ -169,7 +169,7 @@ def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_uns
         pass
 
 
-def test_a_file_that_cannot_be_begun_while_high_voltage_is_on_ends_at_measured_rest(lab: BenchConnection) -> None:
+def test_run_file_that_cannot_be_created_with_high_voltage_on_ends_at_rest(lab: BenchConnection) -> None:
     with live(lab):
         pass
     kept: list[ArmedBench] = []
@@ -227,7 +227,7 @@ class Breaks:
         self._link.close()
 
 
-def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_down(lab: BenchConnection) -> None:
+def test_dead_link_during_shutdown_is_reopened_and_level_ramped_down(lab: BenchConnection) -> None:
     scpi = lab.bench.amplifier._source._scpi  # type: ignore[attr-defined]
     wire = scpi.link = Breaks(scpi.link)
     with live(lab) as armed:
@@ -266,7 +266,7 @@ def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(lab: BenchC
     ended_well(lab)
 
 
-def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_is_told(lab: BenchConnection) -> None:
+def test_failing_sink_during_shutdown_does_not_prevent_rest(lab: BenchConnection) -> None:
     full = False
 
     def sink(_: Block) -> None:
@@ -281,7 +281,7 @@ def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_
     ended_well(lab)
 
 
-def test_a_level_that_nobody_of_us_commanded_is_brought_back_before_anything_is_called_unsafe(
+def test_unexpected_level_is_ramped_to_rest_before_reporting_unsafe(
     lab: BenchConnection,
 ) -> None:
     with live(lab) as armed:

@@ -18,7 +18,7 @@ def test_errors_that_others_left_do_not_keep_a_box_from_being_prepared(model: st
     assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
-def test_a_box_that_was_told_of_another_load_is_not_moved_by_volts_that_mean_others() -> None:
+def test_initialize_with_changed_load_setting_never_exceeds_rest() -> None:
     """At 50 ohm its 2.5 V read as 1.25 V: brought 'gently' to 2.5 V it would put 5 V, 1500 V on the specimen."""
     source, bench, panel = made("33220A")
     source.initialize_at_rest(2.5, 0.0, 5.0)
@@ -72,7 +72,7 @@ def test_a_restart_finds_a_held_level_and_brings_it_to_rest_gently(model: str) -
 
 
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
-def test_whoever_finds_such_a_box_idle_need_not_wait_for_a_burst_that_is_long_over(model: str) -> None:
+def test_idle_generator_after_restart_needs_no_wait_for_the_burst(model: str) -> None:
     source, bench, _ = made(model)
     source.initialize_at_rest(2.5, 0.0, 5.0)
     source.start_drive(Sine(50.0, 1.0, 2.5, 400))

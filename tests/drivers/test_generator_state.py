@@ -96,7 +96,7 @@ def test_whatever_is_changed_at_the_front_panel_between_two_runs_is_noticed(mode
             source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
-def test_a_load_declared_behind_the_limits_is_noticed_though_every_other_setting_reads_the_same() -> None:
+def test_changed_output_load_is_detected_when_other_settings_match() -> None:
     """Declared 50 ohm, 2.5 V on the display are 5 V at the amplifier: 1500 V on the specimen."""
     source, _, panel = made("33511B")
     source.initialize_at_rest(2.5, 1.5, 3.5)

@@ -140,7 +140,7 @@ def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing(
         source.stop()
 
 
-def test_a_supply_with_others_errors_in_its_queue_is_prepared_and_brought_to_rest() -> None:
+def test_supply_with_foreign_errors_in_queue_is_set_up_and_rests() -> None:
     from drivers.supplies.dc_supply import DcSupply
 
     bench = SimulatedBench(simulated(source="supply").simulation_parameters, VirtualClock())

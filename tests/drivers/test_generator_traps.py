@@ -84,7 +84,7 @@ def test_the_load_is_declared_before_the_output_comes_up(model: str) -> None:
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
-def test_a_tektronix_1000_left_at_fifty_ohm_is_found_by_measuring_and_high_voltage_stays_off() -> None:
+def test_tektronix_1000_at_fifty_ohm_is_detected_by_measurement() -> None:
     config = simulated(generator={"model": "AFG1022", "high_z_by_hand": False})
     with laboratory(config) as lab:
         source, control = lab.bench.amplifier, lab.control

@@ -53,7 +53,7 @@ def test_a_drive_beyond_the_one_amplitude_of_such_a_box_is_refused(model: str) -
 
 
 @pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "AFG3022C"])
-def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_played(
+def test_generator_with_wrong_sample_rate_is_reported_and_not_played(
     model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, bench, _ = made(model)
@@ -73,7 +73,7 @@ def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_p
     assert bench.report().outside_rest_s == 0
 
 
-def test_a_waveform_whose_loading_was_never_answered_is_not_taken_for_the_one_before(
+def test_unconfirmed_waveform_upload_is_not_taken_for_the_previous_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The generator has accepted the steps without confirmation: the next sine must be uploaded again, or the steps would be played."""

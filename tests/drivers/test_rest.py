@@ -95,7 +95,7 @@ def words_of(levels: Sequence[float], period_s: float = 0.3) -> str:
     return watched(lambda t: np.asarray(levels)[(t / period_s).astype(int) % len(levels)]).message
 
 
-def test_what_is_not_rest_is_told_with_its_lowest_and_highest_of_the_last_second() -> None:
+def test_failed_rest_check_reports_lowest_and_highest_voltage() -> None:
     """A mean of 2.5 V is also that of a sine that shakes the specimen from -500 to 1500 V."""
     seen = watched(lambda t: 2.5 + 2.5 * np.sin(2 * np.pi * 25 * t))
     assert "(lowest 0.000 V, highest 5.000 V)" in seen.message

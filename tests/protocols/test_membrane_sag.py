@@ -82,7 +82,7 @@ def test_stop_at_any_prompt_keeps_what_was_measured(action: str, tmp_path: Path)
         assert len(file.points()["sag"]) == 1
 
 
-def test_the_modulus_inverts_the_sag_and_meets_linear_theory_where_nothing_stretches() -> None:
+def test_modulus_inverts_sag_and_matches_linear_theory_without_stretch() -> None:
     for E_m in (1e5, 6.95e6, 1e9):
         for delta in (0.0, 0.01):
             strip = Membrane(E_m=E_m)

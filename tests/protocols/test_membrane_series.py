@@ -56,7 +56,7 @@ def test_hands_are_asked_once_for_each_elongation_in_millimetres_and_turns(ran) 
     assert "stretch it by 2.54 mm, 2.00 turns" in prompts[2].text
 
 
-def test_a_series_that_is_as_it_should_be_gets_no_remark_and_its_drift_is_nothing(ran) -> None:
+def test_sound_series_has_no_remarks_and_no_drift(ran) -> None:
     assert not [text for text in notes(ran) if "stretched" in text or "free tactor" in text]
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
@@ -66,7 +66,7 @@ def test_a_series_that_is_as_it_should_be_gets_no_remark_and_its_drift_is_nothin
     assert tops == sorted(tops, reverse=True)
 
 
-def test_a_membrane_stretched_the_wrong_way_is_noticed_while_it_can_still_be_mended(tmp_path: Path) -> None:
+def test_wrongly_stretched_membrane_is_noticed_while_correctable(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SERIES, tmp_path, lab, operator=Mistaken(lab.control))
     messages = [text for text in notes(ran) if "stretched the wrong way" in text]

@@ -79,7 +79,7 @@ def test_a_held_level_does_not_ring_and_a_fast_step_does() -> None:
     assert low == pytest.approx(moved.min(), rel=0.05)
 
 
-def test_a_displacement_beyond_the_sensors_range_is_a_caution_and_the_worst_moment() -> None:
+def test_displacement_beyond_sensor_range_is_a_caution() -> None:
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
     rehearsal = rehearse(SineDwell(), guard(), sensor=near, tactor=Tactor())
     assert rehearsal.worst.startswith("150 Hz: +")

@@ -163,7 +163,7 @@ entry()
 
 @pytest.mark.deep
 @pytest.mark.skipif(os.name == "nt", reason="file size limits are a POSIX thing")
-def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_written(tmp_path: Path) -> None:
+def test_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_data(tmp_path: Path) -> None:
     """The operating system refuses a write, the worst a disk can do to HDF5."""
     done = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, timeout=180)
     assert done.returncode == 1, done.stderr
@@ -235,7 +235,7 @@ class Once(Twice):
         return super().estimates(points)[:1]
 
 
-def test_estimates_that_cannot_be_stored_are_told_and_the_file_says_how_the_run_ended(tmp_path: Path) -> None:
+def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
     assert ran.status == RunStatus.COMPLETED

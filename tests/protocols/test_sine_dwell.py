@@ -29,7 +29,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory):
         yield run(SineDwell(), tmp_path_factory.mktemp("runs"), lab)
 
 
-def test_all_eighteen_fundamentals_agree_with_the_model_within_three_standard_uncertainties(ran) -> None:
+def test_all_eighteen_fundamentals_agree_with_model_within_three_sigma(ran) -> None:
     model = amplifier_response(Tactor(), np.array([p.frequency for p in ran.points]), 2.5)
     assert [round(p.frequency) for p in ran.points] == list(PAPER_FREQUENCIES_HZ)
     for point, truth in zip(ran.points, np.abs(model.fundamental), strict=True):
@@ -49,7 +49,7 @@ def test_phase_is_that_of_the_model_with_the_sensors_delay_removed(ran) -> None:
         assert abs(np.angle(np.exp(1j * (point.phase - truth)))) < 4 * point.phase_errors, point.frequency
 
 
-def test_phase_is_that_of_the_model_however_late_the_second_channel_is_converted(tmp_path: Path) -> None:
+def test_phase_matches_model_for_any_interchannel_delay(tmp_path: Path) -> None:
     """80 us between the conversions are 7 degrees at 250 Hz; the file and the live run both correct for them."""
     protocol = SineDwell(frequencies_hz=(100, 250), record_s=0.2)
     model = amplifier_response(Tactor(), np.array([100.0, 250.0]), 2.5)
@@ -243,7 +243,7 @@ def test_scans_that_went_missing_inside_a_recording_are_flagged(tmp_path: Path) 
     assert second.usable
 
 
-def test_averaging_goes_on_until_the_uncertainty_wanted_is_reached_and_says_how_far_it_is(tmp_path: Path) -> None:
+def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, record_s=0.2, wanted=0.015)
     with laboratory(simulated(sensor={"noise_m": 2e-6})) as lab:
         once = run(protocol.model_copy(update={"wanted": 0.0}), tmp_path, lab).points[0]
@@ -296,7 +296,7 @@ def test_refinement_ends(points: list[tuple[float, float, bool]], closest_hz: fl
     raise AssertionError("it never ends")
 
 
-def test_a_ringing_tactor_is_taken_for_steady_only_when_the_window_knows_its_decay(tmp_path: Path) -> None:
+def test_settling_of_a_ringing_tactor_needs_its_decay_time(tmp_path: Path) -> None:
     """Decay time 0.4 s: between windows of 40 ms hardly anything changes, and what is still to come is missing."""
     truth = abs(amplifier_response(Tactor(c0=2.0), np.array([158.0]), 0.01).fundamental[0])
     protocol = SineDwell(frequencies_hz=(158,), peak_to_peak_v=0.02, settle_limit_s=20, settle_tolerance=0.03)

@@ -133,7 +133,7 @@ def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -
         assert point.coherence > 0.99
 
 
-def test_masses_are_asked_for_by_hand_and_a_peak_near_the_bands_edge_gets_a_sentence(loaded) -> None:
+def test_masses_are_prompted_and_peak_near_band_edge_is_reported(loaded) -> None:
     prompts = [e.prompt for e in loaded.events if isinstance(e, PromptShown) and e.prompt.action == "fix-mass"]
     assert [prompt.values for prompt in prompts] == [{"mass_kg": 2.75e-3}, {"mass_kg": 9.75e-3}]
     assert all(prompt.hands_on for prompt in prompts)
@@ -193,7 +193,7 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
 @pytest.mark.parametrize(
     ("model", "fits"), [("33511B", True), ("33220A", False), ("DG812", False), ("SDG2042X", False), ("AFG1022", False)]
 )
-def test_a_long_sweep_is_refused_before_anything_is_armed_where_the_box_cannot_hold_it(model: str, fits: bool) -> None:
+def test_sweep_too_long_for_generator_is_rejected_before_arming(model: str, fits: bool) -> None:
     with laboratory(simulated(generator={"model": model})) as lab:
         if fits:
             assert rehearse(MassResonance(), lab.bench.amplifier).duration_s > 9 * 300

@@ -131,7 +131,7 @@ def test_a_level_that_does_not_arrive_is_flagged() -> None:
     assert Quality.DRIVE_OFF in Quality(p.quality)
 
 
-def test_the_paper_is_the_default_and_a_shuffled_order_is_the_same_for_the_same_seed() -> None:
+def test_defaults_are_the_papers_and_shuffled_order_depends_on_seed() -> None:
     plan = VoltageSteps().plan(2.5)
     assert len(plan) == 50
     assert {entry.key[0] for entry in plan} == set(PAPER_LEVELS_V)

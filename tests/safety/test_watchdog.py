@@ -55,7 +55,7 @@ def cut_short(bench: ServedBench) -> bool:
 # -- the whole program ----------------------------------------------------------------------------------------------
 
 
-def test_a_program_killed_while_live_is_followed_by_rest_long_before_its_drive_ends(tmp_path: Path) -> None:
+def test_watchdog_rests_after_sigkill_long_before_the_drive_ends(tmp_path: Path) -> None:
     with program(tmp_path, *LONG, watchdog="silence_s = 5") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.kill()
@@ -65,7 +65,7 @@ def test_a_program_killed_while_live_is_followed_by_rest_long_before_its_drive_e
         safe(tactor_bench.bench)
 
 
-def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_when_it_goes_on(tmp_path: Path) -> None:
+def test_watchdog_rests_after_sigstop_and_resumed_program_does_not_drive(tmp_path: Path) -> None:
     with program(tmp_path, *LONG, watchdog="silence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.send_signal(signal.SIGSTOP)
@@ -79,7 +79,7 @@ def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_whe
 
 
 @pytest.mark.deep
-def test_where_the_wire_takes_one_connection_only_a_program_that_hangs_is_ended_first(tmp_path: Path) -> None:
+def test_watchdog_kills_hung_program_on_a_single_connection_wire(tmp_path: Path) -> None:
     with program(tmp_path, *LONG, watchdog="own_connection = false\nsilence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.send_signal(signal.SIGSTOP)
@@ -138,7 +138,7 @@ def live(folder: Path, charge: WatchdogConfig = CHARGE) -> Iterator[Live]:
             bench.amplifier.close()
 
 
-def test_a_held_level_that_would_stay_for_ever_is_brought_down_by_the_guards_steps(tmp_path: Path) -> None:
+def test_watchdog_ramps_down_a_held_level(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Hold(5.0, 60.0))
         bench.die()
@@ -161,7 +161,7 @@ def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(t
 
 
 @pytest.mark.deep
-def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awaited(tmp_path: Path) -> None:
+def test_frozen_interpreter_counts_as_dead_while_awaiting_a_reply(tmp_path: Path) -> None:
     with live(tmp_path, IMPATIENT) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
         with bench.watchdog.allow_silence(60.0):

@@ -33,7 +33,7 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
     assert take_unreported_lines(tmp_path) == []
 
 
-def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_so() -> None:
+def test_no_watchdog_on_virtual_clock_and_warning_when_disabled() -> None:
     with laboratory() as lab:
         assert isinstance(lab.bench.watchdog, NoWatchdog)
         assert lab.bench.watchdog.inactive_reason == ""

@@ -48,7 +48,7 @@ def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, m
 
 
 @pytest.mark.deep
-def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself(tmp_path: Path) -> None:
+def test_burst_of_a_killed_program_ends_at_rest_by_itself(tmp_path: Path) -> None:
     """Even without a watchdog."""
     settings = ("frequencies_hz=100", "settle_limit_s=0.5", "record_s=1")
     with program(tmp_path, *settings, watchdog="enabled = false") as (run, _):
@@ -98,7 +98,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
 
 
 @pytest.mark.deep
-def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is_there(tmp_path: Path) -> None:
+def test_card_lost_mid_run_is_unsafe_because_rest_cannot_be_measured(tmp_path: Path) -> None:
     with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
         run.wait_for("25.0")

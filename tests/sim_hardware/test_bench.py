@@ -114,7 +114,7 @@ def test_high_voltage_off_leaves_the_tactor_still(bench, source):
     assert bench.report().outside_rest_s == 0.0
 
 
-def test_the_simulated_operator_does_what_a_prompt_asks_and_answers_questions_with_the_first_choice(bench):
+def test_simulated_operator_performs_actions_and_answers_first_choice(bench):
     operator: Operator = SimulatedOperator(bench)
     bench.clock.sleep(1.0)
     operator.show(1, ENABLE_HIGH_VOLTAGE)

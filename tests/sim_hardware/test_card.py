@@ -101,7 +101,7 @@ def test_channels_may_be_skewed():
     assert np.array_equal(skewed[0], plain[0, ::2])
 
 
-def test_conversions_that_do_not_fit_into_a_scan_are_as_far_apart_as_they_can_be():
+def test_conversion_interval_shrinks_to_fit_the_scan():
     truth = CardParameters()
     assert convert_interval_s(truth, 5e3, 2) == 12e-6
     assert convert_interval_s(truth, 250e3, 2) == pytest.approx(2e-6)

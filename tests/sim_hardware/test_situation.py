@@ -69,7 +69,7 @@ def test_turning_takes_every_weight_off_but_the_offset_that_is_asked_for() -> No
     assert bench.plant.setup_state.shorted
 
 
-def test_a_weight_lands_after_a_moment_and_swings_with_the_modes_of_what_lies_there() -> None:
+def test_weight_lands_after_delay_and_oscillates_with_loaded_modes() -> None:
     bench = bench_of(hands=OperatorTiming(reach_s=1.0, release_s=0.2))
     bench.perform_action("place-weight", {"mass_kg": 0.5})
     t = np.arange(0.0, 3.0, 1e-3)
@@ -142,7 +142,7 @@ def test_the_motion_goes_on_from_where_it_was_with_the_new_modes() -> None:
     assert later == pytest.approx(want, rel=1e-3)
 
 
-def test_shorted_electrodes_keep_every_volt_away_and_a_turned_side_bends_the_other_way() -> None:
+def test_shorted_electrodes_block_voltage_and_turned_side_reverses_bending() -> None:
     bench = bench_of()
     bench.history.append(0.0, ConstantSegment(3.0))
     bench.perform_action("short-electrodes", {})

@@ -33,7 +33,7 @@ def test_an_idle_window_closes_without_a_question(stage: Stage) -> None:
     assert stage.session.closed
 
 
-def test_mid_run_it_asks_goes_to_rest_and_stays_alive_until_the_session_has_ended(stage: Stage) -> None:
+def test_closing_mid_run_asks_goes_to_rest_and_waits_for_the_session(stage: Stage) -> None:
     stage.session.lets_go = False
     running(stage)
     stage.window.close()

@@ -79,7 +79,7 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
 
 
 @pytest.mark.deep
-def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_are_a_button_away(stage: Stage) -> None:
+def test_repeated_curve_replaces_the_old_one_and_a_button_shows_points(stage: Stage) -> None:
     begin(stage, "sweep")
     pane = stage.window.measure_page.live_pane
     stage.happen(CurveReady(response(1.0, 0)), CurveReady(response(1.0, 1, "second")))

@@ -53,7 +53,7 @@ def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
     assert {"F5", "F8", "Esc", "Ctrl+2", "Alt+Up", "Ctrl+Shift+C", "/"} <= {key for _, key in every}
 
 
-def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_with_escape(stage: Stage) -> None:
+def test_shortcut_sheet_lists_page_keys_is_searchable_and_closes_on_escape(stage: Stage) -> None:
     room = stage.window.central
     stage.press(Qt.Key.Key_2, CTRL)
     stage.press(Qt.Key.Key_F1)

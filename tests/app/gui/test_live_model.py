@@ -53,7 +53,7 @@ def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
     return canvas.grab().toImage().pixelColor(at)
 
 
-def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_open(
+def test_accepted_calibration_updates_curve_and_band_in_open_window(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(measure_page, "CALIBRATION_POLL_S", 0.0)
@@ -77,7 +77,7 @@ def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_o
 
 
 @pytest.mark.deep
-def test_points_on_a_membrane_lie_on_the_curve_of_their_elongation_in_its_colour(stage: Stage) -> None:
+def test_membrane_points_use_colour_and_curve_of_their_elongation(stage: Stage) -> None:
     response, rubber = stage.window.measure_page.response, Membrane()
     stage.window.measure_page.run_panel.set_protocol(
         MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150))

@@ -218,7 +218,7 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
     until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
 
 
-def test_a_run_without_a_response_is_told_in_words_and_a_long_reason_is_shortened(page: RunsPage) -> None:
+def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage) -> None:
     page.details.show_runs((), 1)
     assert page.details.empty_label.isVisible()
     assert not page.details.plot.isVisible()
@@ -263,7 +263,7 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
 
 
 @pytest.mark.deep
-def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_stopped(
+def test_import_shows_progress_and_leaves_nothing_when_cancelled(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.archive.transfer.COPY_CHUNK_BYTES", 4096)

@@ -35,7 +35,7 @@ def left_on(open_stage: OpenStage, at: int) -> None:
 
 
 @pytest.mark.deep
-def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_keyboard(open_stage: OpenStage) -> None:
+def test_last_page_is_restored_after_first_paint_with_keyboard_focus(open_stage: OpenStage) -> None:
     left_on(open_stage, RUNS)
     stage = open_stage(ahead=True)
     pages = stage.window.tabs
