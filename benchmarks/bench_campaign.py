@@ -24,7 +24,7 @@ from app.campaign.plan import PAPER_ITEMS, drop_unknown_protocols
 from app.campaign.queue import CampaignRunner
 from app.campaign.summary import identify_campaign_runs
 from app.config.bench_file import load_bench
-from app.session.connect import UNATTENDED_BLOCK_S, connect
+from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
 from protocols.registry import PROTOCOLS
 from protocols.runner.request import RunRequest

@@ -24,7 +24,7 @@ from app.config.bench_file import load_bench
 from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
 from app.live.session_link import SessionAdapter
-from app.session.connect import connect
+from app.session.bench_connection import connect
 
 RECORD_S = 28.0
 RATE_HZ = 5000.0

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from app.config.bench_file import load_bench
 from app.live.minmax_trace import MinMaxTrace
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
 from protocols.base import BlockStored, EventBus, StreamStarted
 from protocols.measurements.sine_dwell import SineDwell

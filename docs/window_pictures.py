@@ -25,7 +25,7 @@ from app.gui.main_window import MainWindow
 from app.gui.tabs import CAMPAIGN, EXPLORE, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
-from app.session.connect import BenchConnection, connect
+from app.session.bench_connection import BenchConnection, connect
 from app.session.session import SessionEvent
 from protocols.base import DriveStarted, PointMeasured, Protocol
 

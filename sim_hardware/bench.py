@@ -12,14 +12,20 @@ from sim_hardware.generators.registry import make_generator
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
 from sim_hardware.nidaq.card import SimulatedCard
 from sim_hardware.nidaq.in_process_digitizer import SimulatedDigitizer
-from sim_hardware.plant.faults import FaultState
-from sim_hardware.plant.history_report import VoltageReport, make_voltage_report
-from sim_hardware.plant.laser_view import LaserView
-from sim_hardware.plant.parameters import SimulationParameters
-from sim_hardware.plant.plant import Plant
-from sim_hardware.plant.segments import ConstantSegment, Segment
-from sim_hardware.plant.setup_state import SPECIMEN_ACTIONS, apply_action, check_action
-from sim_hardware.plant.voltage_history import VoltageHistory
+from sim_hardware.plant import (
+    SPECIMEN_ACTIONS,
+    ConstantSegment,
+    FaultState,
+    LaserView,
+    Plant,
+    Segment,
+    SimulationParameters,
+    VoltageHistory,
+    VoltageReport,
+    apply_action,
+    check_action,
+    make_voltage_report,
+)
 from sim_hardware.supplies.dialects import make_supply_engine
 from sim_hardware.supplies.supply import SimulatedSupply
 from sim_hardware.wires.in_process_link import InProcessLink

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from protocols.base import Prompt
-from sim_hardware.plant.setup_state import OPERATOR_ACTIONS
+from sim_hardware.plant import OPERATOR_ACTIONS
 
 if TYPE_CHECKING:
-    from sim_hardware.plant.history_report import VoltageReport
+    from sim_hardware.plant import VoltageReport
 
 SLOW_ACTIONS = {"place-weight", "remove-weight"}
 """Actions that an operator watches for a while before confirming: the laser mostly detects them first."""

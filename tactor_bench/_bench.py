@@ -8,10 +8,18 @@ from typing import Any
 
 from app.common import UsageError
 from app.config import BenchConfig
-from app.session.connect import UNATTENDED_BLOCK_S
-from app.session.connect import connect as open_instruments
-from app.session.request import build_protocol, choose_bench, load_protocol_class
-from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionEvent
+from app.session import (
+    UNATTENDED_BLOCK_S,
+    BenchFailed,
+    BenchOpened,
+    RunRejected,
+    Session,
+    SessionEvent,
+    build_protocol,
+    choose_bench,
+    load_protocol_class,
+)
+from app.session import connect as open_instruments
 from drivers import BenchError, Closeable, UnsafeError
 from protocols.base import Protocol, RestMeasured, RunStatus
 from protocols.runner.request import RunRequest

@@ -5,11 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from app.identification import calibrations
-from app.identification.calibrations import CalibrationError
-from app.identification.identify import IdentificationResult, Method
-from app.identification.identify import identify as identify_runs
-from app.identification.observations import ObservationError, amplifier_of
+from app.identification import (
+    CalibrationError,
+    IdentificationResult,
+    Method,
+    ObservationError,
+    amplifier_of,
+    calibrations,
+)
+from app.identification import identify as identify_runs
 from model import Array, Membrane, Tactor
 from model.identification import Adequacy, Calibration, FitOptions, IdentificationError
 from tactor_bench._catalogue import CatalogueEntry

@@ -74,7 +74,7 @@ def test_the_product_keeps_every_contract(contracts: dict[str, Any], graph: grim
         ("app.session.session", "h5py", "h5py only"),
         ("app.session.session", "matplotlib", "matplotlib only"),
         ("drivers.transport.scpi", "nidaqmx", "NI libraries only"),
-        ("app.session.connect", "pyvisa", "pyvisa and pyserial only"),
+        ("app.session.bench_connection", "pyvisa", "pyvisa and pyserial only"),
     ],
 )
 def test_a_wrong_import_breaks_its_contract(

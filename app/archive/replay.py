@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.common import minmax_decimate, minmax_pairs
-from app.session.messages import LogLine, Severity, describe_event, describe_point
+from app.session import LogLine, Severity, describe_event, describe_point
 from model import Array, Mask
 from protocols.base import (
     EVENTS,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
 from app.common import format_bytes, format_duration, format_quantity
-from app.session.state import format_voltage_range
+from app.session import format_voltage_range
 from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem
 from app.campaign.status import ItemState, ItemStatus, NextAction
-from app.session.session import RunRejected, SessionEvent
+from app.session import RunRejected, SessionEvent
 from drivers import Bench, BenchError
 from model import Tactor
 from protocols.base import RunEnded, RunStarted

@@ -11,8 +11,7 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus
-from app.identification.identify import IdentificationResult, identify
-from app.identification.observations import ObservationError, amplifier_of
+from app.identification import IdentificationResult, ObservationError, amplifier_of, identify
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, PaperChainError

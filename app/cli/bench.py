@@ -28,7 +28,7 @@ from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
 from protocols.base import PointMeasured, RestMeasured, RunEnded
 from protocols.measurements.wiring_check import Verdict, WiringCheck
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
 @dataclass(frozen=True)

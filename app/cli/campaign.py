@@ -113,7 +113,7 @@ class RunItemCommand(CampaignCommand):
 @usage_errors(BenchError)
 def _rehearse(campaign_: Campaign, options: CampaignCommand) -> int:
     from app.campaign import identified_tactor
-    from app.session.connect import connect
+    from app.session import connect
 
     bench = select_bench(options)
     with connect(bench.config, None if bench.config.simulated else bench.speed) as lab:

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.text import Text
 
 from app.common import format_curve, format_duration, format_point, format_quantity
-from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
+from app.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,
     BlockDiscarded,

@@ -13,8 +13,7 @@ from typing import Any
 from app.cli.options import BenchOptions
 from app.common import ExitCode, UsageError
 from app.config import BenchConfig
-from app.session.request import build_protocol, choose_bench, load_protocol_class
-from app.session.session import Session
+from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols.base import Protocol, RunStatus
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest
@@ -131,8 +130,7 @@ def headless_session(
         raise UsageError(f"--fault is for a simulated bench; {bench.name} is a real one")
     from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
     from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
-    from app.session.connect import UNATTENDED_BLOCK_S, connect
-    from app.session.fault_injection import FaultPlan, parse_planned_fault
+    from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
 
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()

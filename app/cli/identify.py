@@ -18,11 +18,17 @@ from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_opt
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UnitError, UsageError, path_argument, to_number, track, usage_errors, version
 from app.config import ConfigError
-from app.identification import calibrations
-from app.identification.calibrations import CalibrationError, Calibrations
-from app.identification.identify import IdentificationResult, Method, identify
-from app.identification.observations import ObservationError, amplifier_of
-from app.identification.recalibration import Correction
+from app.identification import (
+    CalibrationError,
+    Calibrations,
+    Correction,
+    IdentificationResult,
+    Method,
+    ObservationError,
+    amplifier_of,
+    calibrations,
+    identify,
+)
 from model import ParameterError
 from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
 from protocols.runfile.reader import Run, RunReadError

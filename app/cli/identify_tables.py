@@ -8,7 +8,7 @@ import numpy as np
 
 from app.cli.output import CommandResult
 from app.common import Column, Table, track
-from app.identification.identify import IdentificationResult
+from app.identification import IdentificationResult
 from model import ParameterError
 from model.identification import (
     Adequacy,

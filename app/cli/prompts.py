@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from app.session.session import Session
+from app.session import Session
 from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, RunEnded
 
 CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}

@@ -139,7 +139,7 @@ class ResumeCommand(BenchOptions, _AgainOptions):
 
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, run_headless, select_bench, warn
-        from app.session.request import load_protocol_class
+        from app.session import load_protocol_class
         from protocols.resume import find_entries
         from protocols.runfile.reader import RunReadError
         from protocols.runner.request import RunRequest
@@ -158,7 +158,7 @@ class ResumeCommand(BenchOptions, _AgainOptions):
 def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool) -> int:
     from app.config import load_bench
     from app.gui.application import open_window
-    from app.session.connect import connect
+    from app.session import connect
 
     def open_bench(name: str) -> tuple[Any, Any]:
         other = load_bench(name)
@@ -195,7 +195,7 @@ class ProtocolsCommand:
 
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, warn
-        from app.session.request import load_protocol_class
+        from app.session import load_protocol_class
         from protocols.registry import PROTOCOLS
 
         load_all_protocols()
@@ -217,7 +217,7 @@ class ProtocolsCommand:
 
 
 def _parameter_records(kind: "type[Protocol]") -> list[dict[str, str]]:
-    from app.gui.widgets.form import format_parameter, protocol_fields
+    from app.gui.widgets import format_parameter, protocol_fields
 
     return [
         {

@@ -17,6 +17,7 @@ from .inputs import specimen_argument as specimen_argument
 from .inputs import truncate_text as truncate_text
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
+from .program_version import version as version
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE
 from .progress import NO_PROGRESS as NO_PROGRESS
 from .progress import OperationCancelled as OperationCancelled
@@ -27,6 +28,7 @@ from .tables import Column as Column
 from .tables import Table as Table
 from .undo import UndoHistory as UndoHistory
 from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
+from .units import PLAIN_NUMBER as PLAIN_NUMBER
 from .units import UnitError as UnitError
 from .units import description_of as description_of
 from .units import display_unit as display_unit
@@ -34,4 +36,3 @@ from .units import read_number as read_number
 from .units import read_value as read_value
 from .units import to_number as to_number
 from .units import unit_of as unit_of
-from .version import version as version

@@ -23,7 +23,7 @@ from app.config.tables import (
     WatchdogTable,
 )
 from app.config.validation import validation_messages
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant import SimulationParameters
 
 MAX_SPEED = 20.0
 """Most times real speed at which the simulated bench keeps up on its real wires."""

@@ -1,1 +1,8 @@
-"""Interactive model exploration: sliders, history, response engine and fits."""
+"""Interactive model exploration: sliders, history, response engine and fits.
+
+Each name is imported when it is first used, so that the package costs nothing at start-up.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.explore.state import ExploreSetting, KeptCurve
-from app.live.model_curve import CurveCache, ModelCurve
+from app.live import CurveCache, ModelCurve
 from model import Array
 
 FREQUENCIES = 300

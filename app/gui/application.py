@@ -16,9 +16,8 @@ from PySide6.QtWidgets import QApplication
 from app.common import to_number
 from app.config import BenchConfig
 from app.gui.main_window import MainWindow
-from app.live.session_link import Connect, MakeSession, SessionAdapter
-from app.session.session import Session
-from app.session.state import UNSAFE_EXIT
+from app.live import Connect, MakeSession, SessionAdapter
+from app.session import UNSAFE_EXIT, Session
 from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500

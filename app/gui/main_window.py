@@ -15,12 +15,9 @@ from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
-from app.gui.widgets.actions import add_actions, update_actions
-from app.gui.widgets.layouts import Item, column
-from app.gui.widgets.theme import Theme, style_sheet, system_theme
-from app.live.session_link import SessionAdapter
-from app.session.session import unreported_watchdog_messages
-from app.session.state import WindowState, initial_window_state
+from app.gui.widgets import Item, Theme, add_actions, column, style_sheet, system_theme, update_actions
+from app.live import SessionAdapter
+from app.session import WindowState, initial_window_state, unreported_watchdog_messages
 from protocols.base import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 

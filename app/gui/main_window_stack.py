@@ -10,9 +10,7 @@ from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.welcome import WelcomePage
 from app.gui.tabs import MainTabs
-from app.gui.widgets.actions import add_actions, shortcuts_by_group
-from app.gui.widgets.file_dialog import choose_files
-from app.gui.widgets.layouts import column
+from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 
 class CentralStack(QWidget):

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from app.live.session_link import SessionAdapter
-from app.session.messages import protocol_title
-from app.session.reducer import reduce
-from app.session.state import (
-    OperatorAction,
-    RunRequested,
-    TimedEvent,
-    WindowEvent,
-    WindowState,
-)
+from app.live import SessionAdapter
+from app.session import OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState, protocol_title, reduce
 from protocols.base import Protocol
 from protocols.runner.request import RunRequest
 

@@ -15,14 +15,9 @@ from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
-from app.gui.widgets import splitters
-from app.gui.widgets.actions import ACTIONS, add_actions
-from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.layouts import column, configure
-from app.gui.widgets.theme import Theme
-from app.live.overlay import Overlay
-from app.live.session_link import SessionAdapter
-from app.session.state import WindowState
+from app.gui.widgets import ACTIONS, BackgroundWorker, Theme, add_actions, column, configure, splitters
+from app.live import Overlay, SessionAdapter
+from app.session import WindowState
 from protocols.base import Protocol as Measurement
 
 if TYPE_CHECKING:
@@ -268,7 +263,7 @@ class MainTabs(QTabWidget):
         return page
 
     def _make_explore(self) -> ExplorePage:
-        from app.explore.fit import fit_runs  # slow to import, and not visible when the window opens
+        from app.explore import fit_runs  # slow to import, and not visible when the window opens
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._first_theme, fit_runs)

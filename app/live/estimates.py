@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.identification.active_model import PAPER_MODEL, ActiveModel
+from app.identification import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from model import AmplifierMap
 from protocols.base import Quality

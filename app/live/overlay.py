@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.identification.active_model import PAPER_MODEL, ActiveModel, load_active_model
+from app.identification import PAPER_MODEL, ActiveModel, load_active_model
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import CurveCache, ModelCurve
 from model import AmplifierMap, Array, ParameterError

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.identification.active_model import ActiveModel
+from app.identification import ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from drivers import Bench, BenchError
 from model import ParameterError

@@ -7,9 +7,7 @@ from contextlib import AbstractContextManager, suppress
 from datetime import datetime
 
 from app.live.feed import LiveFeed
-from app.session.fault_injection import FaultPlan
-from app.session.session import ConnectedBench, Observer, Session, SessionEvent
-from app.session.state import TimedEvent
+from app.session import ConnectedBench, FaultPlan, Observer, Session, SessionEvent, TimedEvent
 from protocols.base import (
     BlockDiscarded,
     BlockStored,

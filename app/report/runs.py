@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
-from app.identification.observations import run_observations, shape_count_of_run
+from app.identification import run_observations, shape_count_of_run
 from model import AmplifierMap, ParameterError
 from model.identification import FitOptions, Observation
 from protocols import Quality

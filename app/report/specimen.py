@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from app.identification.identify import IdentificationResult, identify_observations
+from app.identification import IdentificationResult, identify_observations
 from app.report.runs import ReportRun
 from model import (
     AmplifierMap,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from app.common import UsageError
 from app.session.session import ConnectedBench, SessionEvent
 from protocols.base import InjectedFaultChanged, RunStarted
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 if TYPE_CHECKING:
     from sim_hardware.operator import BenchControls

@@ -92,7 +92,7 @@ class FreeDecay(Protocol):
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> DecayPoint:
-        from protocols.signals.decay import fit_decay
+        from protocols.signals import fit_decay
 
         recording, edge = recordings[-1], int(float(key[0]))
         _, moved = self._decay_after_edge(recording, edge)

@@ -28,8 +28,7 @@ from protocols.base import (
     Step,
 )
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
-from protocols.signals import fit_frequency, fit_sine
-from protocols.signals.loop import fold, measure_loops
+from protocols.signals import fit_frequency, fit_sine, fold, measure_loops
 
 SOURCE = "line through the loop widths of this run over frequency"
 

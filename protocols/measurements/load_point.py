@@ -12,8 +12,7 @@ from drivers import REST_TOLERANCE_V, Hold
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
 from protocols.measurements.weights import format_grams
-from protocols.signals.levels import LevelEstimate
-from protocols.signals.step_detection import WeightStepDetector
+from protocols.signals import LevelEstimate, WeightStepDetector
 
 SOURCE = "static loading, weighted lines through zero"
 

@@ -30,8 +30,7 @@ from protocols.base import (
 )
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
-from protocols.signals.response import FrequencyResponse
-from protocols.signals.swept_response import MIN_BINS_PER_LINE
+from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse
 
 RINGDOWN_S = 0.3
 """Recorded after a sweep: until what rings has died away."""
@@ -172,8 +171,7 @@ class MassResonance(Protocol):
         simulated: bool,
         response: FrequencyResponse,
     ) -> MassPoint:
-        from protocols.signals.modal_fit import fit_sdof
-        from protocols.signals.peak import response_peak, spectrum_peak
+        from protocols.signals import fit_sdof, response_peak, spectrum_peak
 
         check_response_present(response)
         peak = response_peak(response, (self.low_hz, self.high_hz))
@@ -237,8 +235,7 @@ class MassResonance(Protocol):
         return tuple(drives)
 
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
-        from protocols.signals.response import concatenate_responses
-        from protocols.signals.swept_response import estimate_swept_response
+        from protocols.signals import concatenate_responses, estimate_swept_response
 
         found = []
         for recording, (low, high) in zip(recordings, self._piece_bands_hz, strict=True):

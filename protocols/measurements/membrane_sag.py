@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 from model import Array, Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
 from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
-from protocols.signals.levels import combine_errors, estimate_level
+from protocols.signals import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"

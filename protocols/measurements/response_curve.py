@@ -3,7 +3,7 @@
 import numpy as np
 
 from protocols.base import CurveColumn, ResultCurve
-from protocols.signals.response import FrequencyResponse
+from protocols.signals import FrequencyResponse
 
 MIN_RESPONSE_SIGMAS = 5.0
 """A response with weaker lines counts as no response."""

@@ -16,8 +16,7 @@ from pydantic import model_validator
 from drivers import Sine
 from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, point_quality
-from protocols.signals import SettlingDetector, fit_frequency, fit_sine
-from protocols.signals.sine import SineFit
+from protocols.signals import SettlingDetector, SineFit, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
@@ -322,7 +321,7 @@ def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
     Returns:
         Resonance frequency in hertz and damping ratio; empty where the points do not span a resonance.
     """
-    from protocols.signals.modal_fit import fit_sdof  # imported here: slow to load
+    from protocols.signals import fit_sdof  # imported here: slow to load
 
     f = np.array([p.frequency for p in points])
     response = np.array([p.fundamental / p.drive_amplitude * np.exp(1j * p.phase) for p in points])

@@ -42,7 +42,7 @@ from protocols.measurements.load_point import (
     turn_side_prompt,
 )
 from protocols.measurements.weights import WeightClass, format_grams, uncertainty_kg
-from protocols.signals.levels import LevelEstimate, estimate_level
+from protocols.signals import LevelEstimate, estimate_level
 
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
 

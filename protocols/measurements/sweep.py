@@ -28,7 +28,7 @@ from protocols.base import (
 )
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
-from protocols.signals.response import FrequencyResponse
+from protocols.signals import FrequencyResponse
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
@@ -109,7 +109,7 @@ class Sweep(Protocol):
         yield Record((self.periods + 1) * 2 * self.sweep_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
-        from protocols.signals.modal_fit import fit_sdof
+        from protocols.signals import fit_sdof
 
         recording = recordings[-1]
         response = self._response(recording)
@@ -162,7 +162,7 @@ class Sweep(Protocol):
         )
 
     def _response(self, recording: Recording) -> FrequencyResponse:
-        from protocols.signals.periodic_response import estimate_periodic_response
+        from protocols.signals import estimate_periodic_response
 
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):

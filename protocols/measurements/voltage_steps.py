@@ -17,8 +17,7 @@ from pydantic import model_validator
 from drivers import Hold
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate, point_quality
-from protocols.signals.creep import fit_creep
-from protocols.signals.levels import DetectedRamp, estimate_step, find_ramp
+from protocols.signals import DetectedRamp, estimate_step, find_ramp, fit_creep
 
 UP, DOWN, RANDOM = "up", "down", "random"
 DIRECTION_CODES = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}

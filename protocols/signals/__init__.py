@@ -18,7 +18,6 @@ suffice raise ValueError with the reason.
 `checks` and `spectral_blocks` are shared by several of them. Each name is imported when it is first used.
 """
 
-from protocols.signals.settling import SettlingDetector
-from protocols.signals.sine import SineFit, fit_frequency, fit_sine
+import lazy_loader
 
-__all__ = ["SettlingDetector", "SineFit", "fit_frequency", "fit_sine"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from sim_hardware.plant.segments import (
+from sim_hardware.plant import (
     ArbitraryWaveform,
     ChirpSegment,
     ConstantSegment,

@@ -10,7 +10,7 @@ from sim_hardware.generators.keysight_33500 import SimulatedKeysight33500
 from sim_hardware.generators.rigol_dg import SimulatedRigolDg
 from sim_hardware.generators.siglent_sdg import SimulatedSiglentSdg
 from sim_hardware.generators.tektronix_afg import SimulatedTektronixAfg
-from sim_hardware.plant.parameters import GENERATOR_MAKERS, GeneratorParameters
+from sim_hardware.plant import GENERATOR_MAKERS, GeneratorParameters
 from sim_hardware.wires.scpi_engine import ScpiError, ScpiInstrument
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP
-from sim_hardware.plant.segments import ArbitraryWaveform
+from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires.scpi_engine import Arguments, ScpiCommand, ScpiError
 
 FULL_SCALE = 32767

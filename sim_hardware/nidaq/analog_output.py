@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from model import Array
 from sim_hardware.generators.generator import SegmentFactory
-from sim_hardware.plant.segments import ConstantSegment, Segment
-from sim_hardware.plant.voltage_history import VoltageHistory
+from sim_hardware.plant import ConstantSegment, Segment, VoltageHistory
 
 RANGE_V = 10.0
 VOLTS_PER_COUNT = 2 * RANGE_V / 65536

@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 from drivers import Scale
 from model import Array
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
-from sim_hardware.plant.faults import FaultState
-from sim_hardware.plant.laser_view import LaserView
-from sim_hardware.plant.parameters import CardParameters, SimulationParameters
-from sim_hardware.plant.plant import Plant
-from sim_hardware.plant.voltage_history import VoltageHistory
+from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
 Counts = NDArray[np.int16]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale
 from drivers.deprecated import renamed
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
-from sim_hardware.plant.faults import FaultState
+from sim_hardware.plant import FaultState
 
 
 class SimulatedDigitizer:

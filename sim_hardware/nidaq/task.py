@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from drivers import Clock
 from sim_hardware.nidaq.card import FIRST_OUTPUT_READBACK_CHANNEL, Acquisition, SimulatedCard
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.plant.faults import FaultState
+from sim_hardware.plant import FaultState
 
 FINITE, CONTINUOUS = 10178, 10123
 

@@ -13,7 +13,7 @@ import time
 from typing import Any, TextIO
 
 from sim_hardware.bench import SimulatedBench
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant import SimulationParameters
 
 LINGER_S, POLL_S = 3.0, 0.01
 

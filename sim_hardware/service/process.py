@@ -15,8 +15,7 @@ from typing import Any
 
 from drivers import BenchError, Closeable
 from drivers.watchdog.subprocesses import terminate
-from sim_hardware.plant.history_report import VoltageReport
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant import SimulationParameters, VoltageReport
 from sim_hardware.wires.port import HOST
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import SegmentFactory
-from sim_hardware.plant.parameters import SupplyParameters
-from sim_hardware.plant.segments import Segment
+from sim_hardware.plant import Segment, SupplyParameters
 
 RISE_TAU_S = 1e-3
 

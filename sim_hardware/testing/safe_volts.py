@@ -1,6 +1,6 @@
 """Safe-voltage assertion on the volts that left the simulated source."""
 
-from sim_hardware.plant.history_report import VoltageReport
+from sim_hardware.plant import VoltageReport
 
 STEP_V = 0.05
 """Largest step of the default drive limits; measured on the plant's grid it may be exceeded by rounding only."""

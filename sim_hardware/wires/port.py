@@ -3,7 +3,7 @@
 import threading
 from dataclasses import dataclass
 
-from sim_hardware.plant.faults import FaultState
+from sim_hardware.plant import FaultState
 from sim_hardware.wires.scpi_engine import ScpiEngine
 
 HOST = "127.0.0.1"

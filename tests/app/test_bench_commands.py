@@ -12,7 +12,7 @@ from app.cli.main import main
 from app.common.errors import ExitCode
 from app.config.bench_file import load_bench
 from app.config.discovery import find_devices
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from app.session.fault_injection import FaultPlan
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.config.bench_file import BenchConfig, ConfigError, load_bench
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from drivers.drive import Hold, Sine
 from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import PRESETS

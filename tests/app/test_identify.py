@@ -12,8 +12,8 @@ import pytest
 from app.cli.main import main
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError
-from app.identification.identify import identify
 from app.identification.observations import ObservationError, read_observations
+from app.identification.specimen_identification import identify
 from model.identification.observations import FrequencyResponseObservation
 from model.parameters import Tactor
 from protocols.base import Quality

@@ -12,7 +12,7 @@ import pytest
 
 from app.archive.export import export_run
 from app.cli.main import main
-from app.identification.identify import identify
+from app.identification.specimen_identification import identify
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor

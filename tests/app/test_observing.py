@@ -6,8 +6,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.identification.identify import identify
 from app.identification.observations import ObservationError
+from app.identification.specimen_identification import identify
 from model.identification.fit_options import FitOptions
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.runfile.reader import Run

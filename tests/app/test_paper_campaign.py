@@ -12,7 +12,7 @@ from app.campaign.queue import CampaignRunner
 from app.campaign.status import ItemStatus
 from app.campaign.summary import identify_campaign_runs
 from app.config.bench_file import load_bench
-from app.session.connect import UNATTENDED_BLOCK_S, connect
+from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
 from drivers.errors import InstrumentError
 from protocols.base import PointMeasured, PromptAnswered, RunEnded, RunStatus

@@ -18,9 +18,9 @@ import model
 from app.cli.main import main
 from app.config.bench_file import ConfigError
 from app.identification import calibrations
-from app.identification.identify import identify
 from app.identification.observations import shape_count_of_file
 from app.identification.recalibration import Correction, RecalibratedRun
+from app.identification.specimen_identification import identify
 from model.identification.fit_options import FitOptions
 from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor

@@ -34,7 +34,7 @@ def loaded(code: str) -> set[str]:
             {"pydantic", "pint"},
         ),
         (
-            "import app.cli.run, app.session.connect, app.gui.application",
+            "import app.cli.run, app.session.bench_connection, app.gui.application",
             {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"},
         ),
     ],

@@ -12,7 +12,7 @@ import pytest
 
 from app.config.bench_file import ConfigError, load_bench
 from app.config.driver_registry import DIGITIZERS, SOURCES, driver_names, load_plug_ins, open_generator
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from drivers.errors import BenchError, InstrumentError
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from app.session.connect import BenchConnection
+from app.session.bench_connection import BenchConnection
 from drivers.bench.bench import ArmedBench, Bench
 from drivers.drive import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from app.config.driver_registry import open_generator
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import BenchError, InstrumentError
 from drivers.generators.burst_generator import BurstGenerator

@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from app.config.bench_file import BenchConfig
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QWidget
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
 from app.live.session_link import SessionAdapter
-from app.session.connect import BenchConnection, connect
+from app.session.bench_connection import BenchConnection, connect
 from app.session.session import SessionEvent
 from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest

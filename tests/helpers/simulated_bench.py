@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.config.bench_file import BenchConfig, load_bench
-from app.session.connect import BenchConnection, connect
+from app.session.bench_connection import BenchConnection, connect
 from protocols.base import Event, EventBus, PointMeasured, Protocol, RunStatus
 from protocols.runner.request import RunControl, RunRequest
 from protocols.runner.runner import Runner

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import tactor_bench as tb
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from app.session.fault_injection import FaultPlan, parse_planned_fault
 from app.session.session import SessionEvent
 from drivers.watchdog.log import LOG_NAME

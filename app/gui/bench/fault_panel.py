@@ -4,12 +4,19 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QCheckBox, QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QWidget
 from shiboken6 import isValid
 
-from app.gui.widgets.actions import add_actions, name_button, shortcut_label
-from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.layouts import column, configure, grid, make_button, row
-from app.session.fault_injection import FaultPlan
-from app.session.state import WindowState
-from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+from app.gui.widgets import (
+    BackgroundWorker,
+    add_actions,
+    column,
+    configure,
+    grid,
+    make_button,
+    name_button,
+    row,
+    shortcut_label,
+)
+from app.session import FaultPlan, WindowState
+from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 COLUMNS = 2
 

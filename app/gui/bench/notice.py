@@ -5,7 +5,7 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QWidget
 
 from app.gui.bench.symbols import SYMBOLS
-from app.gui.widgets.layouts import SELECTABLE, column, configure, make_label, row
+from app.gui.widgets import SELECTABLE, column, configure, make_label, row
 
 
 class SymbolIcon(QWidget):

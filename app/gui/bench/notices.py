@@ -8,9 +8,8 @@ from PySide6.QtWidgets import QWidget
 from app.gui.bench.notice import Notice
 from app.gui.bench.prompt import PromptNotice
 from app.gui.session_controller import SessionController
-from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_label
-from app.gui.widgets.layouts import column, make_button
-from app.session.state import WindowState
+from app.gui.widgets import ACTIONS, add_action, add_actions, column, make_button, shortcut_label
+from app.session import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
 

@@ -8,8 +8,7 @@ from PySide6.QtGui import QAction
 
 from app.gui.bench.notice import Notice
 from app.gui.bench.setup_drawing import SetupDrawing
-from app.gui.widgets.actions import ActionInfo, add_action, shortcut_label
-from app.gui.widgets.layouts import STRETCH, make_button, make_label, row
+from app.gui.widgets import STRETCH, ActionInfo, add_action, make_button, make_label, row, shortcut_label
 from protocols.base import PromptShown
 
 

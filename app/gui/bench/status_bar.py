@@ -8,9 +8,8 @@ from app.common import format_duration
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.session_controller import SessionController
-from app.gui.widgets.layouts import Item, column, configure, make_button, make_progress_bar, row
-from app.gui.widgets.theme import LIGHT, Theme
-from app.session.state import BenchState, InstrumentStatus, Lamp, WindowState
+from app.gui.widgets import LIGHT, Item, Theme, column, configure, make_button, make_progress_bar, row
+from app.session import BenchState, InstrumentStatus, Lamp, WindowState
 
 STATE_SYMBOLS = {
     BenchState.CONNECTING: "dots",

@@ -10,11 +10,12 @@ from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
 from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
-from app.gui.plots.live_pane import LivePane
-from app.gui.widgets.actions import add_actions, shortcut_label, update_actions
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import (
+from app.gui.plots import LivePane
+from app.gui.widgets import (
     STRETCH,
+    StatusLine,
+    Theme,
+    add_actions,
     column,
     configure,
     make_button,
@@ -22,10 +23,11 @@ from app.gui.widgets.layouts import (
     make_progress_bar,
     make_splitter,
     row,
+    set_style_kind,
+    shortcut_label,
+    update_actions,
 )
-from app.gui.widgets.status_line import StatusLine
-from app.gui.widgets.theme import Theme
-from app.session.state import WindowState
+from app.session import WindowState
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.registry import PROTOCOLS
 

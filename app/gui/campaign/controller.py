@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from app.gui.widgets.background import BackgroundWorker
-from app.session.session import SessionEvent
+from app.gui.widgets import BackgroundWorker
+from app.session import SessionEvent
 
 if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the background threads that use them
     from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary

@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.gui.widgets.actions import name_button
-from app.gui.widgets.layouts import SELECTABLE, STRETCH, Item, column, make_button, make_label, make_scroll_area, row
+from app.gui.widgets import (
+    SELECTABLE,
+    STRETCH,
+    Item,
+    column,
+    make_button,
+    make_label,
+    make_scroll_area,
+    name_button,
+    row,
+)
 
 if TYPE_CHECKING:
     from app.campaign import CampaignEstimates, ItemSummary

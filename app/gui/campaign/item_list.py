@@ -17,8 +17,7 @@ from PySide6.QtWidgets import (
 
 from app.common import format_duration
 from app.gui.bench.symbols import SYMBOLS
-from app.gui.widgets.layouts import configure
-from app.gui.widgets.theme import Theme
+from app.gui.widgets import Theme, configure
 
 if TYPE_CHECKING:
     from app.campaign import CampaignSummary, ItemSummary

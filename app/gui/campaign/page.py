@@ -12,13 +12,10 @@ from PySide6.QtWidgets import QSizePolicy, QStackedWidget
 from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
-from app.gui.plots.live_pane import LivePane
-from app.gui.widgets.actions import add_actions
-from app.gui.widgets.file_dialog import choose_files
-from app.gui.widgets.theme import Theme
-from app.live.feed import LiveFeed
-from app.live.overlay import CurveRequest, Overlay, curve_request_for
-from app.session.state import WindowState
+from app.gui.plots import LivePane
+from app.gui.widgets import Theme, add_actions, choose_files
+from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for
+from app.session import WindowState
 from protocols.base import RunStatus
 
 if TYPE_CHECKING:

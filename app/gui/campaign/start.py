@@ -6,9 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 
-from app.gui.widgets.actions import shortcut_label
-from app.gui.widgets.layouts import STRETCH, configure, make_button, make_label, make_panel, row
-from app.gui.widgets.status_line import StatusLine
+from app.gui.widgets import STRETCH, StatusLine, configure, make_button, make_label, make_panel, row, shortcut_label
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after what it rests on. "

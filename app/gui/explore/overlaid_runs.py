@@ -8,9 +8,8 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from app.archive import MeasuredResponse, read_measured_response
-from app.explore.fit import ExploreFit
-from app.explore.state import ExploreSetting
-from app.gui.widgets.background import BackgroundWorker
+from app.explore import ExploreFit, ExploreSetting
+from app.gui.widgets import BackgroundWorker
 
 FitRuns = Callable[[Sequence[MeasuredResponse], ExploreSetting, Callable[[], bool]], ExploreFit]
 """Fits a setting to runs, starting from one, until cancelled; raises ValueError with a message for the operator."""

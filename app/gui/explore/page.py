@@ -9,24 +9,35 @@ from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
-from app.explore.engine import ExploreRequest, ExploreResult, ResponseEngine
-from app.explore.fit import ExploreFit
-from app.explore.session import ExploreSession, write_study
-from app.explore.state import PRESET_TITLES, ExploreSetting, make_study
+from app.explore import (
+    PRESET_TITLES,
+    ExploreFit,
+    ExploreRequest,
+    ExploreResult,
+    ExploreSession,
+    ExploreSetting,
+    ResponseEngine,
+    make_study,
+    write_study,
+)
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
 from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
-from app.gui.widgets.actions import add_actions
-from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.dropped_files import dropped_runs
-from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.layouts import column, make_splitter
-from app.gui.widgets.status_line import StatusLine
-from app.gui.widgets.theme import Theme
-from app.live.latest_only import LatestOnlyWorker
-from app.session.state import WindowState
+from app.gui.widgets import (
+    BackgroundWorker,
+    Mode,
+    StatusLine,
+    Theme,
+    add_actions,
+    choose_files,
+    column,
+    dropped_runs,
+    make_splitter,
+)
+from app.live import LatestOnlyWorker
+from app.session import WindowState
 from model import ParameterError
 
 PAINT_PAUSE_S = 0.02

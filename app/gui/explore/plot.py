@@ -11,21 +11,21 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
-from app.explore.engine import ExploreResult
-from app.explore.state import KeptCurve
-from app.gui.plots.base import (
+from app.explore import ExploreResult, KeptCurve
+from app.gui.plots import (
     AXIS_WIDTH,
     CURVE_COLORS,
     FELT_THRESHOLD_UM,
+    SERIES,
     PlotBase,
+    PlotSeries,
     curve_color,
     finite_max,
     legend_share,
     round_step,
 )
-from app.gui.plots.series import SERIES, PlotSeries
-from app.gui.widgets.theme import Theme
-from app.live.model_curve import ModelCurve
+from app.gui.widgets import Theme
+from app.live import ModelCurve
 from model import Array
 
 

@@ -7,10 +7,9 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
-from app.explore.engine import PHASES, BeamMotion
-from app.gui.plots.base import PlotBase, round_step
-from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.theme import Theme
+from app.explore import PHASES, BeamMotion
+from app.gui.plots import PlotBase, PlotSeries, round_step, series_of
+from app.gui.widgets import Theme
 
 CYCLE_S = 1.6
 """Duration of one displayed period."""

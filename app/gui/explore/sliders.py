@@ -6,12 +6,10 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
 
-from app.common import PEAK_TO_PEAK, UnitError, read_number
-from app.common.units import PLAIN_NUMBER
-from app.explore.sliders import GROUPS, SliderSpec
-from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
-from app.gui.plots.base import caption_label
-from app.gui.widgets.form import set_style_kind
+from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number
+from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
+from app.gui.plots import caption_label
+from app.gui.widgets import set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
 
 SLIDER_STEPS = 1000

@@ -7,11 +7,9 @@ from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineE
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
-from app.explore.state import ExploreSetting
-from app.gui.plots.base import caption_label
-from app.gui.plots.series import SERIES
-from app.gui.widgets.actions import tooltip
-from app.gui.widgets.layouts import configure, make_choice, row
+from app.explore import ExploreSetting
+from app.gui.plots import SERIES, caption_label
+from app.gui.widgets import configure, make_choice, row, tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
 

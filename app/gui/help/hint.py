@@ -2,8 +2,8 @@
 
 from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets.layouts import make_button, make_label, row
-from app.session.state import WindowState
+from app.gui.widgets import make_button, make_label, row
+from app.session import WindowState
 from protocols.base import RunStatus
 
 WAITING_TEXT = "The bench is connecting; the measurement then begins by itself."

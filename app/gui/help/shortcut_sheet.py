@@ -6,9 +6,9 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QWidget
 
-from app.gui.widgets.actions import ActionInfo, shortcut_label
-from app.gui.widgets.layouts import (
+from app.gui.widgets import (
     STRETCH,
+    ActionInfo,
     column,
     configure,
     grid,
@@ -16,6 +16,7 @@ from app.gui.widgets.layouts import (
     make_label,
     make_scroll_area,
     row,
+    shortcut_label,
 )
 
 

@@ -4,11 +4,11 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
-from app.gui.widgets.actions import shortcut_label
-from app.gui.widgets.layouts import (
+from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
     Item,
+    StatusLine,
     column,
     configure,
     grid,
@@ -16,8 +16,8 @@ from app.gui.widgets.layouts import (
     make_label,
     make_panel,
     row,
+    shortcut_label,
 )
-from app.gui.widgets.status_line import StatusLine
 
 DEMO_TEXT = (
     "A sine dwell on a simulated tactor: 18 frequencies in about half a minute. Nothing is connected and nothing can "

@@ -8,10 +8,9 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import pluralize
-from app.explore.sliders import SLIDERS
-from app.gui.widgets.layouts import configure, grid
-from app.gui.widgets.theme import Theme
-from app.live.estimates import EstimateUpdate
+from app.explore import SLIDERS
+from app.gui.widgets import Theme, configure, grid
+from app.live import EstimateUpdate
 from protocols.base import format_with_uncertainty
 
 MAX_ROWS = 3

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.common import UndoHistory
 from app.gui.measure.run_panel import RunPanel
-from app.gui.widgets.actions import add_actions
+from app.gui.widgets import add_actions
 from protocols.base import Protocol
 
 

@@ -10,17 +10,11 @@ from PySide6.QtWidgets import QSplitter, QWidget
 from app.gui.measure.form_history import FormHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
-from app.gui.plots.live_pane import LivePane
-from app.gui.plots.points_plot import PointsPlot
-from app.gui.widgets.layouts import configure
-from app.gui.widgets.log_pane import LogPane
-from app.gui.widgets.theme import Theme
-from app.identification.active_model import PAPER_MODEL
-from app.live.estimates import LiveEstimator
-from app.live.feed import LiveFeed
-from app.live.overlay import CurveRequest, Overlay, curve_request_for
-from app.live.preflight import PreflightCheck, PreflightRequest
-from app.session.state import WindowState
+from app.gui.plots import LivePane, PointsPlot
+from app.gui.widgets import LogPane, Theme, configure
+from app.identification import PAPER_MODEL
+from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
+from app.session import WindowState
 from model import AmplifierMap
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS

@@ -13,7 +13,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton
 
 from app.common import write_atomic
-from app.gui.widgets.layouts import configure
+from app.gui.widgets import configure
 from protocols.base import Protocol
 
 

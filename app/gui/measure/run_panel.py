@@ -9,11 +9,21 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolBu
 from app.common import format_bytes, format_duration, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
-from app.gui.widgets.actions import ACTIONS, tooltip
-from app.gui.widgets.form import ProtocolForm, set_style_kind
-from app.gui.widgets.layouts import column, configure, grid, make_button, make_label, make_scroll_area, row
-from app.gui.widgets.theme import Theme
-from app.session.state import WindowState, format_voltage_range
+from app.gui.widgets import (
+    ACTIONS,
+    ProtocolForm,
+    Theme,
+    column,
+    configure,
+    grid,
+    make_button,
+    make_label,
+    make_scroll_area,
+    row,
+    set_style_kind,
+    tooltip,
+)
+from app.session import WindowState, format_voltage_range
 from drivers import Bench, BenchError
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS

@@ -13,8 +13,7 @@ from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel
 from app.common import format_estimate
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
-from app.gui.widgets.layouts import column, make_label
-from app.gui.widgets.theme import Theme
+from app.gui.widgets import Theme, column, make_label
 from model import THRESHOLD_M, Array
 from protocols.base import RunEnded
 

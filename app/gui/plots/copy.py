@@ -6,9 +6,7 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QFrame, QWidget
 
-from app.gui.widgets.actions import add_actions, tooltip
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import make_button, row
+from app.gui.widgets import add_actions, make_button, row, set_style_kind, tooltip
 
 
 class PlotCopyButtons(QWidget):

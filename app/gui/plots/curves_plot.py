@@ -18,9 +18,8 @@ from app.gui.plots.base import (
     stable_range,
 )
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.layouts import make_choice, make_label, row
-from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve
+from app.gui.widgets import Theme, make_choice, make_label, row
+from app.live import OverlayCurve
 from model import Array
 from protocols.base import ResultCurve
 

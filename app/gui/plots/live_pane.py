@@ -5,10 +5,9 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets.theme import Theme
-from app.live.feed import LiveFeed
-from app.live.overlay import OverlayCurve
-from app.session.state import WindowState
+from app.gui.widgets import Theme
+from app.live import LiveFeed, OverlayCurve
+from app.session import WindowState
 from model import AmplifierMap
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS

@@ -11,10 +11,8 @@ from PySide6.QtWidgets import QCheckBox
 
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.series import SERIES, PlotSeries, series_of
-from app.gui.widgets.elided_label import ElidedLabel
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.theme import Theme
-from app.live.overlay import COVERAGE, OverlayCurve
+from app.gui.widgets import ElidedLabel, Theme, set_style_kind
+from app.live import COVERAGE, OverlayCurve
 
 LEGEND_COLUMNS = 3
 NO_ERRORS_TEXT = "The paper's values have no errors: identify this specimen and accept the estimates"

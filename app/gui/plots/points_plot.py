@@ -14,9 +14,8 @@ from app.common import display_unit
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.layouts import make_choice, make_label, row
-from app.gui.widgets.theme import Theme
-from app.session.messages import describe_point
+from app.gui.widgets import Theme, make_choice, make_label, row
+from app.session import describe_point
 from protocols.base import Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 

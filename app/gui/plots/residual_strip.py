@@ -10,8 +10,8 @@ from PySide6.QtGui import QColor
 
 from app.gui.plots.base import PlotBase, limit_ticks, stable_range
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve
+from app.gui.widgets import Theme
+from app.live import OverlayCurve
 from protocols.base import Quality
 
 NOTHING, RESIDUAL, PHASE = "nothing", "residual", "phase"

@@ -15,12 +15,9 @@ from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finit
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
-from app.gui.widgets.elided_label import ElidedLabel
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import row
-from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve, elongations_of
-from app.session.messages import describe_point
+from app.gui.widgets import ElidedLabel, Theme, row, set_style_kind
+from app.live import OverlayCurve, elongations_of
+from app.session import describe_point
 from protocols.base import Quality
 
 

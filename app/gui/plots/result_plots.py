@@ -11,8 +11,8 @@ from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
-from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve
+from app.gui.widgets import Theme
+from app.live import OverlayCurve
 from protocols.base import Protocol, ResultCurve, RunEnded
 
 

@@ -15,9 +15,8 @@ from app.gui.plots.base import (
     stable_range,
     trace_pen,
 )
-from app.gui.widgets.layouts import make_choice, make_label, row
-from app.gui.widgets.theme import Theme
-from app.live.feed import SPANS, LiveFeed, TimeSpan
+from app.gui.widgets import Theme, make_choice, make_label, row
+from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
 SMOOTHING_S = 0.08

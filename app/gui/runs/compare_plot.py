@@ -7,17 +7,18 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
-from app.gui.plots.base import (
+from app.gui.plots import (
     FELT_THRESHOLD_UM,
     MAX_LEGEND_ENTRIES,
+    SERIES,
     PlotBase,
+    PlotSeries,
     curve_color,
     finite_max,
     legend_share,
     round_step,
 )
-from app.gui.plots.series import SERIES, PlotSeries
-from app.gui.widgets.theme import Theme
+from app.gui.widgets import Theme
 
 
 class ComparePlot(PlotBase):

@@ -9,11 +9,21 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMATS, MeasuredResponse, RunSummary
 from app.gui.runs.compare_plot import ComparePlot
-from app.gui.widgets.actions import shortcut_label, tooltip
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import SELECTABLE, STRETCH, column, configure, grid, make_button, make_label, row
-from app.gui.widgets.progress_row import ProgressRow
-from app.gui.widgets.theme import Theme
+from app.gui.widgets import (
+    SELECTABLE,
+    STRETCH,
+    ProgressRow,
+    Theme,
+    column,
+    configure,
+    grid,
+    make_button,
+    make_label,
+    row,
+    set_style_kind,
+    shortcut_label,
+    tooltip,
+)
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MAX_REASON_LENGTH = 280

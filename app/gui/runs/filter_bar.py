@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive import RunFilter, RunSummary, ScanResult, read_since
-from app.gui.widgets.layouts import Item, configure, make_button, make_label, row
+from app.gui.widgets import Item, configure, make_button, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 

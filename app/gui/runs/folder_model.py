@@ -7,7 +7,7 @@ from PySide6.QtCore import QObject, Signal
 
 from app.archive import Catalogue, RunSummary, ScanResult, annotate_runs
 from app.common import Progress
-from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets import BackgroundWorker
 
 
 class ScanProgress(Progress):

@@ -15,14 +15,19 @@ from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.table import RunTableModel, RunTableView
 from app.gui.runs.transfers import RunTransfers
 from app.gui.runs.viewer import RunViewer
-from app.gui.widgets.actions import add_actions
-from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.dropped_files import dropped_runs, dropped_tables
-from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.layouts import column, make_splitter
-from app.gui.widgets.theme import Theme
-from app.live.overlay import CurveRequest, Overlay, elongations_of
-from app.session.state import WindowState
+from app.gui.widgets import (
+    BackgroundWorker,
+    Mode,
+    Theme,
+    add_actions,
+    choose_files,
+    column,
+    dropped_runs,
+    dropped_tables,
+    make_splitter,
+)
+from app.live import CurveRequest, Overlay, elongations_of
+from app.session import WindowState
 
 MAX_COMPARED = 24
 

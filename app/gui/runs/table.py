@@ -19,8 +19,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunState, RunSummary
 from app.common import format_duration
-from app.gui.widgets.layouts import configure
-from app.gui.widgets.theme import Theme
+from app.gui.widgets import Theme, configure
 
 Index = QModelIndex | QPersistentModelIndex
 COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags")

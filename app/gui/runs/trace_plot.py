@@ -5,9 +5,8 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
 from app.archive import TraceWindow
-from app.gui.plots.base import TracePlotBase, limit_ticks
-from app.gui.widgets.actions import add_actions
-from app.gui.widgets.theme import Theme
+from app.gui.plots import TracePlotBase, limit_ticks
+from app.gui.widgets import Theme, add_actions
 
 SETTLE_MS = 80
 """Delay between the last turn of the wheel and reading the file."""

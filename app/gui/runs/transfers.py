@@ -10,8 +10,7 @@ from PySide6.QtCore import QObject, Signal
 from app.archive import CopyResult, Format, copy_runs_into, export_runs, import_tables
 from app.common import OperationCancelled, UsageError, pluralize
 from app.config import AmplifierTable
-from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.progress_row import ProgressRow
+from app.gui.widgets import BackgroundWorker, ProgressRow
 
 
 class RunTransfers(QObject):

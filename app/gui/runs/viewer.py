@@ -5,12 +5,10 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import LoadedRun
 from app.common import format_duration, format_estimate, format_outcome
-from app.gui.plots.result_plots import ResultPlots
+from app.gui.plots import ResultPlots
 from app.gui.runs.trace_plot import TracePlot
-from app.gui.widgets.layouts import SELECTABLE, column, make_button, make_label, make_splitter, row
-from app.gui.widgets.log_pane import LogPane
-from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve
+from app.gui.widgets import SELECTABLE, LogPane, Theme, column, make_button, make_label, make_splitter, row
+from app.live import OverlayCurve
 from protocols.base import RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 

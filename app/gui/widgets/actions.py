@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QAbstractButton, QWidget
 
-from app.session.state import WindowState
+from app.session import WindowState
 
 GLOBAL_GROUP = "Everywhere"
 EVERY_PAGE = "*"

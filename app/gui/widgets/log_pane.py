@@ -7,8 +7,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from app.gui.widgets.layouts import configure
 from app.gui.widgets.theme import Theme
-from app.session.messages import LogLine, Severity
-from app.session.state import WindowState
+from app.session import LogLine, Severity, WindowState
 
 SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING: "!", Severity.ERROR: "✕"}
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 
-from app.session.messages import Severity
-from app.session.state import BenchState, Lamp
+from app.session import BenchState, Lamp, Severity
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from app.config.bench_file import BenchConfig
 from app.gui.application import open_window
 from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.main_window import MainWindow
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from app.session.state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Stage, find, until

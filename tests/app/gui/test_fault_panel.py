@@ -12,7 +12,7 @@ from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
 from app.live.session_link import SessionAdapter
-from app.session.connect import connect
+from app.session.bench_connection import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS

@@ -1,0 +1,14 @@
+from .active_model import PAPER_MODEL as PAPER_MODEL
+from .active_model import ActiveModel as ActiveModel
+from .active_model import load_active_model as load_active_model
+from .calibrations import CalibrationError as CalibrationError
+from .calibrations import Calibrations as Calibrations
+from .observations import ObservationError as ObservationError
+from .observations import amplifier_of as amplifier_of
+from .observations import run_observations as run_observations
+from .observations import shape_count_of_run as shape_count_of_run
+from .recalibration import Correction as Correction
+from .specimen_identification import IdentificationResult as IdentificationResult
+from .specimen_identification import Method as Method
+from .specimen_identification import identify as identify
+from .specimen_identification import identify_observations as identify_observations
