@@ -55,9 +55,9 @@ def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
         assert lab.operator is not None
         runner = Runner(RunRequest(protocol, Path(folder), "throughput"), lab.bench, lab.operator, EventBus(preview))
         before, begin = resource.getrusage(resource.RUSAGE_SELF), time.monotonic()
-        status, reason = runner.run()
+        ended = runner.run()
         took, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
-        assert status == "completed", reason
+        assert ended.status == "completed", ended.reason
         with Run(runner.path) as run:
             recording = next(run.recordings())
             lost = round(seconds * rate_hz) - len(recording.drive_v)

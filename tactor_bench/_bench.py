@@ -99,7 +99,8 @@ class BenchSession(Closeable):
                 protocol with its parameters.
             specimen: name of the specimen; default is the bench's.
             folder: where the run file goes; default is the bench's.
-            check: whether a run that was not completed raises RunFailedError; without, it is returned with its status.
+            check: whether a run without a result (stopped, failed, did not pass, nothing usable) raises RunFailedError;
+                without, it is returned with its status and verdict.
             parameters: of the protocol, by name.
             **more: further parameters of the protocol: numbers in SI, or texts with a unit (`peak_to_peak_v="4 V"`).
 
@@ -108,7 +109,7 @@ class BenchSession(Closeable):
 
         Raises:
             ValueError: an unknown protocol or parameter, or a value out of range; nothing has moved.
-            RunFailedError: the run was not completed, or its file could not be created; the bench is at rest.
+            RunFailedError: the run gave no result, or its file could not be created; the bench is at rest.
             UnsafeError: rest could not be confirmed. The sentence says what to do by hand, now.
             BenchError: the bench has been closed or lost, or another thread's run is in progress.
             KeyboardInterrupt: the run was interrupted, and is at rest.
@@ -126,8 +127,9 @@ class BenchSession(Closeable):
             path = self._measure(request, Path(folder or self.folder), specimen or self.specimen)
         finally:
             self._running.release()
-        status, reason = self._session.outcome or (RunStatus.FAILED, self._failure or f"{self.name} has been closed")
-        if status is RunStatus.UNSAFE:
+        ended = self._session.outcome
+        reason = ended.reason if ended else self._failure or f"{self.name} has been closed"
+        if ended and ended.status is RunStatus.UNSAFE:
             error = UnsafeError(reason)
             error.add_note(f"The run file is {path}")
             raise error
@@ -135,10 +137,11 @@ class BenchSession(Closeable):
             self._pass_on(self._front.stopped_by)
             kept = f"; what was measured is in {path}" if path else ""
             raise KeyboardInterrupt(f"{reason}{'; the bench is at rest' * self._at_rest}{kept}")
-        if self._session.outcome is None:
+        if ended is None:
             raise BenchError(reason)
-        if path is None or (check and status is not RunStatus.COMPLETED):
-            raise RunFailedError(self._front.failure or reason, path)
+        if path is None or (check and not ended.verdict.outcome.has_result):
+            completed = ended.status is RunStatus.COMPLETED
+            raise RunFailedError(self._front.failure or (ended.verdict.text if completed else reason), path)
         return open_run(path)
 
     def close(self) -> None:

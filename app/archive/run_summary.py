@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from app.archive.notes import Notes
 from app.common import format_estimate
 from model import EstimatedQuantity
-from protocols.base import RunStatus
+from protocols.base import Outcome, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
@@ -197,11 +197,11 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
 
 def _failed_checks(run: Run) -> list[str]:
     kind = PROTOCOLS.get(run.protocol)
-    verdicts = getattr(kind, "verdicts", None)
-    if kind is None or verdicts is None or run.status is not RunStatus.COMPLETED:
-        return []
+    if run.verdict.outcome is not Outcome.NOT_JUDGED or kind is None or run.status is not RunStatus.COMPLETED:
+        return [check.name for check in run.verdict.failed_checks if check.consequence is Outcome.DID_NOT_PASS]
     points = [point for _, point in measured_points(run, kind.point_type)]
-    return [verdict.name for verdict in verdicts(kind(**run.parameters), points) if not verdict.passed]
+    checks = kind(**run.parameters).checks(points)
+    return [check.name for check in checks if not check.passed and check.consequence is Outcome.DID_NOT_PASS]
 
 
 def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:

@@ -26,8 +26,8 @@ from app.cli.output import print_json
 from app.common import ExitCode, UsageError, display_unit, path_argument
 from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
-from protocols.base import PointMeasured, RestMeasured, RunEnded
-from protocols.measurements.wiring_check import Verdict, WiringCheck
+from protocols.base import CheckResult, PointMeasured, RestMeasured, RunEnded, RunStatus
+from protocols.measurements.wiring_check import WiringCheck
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
@@ -46,13 +46,14 @@ class CheckCommand(ProtocolOptions):
         # The run itself is shown to the operator; only the table is JSON.
         code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)
         points = [event.point for event in events if isinstance(event, PointMeasured)]
-        verdicts = protocol.verdicts(points)
-        if verdicts:
+        checks = protocol.checks(points)
+        if checks:
             rest = next((event for event in events if isinstance(event, RestMeasured)), None)
-            verdicts = (*verdicts, _rest_verdict(rest, points[0].drive))
-        passed = code == ExitCode.DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
+            checks = (*checks, _rest_check(rest, points[0].drive))
+        ended = next((event for event in events if isinstance(event, RunEnded)), None)
+        completed = ended is not None and ended.status is RunStatus.COMPLETED
+        passed = completed and bool(checks) and all(check.passed for check in checks)
         if self.json:
-            ended = next((event for event in events if isinstance(event, RunEnded)), None)
             record = {
                 "passed": passed,
                 "status": ended.status if ended else "failed",
@@ -60,47 +61,47 @@ class CheckCommand(ProtocolOptions):
                 "file": str(path) if path else None,
                 "checks": [
                     {
-                        "name": verdict.name,
-                        "value": verdict.value,
-                        "unit": verdict.unit,
-                        "low": verdict.low,
-                        "high": verdict.high,
-                        "passed": verdict.passed,
-                        "remedy": "" if verdict.passed else verdict.remedy,
+                        "name": check.name,
+                        "value": check.value,
+                        "unit": check.unit,
+                        "low": check.low,
+                        "high": check.high,
+                        "passed": check.passed,
+                        "remedy": "" if check.passed else check.remedy,
                     }
-                    for verdict in verdicts
+                    for check in checks
                 ],
             }
             print_json(record)
         else:
             Console(markup=False).print(
-                _verdict_table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
+                _check_table(checks) if checks else "The check was not carried to its end: there is no table."
             )
-            for verdict in verdicts:
-                if not verdict.passed:
+            for check in checks:
+                if not check.passed:
                     Console(stderr=True, markup=False).print(
-                        f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True
+                        f"{check.name}: {check.remedy}", highlight=False, soft_wrap=True
                     )
-        return code if code != ExitCode.DONE else (ExitCode.DONE if passed else ExitCode.FAILED)
+        return code if not completed else (ExitCode.DONE if passed else ExitCode.FAILED)
 
 
-def _rest_verdict(rest: RestMeasured | None, initial_v: float) -> Verdict:
+def _rest_check(rest: RestMeasured | None, initial_v: float) -> CheckResult:
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
     low, high = initial_v - REST_REPEATABILITY_V, initial_v + REST_REPEATABILITY_V
-    return Verdict("rest confirmed at the end", measured_v, "V", low, high, "see the run's own sentence above")
+    return CheckResult("rest confirmed at the end", measured_v, "V", low, high, "see the run's own sentence above")
 
 
-def _verdict_table(verdicts: Sequence[Verdict]) -> Table:
+def _check_table(checks: Sequence[CheckResult]) -> Table:
     table = Table(title="Wiring check", title_justify="left")
     for head in ("", "what", "figure", "limits", "unit"):
         table.add_column(head, justify="right" if head in ("figure", "limits") else "left")
-    for verdict in verdicts:
-        factor, unit = display_unit(verdict.unit)
-        low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (verdict.low, verdict.high))
+    for check in checks:
+        factor, unit = display_unit(check.unit)
+        low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
         limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-        word = Text("pass", "green") if verdict.passed else Text("FAIL", "bold red")
-        figure = f"{factor * verdict.value:.4g}" if math.isfinite(verdict.value) else "not seen"
-        table.add_row(word, verdict.name, figure, limits, unit)
+        word = Text("pass", "green") if check.passed else Text("FAIL", "bold red")
+        figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
+        table.add_row(word, check.name, figure, limits, unit)
     return table
 
 

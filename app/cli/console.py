@@ -17,6 +17,7 @@ from protocols.base import (
     CurveReady,
     InjectedFaultChanged,
     LogMessage,
+    Outcome,
     PointMeasured,
     ProgressUpdated,
     PromptAnswered,
@@ -33,7 +34,7 @@ from protocols.base import (
 STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
 """Warning at the end of every run on a real bench."""
 
-STATUS_COLORS = {"completed": "green", "unsafe": "bold red"}
+OUTCOME_COLORS = {Outcome.GOOD: "green", Outcome.UNSAFE: "bold red", Outcome.DID_NOT_PASS: "bold red"}
 
 
 class StderrConsole(Console):
@@ -122,10 +123,11 @@ class ConsoleObserver:
             value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
             self._print(f"{estimate.name}: {value}")
         if self._task is not None:
-            self._progress.update(self._task, description=str(event.status), left="")
+            self._progress.update(self._task, description=str(event.verdict.outcome), left="")
         if not self._simulated:
             self._print((STILL_ON, "bold yellow"))
-        self._print((str(event.status), STATUS_COLORS.get(event.status, "yellow")), f": {event.reason}")
+        outcome, reasons = event.verdict.outcome, event.summary
+        self._print((str(outcome), OUTCOME_COLORS.get(outcome, "yellow")), f": {reasons}")
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
         self._progress.console.print(Text.assemble(*parts), soft_wrap=True)

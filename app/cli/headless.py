@@ -14,11 +14,17 @@ from app.cli.options import BenchOptions
 from app.common import ExitCode, UsageError
 from app.config import BenchConfig
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
-from protocols.base import Protocol, RunStatus
+from protocols.base import Outcome, Protocol
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest
 
-EXIT_CODES = {RunStatus.COMPLETED: ExitCode.DONE, RunStatus.UNSAFE: ExitCode.UNSAFE}
+EXIT_CODES = {
+    Outcome.GOOD: ExitCode.DONE,
+    Outcome.DOUBTFUL: ExitCode.DONE,
+    Outcome.NO_RESULT: ExitCode.NO_RESULT,
+    Outcome.UNSAFE: ExitCode.UNSAFE,
+}
+"""Exit codes by verdict; all others are `ExitCode.FAILED`."""
 
 
 @dataclass
@@ -43,7 +49,7 @@ class HeadlessSession:
     def exit_code(self) -> int:
         """Exit code for the last run."""
         outcome = self.session.outcome
-        return EXIT_CODES.get(outcome[0], ExitCode.FAILED) if outcome else ExitCode.FAILED
+        return EXIT_CODES.get(outcome.verdict.outcome, ExitCode.FAILED) if outcome else ExitCode.FAILED
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ class ExitCode(IntEnum):
     USAGE = 2
     UNSAFE = 3
     """Rest could not be confirmed."""
+    NO_RESULT = 4
+    """The run was completed, but nothing usable was measured."""
 
 
 class UsageError(Exception):

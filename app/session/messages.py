@@ -13,6 +13,7 @@ from protocols.base import (
     CurveReady,
     InjectedFaultChanged,
     LogMessage,
+    Outcome,
     PointMeasured,
     PromptAnswered,
     PromptShown,
@@ -22,7 +23,6 @@ from protocols.base import (
     RunPaused,
     RunResumed,
     RunStarted,
-    RunStatus,
     SettlingFinished,
     ShutdownStarted,
     StreamStarted,
@@ -113,13 +113,19 @@ def protocol_title(protocol: str) -> str:
     return PROTOCOLS.title(protocol) if protocol in PROTOCOLS else protocol
 
 
+SEVERITIES = {
+    Outcome.GOOD: Severity.SUCCESS,
+    Outcome.DOUBTFUL: Severity.WARNING,
+    Outcome.NO_RESULT: Severity.WARNING,
+    Outcome.STOPPED: Severity.WARNING,
+    Outcome.NOT_JUDGED: Severity.INFO,
+}
+"""Severities of outcomes; all others are errors."""
+
+
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
-    level = {RunStatus.COMPLETED: Severity.SUCCESS, RunStatus.STOPPED: Severity.WARNING}.get(
-        event.status, Severity.ERROR
-    )
+    outcome = event.verdict.outcome
     found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
-    reason, status = event.reason, str(event.status)
-    repeats_status = reason.casefold().startswith(status)
-    return level, (
-        f"{reason[:1].upper()}{reason[1:]}" if repeats_status else f"{status.capitalize()}: {reason}"
-    ) + found
+    repeats_outcome = event.summary.casefold().startswith(outcome)
+    text = event.summary if repeats_outcome else f"{outcome}: {event.summary}"
+    return SEVERITIES.get(outcome, Severity.ERROR), text[:1].upper() + text[1:] + found

@@ -108,7 +108,7 @@ class Session:
         self._requests: queue.SimpleQueue[Callable[[], RunRequest] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = SessionState.CONNECTING
-        self.outcome: tuple[RunStatus, str] | None = None
+        self.outcome: RunEnded | None = None
         self.path: Path | None = None
         self.finished = threading.Event()
         """Set when the requested run has ended, or cannot start because there is no bench."""
@@ -214,7 +214,7 @@ class Session:
             operator = connection.operator or self._operator
             runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
-            self.outcome = (RunStatus.FAILED, str(error))
+            self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
             self.state = SessionState.IDLE
             self._events.publish(RunRejected(str(error)))
         else:

@@ -1,4 +1,4 @@
-"""Protocol interface: steps, records, events, quality flags."""
+"""Protocol interface: steps, records, events, quality flags, verdict."""
 
 import lazy_loader
 

@@ -20,7 +20,6 @@ from .events import RunEnded as RunEnded
 from .events import RunPaused as RunPaused
 from .events import RunResumed as RunResumed
 from .events import RunStarted as RunStarted
-from .events import RunStatus as RunStatus
 from .events import SettlingFinished as SettlingFinished
 from .events import ShutdownStarted as ShutdownStarted
 from .events import StreamStarted as StreamStarted
@@ -58,3 +57,8 @@ from .steps import SettlingResult as SettlingResult
 from .steps import Step as Step
 from .steps import StepResult as StepResult
 from .steps import WaitForDetection as WaitForDetection
+from .verdict import CheckResult as CheckResult
+from .verdict import Outcome as Outcome
+from .verdict import RunStatus as RunStatus
+from .verdict import Verdict as Verdict
+from .verdict import judge as judge

@@ -1,23 +1,13 @@
 """Run events: frozen values, stored in the run file first and then published to the observers."""
 
-from dataclasses import dataclass, fields
-from enum import StrEnum
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, get_args
 
 from drivers import Block, Drive, Scale, as_record
 from protocols.base.jsonable import to_jsonable
 from protocols.base.records import ResultCurve
 from protocols.base.steps import Prompt
-
-
-class RunStatus(StrEnum):
-    """Status of a run. A file with `running` whose program is gone is a crashed run."""
-
-    RUNNING = "running"
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    FAILED = "failed"
-    UNSAFE = "unsafe"
+from protocols.base.verdict import Outcome, RunStatus, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,13 +201,28 @@ class RestMeasured:
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The last event of every run, even if the disk is full. `estimates` are the identified quantities."""
+    """The last event of every run, even if the disk is full. `estimates` are the identified quantities.
+
+    `status` and `reason` state how it ended, `verdict` what it is worth.
+    """
 
     kind: ClassVar[str] = "RunEnded"
     status: RunStatus
     reason: str
     path: str
     estimates: tuple[Any, ...] = ()
+    verdict: Verdict = field(default_factory=Verdict)
+    """Where none is given: the status of a run that was stopped, failed or ended unsafe; else not judged."""
+
+    def __post_init__(self) -> None:
+        if self.verdict.outcome is Outcome.NOT_JUDGED and self.status is not RunStatus.COMPLETED:
+            object.__setattr__(self, "verdict", Verdict.of_status(self.status, self.reason))
+
+    @property
+    def summary(self) -> str:
+        """The reasons of the verdict and, where they do not repeat it, how the run ended."""
+        reasons = "; ".join(self.verdict.reasons)
+        return f"{reasons} ({self.reason})" if reasons and self.reason not in reasons else reasons or self.reason
 
 
 Event = (

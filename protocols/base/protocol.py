@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from drivers.deprecated import renamed
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
 from protocols.base.steps import Repeat, Step
+from protocols.base.verdict import CheckResult
 
 
 @renamed(more="refine", remarks="warnings")
@@ -75,6 +76,14 @@ class Protocol(BaseModel, ABC):
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """Return warnings about the points so far; each is shown to the operator once."""
+        return ()
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        """Return the checks of the result besides those of every protocol; the verdict is the worst consequence. Pure.
+
+        Args:
+            points: the points of the completed plan, unusable ones included.
+        """
         return ()
 
     @abstractmethod

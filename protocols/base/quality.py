@@ -33,6 +33,8 @@ class Quality(IntFlag):
     """The response is less than 5 standard uncertainties."""
     IMPORTED = 512
     """Imported from a table, without raw samples. A fact, not a fault."""
+    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED
+    """Flags of a usable value."""
 
     @property
     def description(self) -> str:
@@ -42,7 +44,7 @@ class Quality(IntFlag):
     @property
     def usable(self) -> bool:
         """Whether fits and summaries may use the value."""
-        return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED | Quality.IMPORTED)
+        return not self & ~Quality.FACTS
 
 
 def usable_mask(flags: Iterable[float]) -> Mask:

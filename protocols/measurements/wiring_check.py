@@ -1,12 +1,13 @@
 """Wiring check: verifies cables, gains and noise of the bench with a tenth of a volt.
 
 Rest, a small step to either side and a small sine are recorded and compared with limits, which are parameters;
-`verdicts` is the table that `tactor-bench check` prints.
+`checks` is the table that `tactor-bench check` prints.
 """
 
 import math
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -14,11 +15,24 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Hold, Sine
-from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
+from protocols.base import (
+    CheckResult,
+    EstimatedQuantity,
+    Outcome,
+    PlanEntry,
+    Play,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Step,
+)
 from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"
+
+_limit = partial(CheckResult, consequence=Outcome.DID_NOT_PASS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +60,6 @@ class WiringPoint:
         drive = f"{self.commanded:.3f} V" if math.isnan(self.frequency) else f"sine of {self.commanded_frequency:g} Hz"
         seen = f"drive reads back {self.drive:.4f} V, displacement {1e6 * self.displacement:+.2f} µm"
         return f"{drive}: {seen}, noise {1e6 * self.noise:.2f} µm"
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One line of the table: a figure between its limits (None: open on that side), and what to look at where not."""
-
-    name: str
-    value: float
-    unit: str
-    low: float | None
-    high: float | None
-    remedy: str
-
-    @property
-    def passed(self) -> bool:
-        """Whether the figure lies between its limits."""
-        return (
-            math.isfinite(self.value)
-            and (self.low is None or self.value >= self.low)
-            and (self.high is None or self.value <= self.high)
-        )
 
 
 class WiringCheck(Protocol):
@@ -172,7 +165,7 @@ class WiringCheck(Protocol):
             EstimatedQuantity("noise floor", found.rest.noise, 0.0, "m", SOURCE),
         )
 
-    def verdicts(self, points: Sequence[Any]) -> tuple[Verdict, ...]:
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         """The table; empty where the check was not carried to its end."""
         found = _CheckMeasurements.from_points(points)
         if found is None:
@@ -186,27 +179,27 @@ class WiringCheck(Protocol):
         agreed = found.above[0] * found.below[0] > 0 and self.polarity * found.above[0] >= 0
         limit = self.drive_limit_v
         return (
-            Verdict("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
-            Verdict("drive read back - commanded, worst", worst.drive - worst.commanded, "V", -limit, limit, cable),
-            Verdict("sine read back / commanded", sine.drive_amplitude / sine.commanded_amplitude, "1", 0.95, 1.05, cable),
-            Verdict("drive noise", rest.drive_noise, "V", None, self.drive_noise_limit_v, f"{cable}; look for a loose shield"),
-            Verdict(
+            _limit("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
+            _limit("drive read back - commanded, worst", worst.drive - worst.commanded, "V", -limit, limit, cable),
+            _limit("sine read back / commanded", sine.drive_amplitude / sine.commanded_amplitude, "1", 0.95, 1.05, cable),
+            _limit("drive noise", rest.drive_noise, "V", None, self.drive_noise_limit_v, f"{cable}; look for a loose shield"),
+            _limit(
                 "clock difference", sine.frequency / sine.commanded_frequency - 1, "1", -self.frequency_limit,
                 self.frequency_limit, "compare the generator's reference clock with the card's",
             ),
-            Verdict("recordings out of range", float(flagged), "1", None, 0.0, "move the sensor until its target is in range"),
-            Verdict("noise floor", rest.noise, "m", None, self.noise_limit_m, "look for vibration, light, a loose shield"),
-            Verdict(
+            _limit("recordings out of range", float(flagged), "1", None, 0.0, "move the sensor until its target is in range"),
+            _limit("noise floor", rest.noise, "m", None, self.noise_limit_m, "look for vibration, light, a loose shield"),
+            _limit(
                 "polarity (1 right, -1 wrong)", 1.0 if agreed else -1.0, "1", 1.0, None,
                 "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off",
             ),
-            Verdict("gain above rest", gains[0], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
-            Verdict("gain below rest", gains[1], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
-            Verdict(
+            _limit("gain above rest", gains[0], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
+            _limit("gain below rest", gains[1], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
+            _limit(
                 "gain above / below", gains[0] / gains[1] if gains[1] else math.nan, "1", self.slopes_low,
                 self.slopes_high, "check the amplifier's range and [amplifier] in the bench file",
             ),
-            Verdict(
+            _limit(
                 "latency beyond the sensor's", sine.latency, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
                 "check the sensor's averaging and delay_s under [sensor]",
             ),

@@ -12,9 +12,9 @@ import numpy as np
 
 from drivers import Closeable, LaserSensor
 from model import AmplifierMap, Array
-from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus
+from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus, Verdict
 from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
-from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION
+from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION, VERDICT_VERSION
 from protocols.runfile.trace import RunTrace, read_sensor
 
 if TYPE_CHECKING:
@@ -97,6 +97,23 @@ class Run(Closeable):
     def reason(self) -> str:
         """How and why it ended; empty until then."""
         return self._text("reason")
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the run is worth; not judged if it is of an earlier version, imported, or has not ended.
+
+        Raises:
+            RunReadError: the stored verdict is damaged.
+        """
+        if "verdict_details" not in self._entry:
+            if self._file.attrs["format_version"] >= VERDICT_VERSION and self.status not in (
+                RunStatus.RUNNING,
+                RunStatus.COMPLETED,
+            ):
+                return Verdict.of_status(self.status, self.reason)
+            return Verdict()
+        with translate_read_errors(self.path):
+            return Verdict.from_record(json.loads(self._text("verdict_details")))
 
     @property
     def resumed_from(self) -> Path | None:

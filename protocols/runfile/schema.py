@@ -13,7 +13,10 @@ import numpy as np
 from annotated_types import Unit
 
 FORMAT = "tactor-bench-run"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+"""3: the verdict on the run."""
+VERDICT_VERSION = 3
+"""The first version with a verdict; earlier runs are not judged."""
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 

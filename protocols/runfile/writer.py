@@ -23,7 +23,17 @@ import h5py
 import numpy as np
 
 from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, Block, Drive, LaserSensor, Scale, as_record
-from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, event_record, to_jsonable
+from protocols.base import (
+    EstimatedQuantity,
+    Event,
+    Outcome,
+    Quality,
+    ResultCurve,
+    RunStatus,
+    Verdict,
+    event_record,
+    to_jsonable,
+)
 from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
@@ -40,6 +50,8 @@ from protocols.runfile.schema import (
     run_path,
     truncate_utf8,
 )
+
+NOT_JUDGED = Verdict()
 
 RAW_CHUNK = 16_384
 TABLE_CHUNK = 64
@@ -92,6 +104,7 @@ def create_datasets(
     for name, value, length in (
         ("status", str(RunStatus.RUNNING), 16),
         ("reason", "", MAX_TEXT_BYTES),
+        ("verdict", str(Outcome.NOT_JUDGED), 16),
         ("start_time", now, 32),
         ("end_time", "", 32),
         ("title", f"{metadata.title} of {metadata.specimen}", MAX_TEXT_BYTES),
@@ -201,6 +214,20 @@ def append_curves(path: Path, curves: Sequence[ResultCurve], locking: bool = Tru
                 found.create_dataset(name, data=column.values).attrs.update(
                     {"units": column.unit, "long_name": f"{column.words} ({column.unit})"}
                 )
+
+
+def store_verdict(path: Path, verdict: Verdict, locking: bool = True) -> None:
+    """Store the verdict on a finished run in the place of an earlier one.
+
+    Raises:
+        StorageError: the file cannot be written.
+    """
+    with translate_write_errors("run", path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+        entry = file["entry"]
+        for name, value in (("verdict", str(verdict.outcome)), ("verdict_details", verdict.to_json())):
+            if name in entry:
+                del entry[name]
+            entry.create_dataset(name, data=value)
 
 
 def append_estimates(path: Path, estimates: Sequence[EstimatedQuantity], locking: bool = True) -> None:
@@ -342,6 +369,7 @@ class RunFileWriter:
         reason: str,
         estimates: Sequence[EstimatedQuantity] = (),
         curves: Sequence[ResultCurve] = (),
+        verdict: Verdict = NOT_JUDGED,
     ) -> str:
         """Store the status, append curves and estimates, and close the file in any case.
 
@@ -355,11 +383,13 @@ class RunFileWriter:
                 # First, where a reader of the open file sees it; curves and estimates need the file out of SWMR mode.
                 self._file["entry/status"][()] = str(status)
                 self._file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+                self._file["entry/verdict"][()] = str(verdict.outcome)
                 self._file["entry/end_time"][()] = datetime.now(UTC).isoformat(timespec="milliseconds")
                 self._file.flush()
         finally:
             self._close()
         try:
+            store_verdict(self.path, verdict, locking=False)
             append_curves(self.path, curves, locking=False)
             append_estimates(self.path, estimates, locking=False)  # a reader must not block the writer
         except StorageError as error:

@@ -18,6 +18,7 @@ from protocols.base import (
     EventBus,
     LogMessage,
     Operator,
+    Outcome,
     PlanEntry,
     Recording,
     Repeat,
@@ -30,6 +31,8 @@ from protocols.base import (
     RunStatus,
     ShutdownStarted,
     StreamStarted,
+    Verdict,
+    judge,
 )
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState, assess_drift
@@ -112,8 +115,8 @@ class Runner:
         )
         self._operator_actions = OperatorActions(self._executor, self._protocol.high_voltage)
 
-    def run(self) -> tuple[RunStatus, str]:
-        """Run the protocol; return the status and its reason. Never raises."""
+    def run(self) -> RunEnded:
+        """Run the protocol; return how it ended and what it is worth. Never raises."""
         try:
             self._start()
             protocol = self._protocol
@@ -262,7 +265,7 @@ class Runner:
         if self._pausable and self._control.pause.is_set():
             raise PauseInterrupt
 
-    def _finish(self, status: RunStatus, reason: str) -> tuple[RunStatus, str]:
+    def _finish(self, status: RunStatus, reason: str) -> RunEnded:
         """Record how the run ended: in the file if it can be written, and always to the observers."""
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
@@ -279,12 +282,24 @@ class Runner:
         except Exception as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
+        verdict = self._judge(status, reason)
         try:
-            reason = self._run_file.finish(status, reason, estimates, self._plan_progress.curves)
+            reason = self._run_file.finish(status, reason, estimates, self._plan_progress.curves, verdict)
         except StorageError as error:
             if status in (RunStatus.COMPLETED, RunStatus.STOPPED):
                 status, reason = RunStatus.FAILED, str(error)
+            verdict = Verdict.of_status(status, reason, verdict.checks)
             with contextlib.suppress(StorageError):
                 self._run_file.close_after_error()
-        self._recorder.notify(RunEnded(status, reason, str(self._run_file.path), estimates))
-        return status, reason
+        ended = RunEnded(status, reason, str(self._run_file.path), estimates, verdict)
+        self._recorder.notify(ended)
+        return ended
+
+    def _judge(self, status: RunStatus, reason: str) -> Verdict:
+        if status is not RunStatus.COMPLETED:
+            return Verdict.of_status(status, reason)
+        try:
+            return judge(self._protocol, self._plan_progress.points, len(self._plan_progress.plan))
+        except Exception as error:
+            log.exception("the checks of the result failed")
+            return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked: {type(error).__name__}: {error}",))

@@ -48,7 +48,7 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     for _ in range(2):
         one.run(RunRequest(SHORT, tmp_path, "T1"))
         assert one.finished.wait(30)
-        assert one.outcome == (RunStatus.COMPLETED, "all points measured")
+        assert (one.outcome.status, one.outcome.reason) == (RunStatus.COMPLETED, "all points measured")
         assert one.state is SessionState.IDLE
     assert one.close(10)
     assert one.state is SessionState.CLOSED
@@ -73,7 +73,7 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
     one.run(RunRequest(StaticLoading(), tmp_path, "T1"))
     assert one.finished.wait(30)
     assert one.outcome is not None
-    assert one.outcome[0] == RunStatus.STOPPED
+    assert one.outcome.status == RunStatus.STOPPED
     assert left[0].weights_kg
     one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(30)
@@ -97,7 +97,7 @@ def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
         pass
     assert one.close(20)
     assert one.outcome is not None
-    assert one.outcome[0] == RunStatus.STOPPED
+    assert one.outcome.status == RunStatus.STOPPED
     assert_safe_voltage(laboratories[0].control.report())
 
 
@@ -143,7 +143,7 @@ def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_pa
     one.repeat_entries(one.path, (0,), tmp_path)
     assert one.finished.wait(30)
     assert one.outcome is not None
-    assert one.outcome[0] == RunStatus.COMPLETED
+    assert one.outcome.status == RunStatus.COMPLETED
     assert one.close(10)
 
 
@@ -170,8 +170,8 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     assert one.finished.wait(60)
     assert isinstance(events[-1], RunRejected)
     assert one.outcome is not None
-    assert "cannot be created" in one.outcome[1]
+    assert "cannot be created" in one.outcome.reason
     one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(30)
-    assert one.outcome[0] == RunStatus.COMPLETED
+    assert one.outcome.status == RunStatus.COMPLETED
     assert one.close(10)

@@ -240,8 +240,8 @@ def moments_of(name: str) -> Moments:
     with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
         looker = _Looker(world)
         request = RunRequest(protocol(name), Path(folder), "matrix")
-        status, reason = Runner(request, bench, operator, EventBus(looker)).run()
-        assert status is RunStatus.COMPLETED, f"{name} without a fault: {reason}"
+        ended = Runner(request, bench, operator, EventBus(looker)).run()
+        assert ended.status is RunStatus.COMPLETED, f"{name} without a fault: {ended.reason}"
     missing = {"ramp"} if looker.moves_live < ON_THE_WAY else set()
     return Moments(tuple(m for m in MOMENTS if m not in missing), looker.record_after_s, looker.moves_leaving)
 
@@ -313,7 +313,8 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
             request = RunRequest(protocol(name), folder, "matrix")
             observers = EventBus(events.append, breaker, patience)
             runner = Runner(request, bench, operator, observers, RunControl(cancel))
-            status, reason = runner.run()
+            ended = runner.run()
+            status, reason = ended.status, ended.reason
             report = world.report()
     finally:
         logging.getLogger().removeHandler(listener)

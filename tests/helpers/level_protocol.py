@@ -107,10 +107,10 @@ def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), opera
     events: list[Any] = []
     request = RunRequest.resuming(path, folder, again)
     runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append))
-    status, reason = runner.run()
+    ended = runner.run()
     report = lab.control.report()
     assert_safe_voltage(report)
-    return Ran(status, reason, runner.path, events, report, lab)
+    return Ran(ended.status, ended.reason, runner.path, events, report, lab, ended.verdict)
 
 
 def high_voltage(lab: Any) -> bool:

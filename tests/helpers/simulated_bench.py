@@ -9,7 +9,7 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.session.bench_connection import BenchConnection, connect
-from protocols.base import Event, EventBus, PointMeasured, Protocol, RunStatus
+from protocols.base import Event, EventBus, PointMeasured, Protocol, RunStatus, Verdict
 from protocols.runner.request import RunControl, RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.plant.history_report import VoltageReport
@@ -26,6 +26,7 @@ class Ran:
     events: list[Event]
     report: VoltageReport
     laboratory: BenchConnection
+    verdict: Verdict
 
     @property
     def points(self) -> list[Any]:
@@ -93,8 +94,8 @@ def run(
     control = RunControl(cancel or threading.Event(), pause or threading.Event())
     request = RunRequest(protocol, folder, "T1")
     runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append, *observers), control)
-    status, reason = runner.run()
+    ended = runner.run()
     report = lab.control.report()
     if safe:
         assert_safe_voltage(report)
-    return Ran(status, reason, runner.path, events, report, lab)
+    return Ran(ended.status, ended.reason, runner.path, events, report, lab, ended.verdict)

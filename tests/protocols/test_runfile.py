@@ -215,7 +215,7 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
         (tmp_path / "none.h5", "there is no file"),
         (text, "is no HDF5 file; give a run file"),
         (other, "not a run of this program"),
-        (newer, "run format 99; this program reads up to 2: install a newer version"),
+        (newer, "run format 99; this program reads up to 3: install a newer version"),
     ):
         with pytest.raises(RunReadError, match=says):
             Run(path)
@@ -300,7 +300,7 @@ def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: P
         for group in (entry, entry["trace"], entry["points"], entry["instrument"]):
             group.attrs["checksum"] = "0" * 64
             group["operator"] = "A. N. Other"
-            group.create_group("verdict")["passed"] = True
+            group.create_group("signature")["passed"] = True
         entry["estimates/quality_factor/systematic_error"] = 0.1
         events = entry["events"]
         events.resize((len(events) + 1,))
@@ -353,4 +353,4 @@ def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:
         kept = json.loads(file["entry/configuration"].asstr()[()])
     assert kept["amplifier"]["rest_v"] == 2.5
     top = {name for name in after if name.count("/") < 2} - {name for name in names if name.count("/") < 2}
-    assert top <= {"entry/estimates"}
+    assert top <= {"entry/estimates", "entry/verdict_details"}

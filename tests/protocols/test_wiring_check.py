@@ -17,7 +17,7 @@ CHECK = WiringCheck(record_s=0.5, wait_s=0.2)
 
 
 def failing(check: WiringCheck, points: list[Any]) -> set[str]:
-    return {verdict.name for verdict in check.verdicts(points) if not verdict.passed}
+    return {verdict.name for verdict in check.checks(points) if not verdict.passed}
 
 
 def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
         ran = run(CHECK, tmp_path, lab)
         truth = lab.control.parameters
     assert ran.status == RunStatus.COMPLETED
-    found = {verdict.name: verdict.value for verdict in CHECK.verdicts(ran.points)}
+    found = {verdict.name: verdict.value for verdict in CHECK.checks(ran.points)}
     assert failing(CHECK, ran.points) == set()
     assert found["gain above / below"] == pytest.approx(3.0, rel=0.02)  # 600 and 200 V per volt
     assert found["clock difference"] == pytest.approx(50e-6, abs=20e-6)
@@ -106,5 +106,5 @@ def test_what_makes_no_sense_is_refused(settings: dict[str, float], says: str) -
 
 
 def test_a_check_that_was_broken_off_has_no_table() -> None:
-    assert CHECK.verdicts([]) == ()
+    assert CHECK.checks([]) == ()
     assert CHECK.estimates([]) == ()
