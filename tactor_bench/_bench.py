@@ -141,7 +141,7 @@ class BenchSession(Closeable):
             raise BenchError(reason)
         if path is None or (check and not ended.verdict.outcome.has_result):
             completed = ended.status is RunStatus.COMPLETED
-            raise RunFailedError(self._front.failure or (ended.verdict.text if completed else reason), path)
+            raise RunFailedError(self._front.failure or (ended.summary if completed else reason), path)
         return open_run(path)
 
     def close(self) -> None:

@@ -206,7 +206,7 @@ class NotebookFrontEnd(FrontEnd):
             sys.stdout.flush()
 
     def _show_progress(self, event: ProgressUpdated | ShutdownStarted | RunEnded) -> None:
-        line = str(event.status) if isinstance(event, RunEnded) else "going to rest"
+        line = str(event.verdict.outcome) if isinstance(event, RunEnded) else "going to rest"
         if isinstance(event, ProgressUpdated):
             left = f", {format_duration(event.left_s)} left" if event.done < event.entries else ""
             line = f"{event.done} of {event.entries} points{left}: {event.label}"

@@ -64,6 +64,7 @@ class MeasuredRun:
         specimen: name of the specimen.
         status: `completed`, `stopped`, `failed`, `unsafe`, `running`, `crashed` or `imported`.
         reason: how the run ended and why, in a sentence.
+        verdict: what the run is worth: outcome, reasons and checks. Runs of earlier versions and imports are not judged.
         simulated: whether it was measured on the simulated bench.
         start_time: when it began, with time zone.
         parameters: the protocol's parameters by name, SI.
@@ -78,6 +79,7 @@ class MeasuredRun:
         with Run(self.path) as run, translate_read_errors(self.path):
             self.protocol, self.title, self.specimen = run.protocol, run.title, run.specimen
             self.status, self.reason, self.simulated = run.state, run.reason, run.simulated
+            self.verdict = run.verdict
             self.start_time = datetime.fromisoformat(run.start_time)
             self.parameters, self.configuration, self.software = run.parameters, run.configuration, run.software
             self.sample_rate_hz, self.duration_s = run.trace.rate_hz, run.trace.duration_s

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.common import format_bytes, format_duration, format_outcome, format_point, format_quantity
-from protocols.base import InjectedFaultChanged, Quality, format_with_uncertainty
+from protocols.base import InjectedFaultChanged, Outcome, Quality, RunStatus, format_with_uncertainty, to_jsonable
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import Run
@@ -25,6 +25,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "sample_rate_hz": run.trace.rate_hz,
         "samples": run.trace.sample_count,
         "broken_on_purpose": [broken._asdict() for broken in injected_faults(run)],
+        "verdict": to_jsonable(run.verdict),
         "parameters": run.parameters,
         "points": run.points(),
         "units": run.units(),
@@ -42,7 +43,7 @@ def run_text(run: Run) -> str:
     length = format_duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
         f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
-        format_outcome(run.state, run.reason),
+        _outcome_text(run),
         _import_text(run)
         or f"begun {run.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{format_bytes(run.path.stat().st_size)}",
@@ -97,6 +98,14 @@ def run_text(run: Run) -> str:
         value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
+
+
+def _outcome_text(run: Run) -> str:
+    verdict = run.verdict
+    if verdict.outcome is not Outcome.NOT_JUDGED:
+        return verdict.describe(run.reason)
+    judged = "" if run.status is RunStatus.RUNNING else " (not judged)"
+    return f"{format_outcome(run.state, run.reason)}{judged}"
 
 
 class InjectedFault(NamedTuple):

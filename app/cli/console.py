@@ -126,8 +126,7 @@ class ConsoleObserver:
             self._progress.update(self._task, description=str(event.verdict.outcome), left="")
         if not self._simulated:
             self._print((STILL_ON, "bold yellow"))
-        outcome, reasons = event.verdict.outcome, event.summary
-        self._print((str(outcome), OUTCOME_COLORS.get(outcome, "yellow")), f": {reasons}")
+        self._print((event.summary, OUTCOME_COLORS.get(event.verdict.outcome, "yellow")))
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
         self._progress.console.print(Text.assemble(*parts), soft_wrap=True)

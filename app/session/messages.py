@@ -124,8 +124,6 @@ SEVERITIES = {
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
-    outcome = event.verdict.outcome
     found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
-    repeats_outcome = event.summary.casefold().startswith(outcome)
-    text = event.summary if repeats_outcome else f"{outcome}: {event.summary}"
-    return SEVERITIES.get(outcome, Severity.ERROR), text[:1].upper() + text[1:] + found
+    text = event.summary
+    return SEVERITIES.get(event.verdict.outcome, Severity.ERROR), text[:1].upper() + text[1:] + found

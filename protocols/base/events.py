@@ -220,9 +220,8 @@ class RunEnded:
 
     @property
     def summary(self) -> str:
-        """The reasons of the verdict and, where they do not repeat it, how the run ended."""
-        reasons = "; ".join(self.verdict.reasons)
-        return f"{reasons} ({self.reason})" if reasons and self.reason not in reasons else reasons or self.reason
+        """Outcome, reasons and how the run ended, as a line."""
+        return self.verdict.describe(self.reason)
 
 
 Event = (

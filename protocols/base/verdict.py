@@ -103,10 +103,13 @@ class Verdict:
     reasons: tuple[str, ...] = ()
     checks: tuple[CheckResult, ...] = ()
 
-    @property
-    def text(self) -> str:
-        """Outcome and reasons as a line."""
-        return f"{self.outcome}: {'; '.join(self.reasons)}" if self.reasons else str(self.outcome)
+    def describe(self, run_reason: str) -> str:
+        """Return outcome, reasons and, where these do not repeat it, how the run ended, as a line."""
+        reasons = "; ".join(self.reasons)
+        text = f"{reasons} ({run_reason})" if reasons and run_reason not in reasons else reasons or run_reason
+        if not text or text.casefold().startswith(self.outcome):
+            return text or str(self.outcome)
+        return f"{self.outcome}: {text}"
 
     @property
     def failed_checks(self) -> tuple[CheckResult, ...]:
