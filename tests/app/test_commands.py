@@ -25,7 +25,7 @@ def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytes
     assert main(["show", str(file)]) == ExitCode.DONE
     shown = capsys.readouterr().out
     assert "Sine dwell of T9   SIMULATED" in shown
-    assert "completed: all points measured" in shown
+    assert "good: all points measured" in shown
     assert "160.000" in shown
     with Run(file) as run:
         assert run.configuration["simulation"]["seed"] == 5

@@ -153,7 +153,8 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
         protocol = SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5)
         front.session.run(RunRequest(protocol, tmp_path, "T1"))
         front.wait()
-        assert front.session.outcome == ("completed", "all points measured")
+        assert front.session.outcome is not None
+        assert (front.session.outcome.status, front.session.outcome.reason) == ("completed", "all points measured")
     kept = [kind for kind in kinds if kind in ("EntryBegan", "PointMeasured", "Paused", "Resumed")]
     assert kept == ["EntryBegan", "PointMeasured", "EntryBegan", "Paused", "Resumed", "EntryBegan", "PointMeasured"]
     output = capsys.readouterr().err
