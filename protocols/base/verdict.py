@@ -52,6 +52,9 @@ class Outcome(StrEnum):
         return self in (Outcome.GOOD, Outcome.DOUBTFUL)
 
 
+ALL_MEASURED = "all points measured"
+"""Reason of a run whose plan was completed."""
+
 SEVERITY = (Outcome.GOOD, Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS)
 """Outcomes of a completed run, the worst last."""
 
@@ -104,9 +107,10 @@ class Verdict:
     checks: tuple[CheckResult, ...] = ()
 
     def describe(self, run_reason: str) -> str:
-        """Return outcome, reasons and, where these do not repeat it, how the run ended, as a line."""
+        """Return outcome, reasons and, where these do not imply it, how the run ended, as a line."""
         reasons = "; ".join(self.reasons)
-        text = f"{reasons} ({run_reason})" if reasons and run_reason not in reasons else reasons or run_reason
+        implied = run_reason in reasons or run_reason == ALL_MEASURED
+        text = f"{reasons} ({run_reason})" if reasons and not implied else reasons or run_reason
         if not text or text.casefold().startswith(self.outcome):
             return text or str(self.outcome)
         return f"{self.outcome}: {text}"
@@ -172,7 +176,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
     remedy = _usability_remedy(causes)
     checks = [
         CheckResult(
-            "usable points",
+            f"usable points of {planned}",
             float(usable),
             "1",
             float(planned) if usable else 1.0,

@@ -4,6 +4,7 @@ from collections.abc import Collection
 from typing import Any
 
 from protocols.base import PlanEntry, PointMeasured, ProgressUpdated, Protocol, Repeat, ResultCurve, extend_plan
+from protocols.base.verdict import ALL_MEASURED
 from protocols.runfile.writer import RunFileWriter
 
 
@@ -112,5 +113,5 @@ class PlanProgress:
     def outcome_message(self) -> str:
         """Return the outcome of a completed run as a message."""
         if not self._failed_labels:
-            return "all points measured"
+            return ALL_MEASURED
         return f"{len(self.measured)} of {len(self.plan)} points; none from {', '.join(self._failed_labels)}"
