@@ -5,6 +5,7 @@ from .bench.bench import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .bench.bench import ArmedBench as ArmedBench
 from .bench.bench import Bench as Bench
+from .bench.bench import LiveWarning as LiveWarning
 from .bench.bench import channel_skew_s as channel_skew_s
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
@@ -26,6 +27,7 @@ from .drive import as_record as as_record
 from .drive import from_record as from_record
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
+from .errors import CardInUseError as CardInUseError
 from .errors import DriveRejectedError as DriveRejectedError
 from .errors import InstrumentError as InstrumentError
 from .errors import LinkError as LinkError
@@ -50,6 +52,7 @@ from .interfaces import Block as Block
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker
 from .interfaces import Identity as Identity
+from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import Reading as Reading
 from .interfaces import Scale as Scale

@@ -20,6 +20,10 @@ class AcquisitionError(InstrumentError):
     """The digitizer lost samples, was unplugged, or cannot do the requested acquisition."""
 
 
+class CardInUseError(AcquisitionError):
+    """The digitizer is in use by another program that runs."""
+
+
 class DriveRejectedError(BenchError):
     """A drive violates the drive limits. Nothing was sent to the source."""
 

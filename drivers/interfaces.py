@@ -157,6 +157,14 @@ class DriveChecker(Protocol):
         """Return why this drive cannot be played, with the remedy; empty if it can."""
 
 
+@runtime_checkable
+class LiveChecker(Protocol):
+    """A source that can tell whether an earlier program left a drive or a level on it. Others are assumed to be so left."""
+
+    def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        """Whether the output is on, set up by this driver, and not at rest. Changes nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """One reading of a meter: a value in `unit`, or not valid (out of range)."""

@@ -28,6 +28,7 @@ from protocols.base import (
     RunResumed,
     RunStarted,
     ShutdownStarted,
+    SpecimenMayBeLive,
     event_record,
 )
 
@@ -111,6 +112,8 @@ class ConsoleObserver:
                 self._print("goes on")
             case ShutdownStarted() if self._task is not None:
                 self._progress.update(self._task, description="going to rest", left="")
+            case SpecimenMayBeLive():
+                self._print(("DANGER: ", "bold red"), (event.words, "bold"))
             case RestMeasured(confirmed, _, text):
                 self._print(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), text)
             case RunEnded():

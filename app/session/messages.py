@@ -25,6 +25,7 @@ from protocols.base import (
     RunStarted,
     SettlingFinished,
     ShutdownStarted,
+    SpecimenMayBeLive,
     StreamStarted,
     format_with_uncertainty,
 )
@@ -88,6 +89,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return Severity.INFO, f"Answered: {choice}"
         case ShutdownStarted():
             return Severity.INFO, "Going to rest"
+        case SpecimenMayBeLive():
+            return Severity.ERROR, event.words
         case RestMeasured(confirmed, _, text):
             return (Severity.SUCCESS, f"At rest: {text}") if confirmed else (Severity.ERROR, f"NOT AT REST: {text}")
         case RunEnded():

@@ -34,6 +34,7 @@ from protocols.base import (
     RunStarted,
     RunStatus,
     ShutdownStarted,
+    SpecimenMayBeLive,
 )
 
 MAX_LOG_LINES = 500
@@ -146,6 +147,8 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
         case ShutdownStarted():
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
+        case SpecimenMayBeLive():
+            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=event.words)
         case RestMeasured(confirmed):
             state = BenchState.AT_REST if confirmed else BenchState.UNSAFE
             return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None)

@@ -4,16 +4,24 @@ Rejects a drive that leaves the amplifier's input range, is too steep, or does n
 clipped into an admissible one, and nothing can be switched off: rest is 2.5 V, and 0 V is -500 V on the specimen.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
-from drivers.errors import DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, Identity, Source
+from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
+from drivers.interfaces import DriveChecker, Identity, LiveChecker, Source
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
+
+NOT_A_LEVEL_V = 1e6
+"""Beyond this a level is none: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
+
+
+class UnreadableLevelError(LinkError):
+    """A source reports an idle level that is no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +65,8 @@ class HvAmplifier:
         self.limits = limits
         self._clock = clock
         self._drive_end_s = 0.0
+        self.on_failure: Callable[[BaseException], None] = lambda _: None
+        """Called at the first failed command of a way to rest, before the rest of it is sent."""
 
     @property
     def identity(self) -> Identity:
@@ -111,6 +121,20 @@ class HvAmplifier:
         with self._watchdog.allow_silence():
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
+    def is_left_live(self) -> bool:
+        """Whether the source tells that an earlier program left a drive or a level on it."""
+        if not isinstance(self._source, LiveChecker):
+            return False
+        with self._watchdog.allow_silence():
+            return self._source.is_left_live(self.map.rest_v, self.map.low_v, self.map.high_v)
+
+    def may_be_left_live(self) -> bool:
+        """Whether it cannot be excluded that an earlier program left a drive or a level on the source."""
+        try:
+            return not self.is_source_at_rest() and (not isinstance(self._source, LiveChecker) or self.is_left_live())
+        except InstrumentError:
+            return True
+
     def initialize_at_rest(self) -> None:
         """Bring the source up at rest. High voltage must be disabled."""
         with self._watchdog.allow_silence():
@@ -154,14 +178,21 @@ class HvAmplifier:
 
         Raises:
             InstrumentError: a step failed; all that could be sent was sent nevertheless.
+            BenchError: the watchdog took the source over; nothing more was sent.
         """
         with self._watchdog.allow_silence():
-            failure: InstrumentError | None = None
+            failure: BaseException | None = None
             for way in (self._source.stop, self._ramp_to_rest):
                 try:
                     way()
-                except InstrumentError as error:
-                    failure = failure or error
+                except BaseException as error:
+                    if isinstance(error, KeyboardInterrupt) or (
+                        isinstance(error, BenchError) and not isinstance(error, InstrumentError)
+                    ):
+                        raise
+                    if failure is None:  # also an error of a driver's code must not prevent the ramp
+                        failure = error
+                        self.on_failure(error)
             if failure is not None:
                 raise failure
             self._drive_end_s = 0.0
@@ -179,11 +210,19 @@ class HvAmplifier:
     def _ramp_to_rest(self) -> None:
         try:
             self._ramp(self.map.rest_v)
-        except LinkError:  # the idle level cannot be read: assume the largest distance
+        except LinkError as unread:  # the idle level is not known: assume the largest distance
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
             self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
+            if isinstance(unread, UnreadableLevelError):
+                raise
 
     def _ramp(self, level_v: float) -> None:
-        distance = abs(self._source.idle_level_v() - level_v)
+        idle_v = self._source.idle_level_v()
+        if not abs(idle_v) < NOT_A_LEVEL_V:
+            raise UnreadableLevelError(
+                f"{self.identity} reports an idle level of {idle_v:g} V, which is no level; the largest distance to rest is "
+                "assumed. Look at the instrument's front panel"
+            )
+        distance = abs(idle_v - level_v)
         if distance > LEVEL_ROUNDING_V:
             self._source.ramp_to(level_v, max(distance / self.limits.ramp_v_per_s, 0.01))

@@ -17,14 +17,16 @@ from drivers.bench.shutdown import (
     DRIVE_CHANNEL,
     MANUAL_SHUTDOWN_INSTRUCTIONS,
     REST_TIMEOUT_S,
+    LiveWarning,
     SafeShutdown,
     channel_skew_s,
     drive_voltage,
+    live_warning,
 )
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive
-from drivers.errors import AcquisitionError, BenchError, UnsafeError
+from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError, UnsafeError
 from drivers.interfaces import Block, Digitizer, Meter, Scale, Stream
 from drivers.sensors.laser_sensor import LaserSensor
 
@@ -35,6 +37,7 @@ __all__ = [
     "ArmedBench",
     "Bench",
     "HighVoltageSwitch",
+    "LiveWarning",
     "channel_skew_s",
     "drive_voltage",
 ]
@@ -66,6 +69,8 @@ class ArmedBench:
     """Rest as measured before the first drive."""
     final_rest: RestMeasurement | None = None
     """Rest as measured at shutdown; None while live, or if high voltage never came on."""
+    last_block: Block | None = None
+    """The last block that the card delivered."""
 
     @property
     def rate_hz(self) -> float:
@@ -107,9 +112,20 @@ class ArmedBench:
         self.block_sink(block)
         return block
 
+    def catch_up(self, now_s: float) -> None:
+        """Read and store the blocks that were sampled until `now_s`. Never raises: it serves a warning."""
+        with contextlib.suppress(Exception):
+            while (
+                self.last_block is None
+                or self.stream.start_time_s + (self.last_block.stop + self.last_block.raw.shape[1]) / self.rate_hz
+                < now_s
+            ):
+                self.last_block = self.stream.read()
+                self.block_sink(self.last_block)
+
     def discard_block(self) -> Block:
         """Read a block without storing it: the card must be emptied also while the run waits for the operator."""
-        block = self.stream.read()
+        self.last_block = block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
         return block
@@ -166,6 +182,7 @@ class Bench:
         switch: HighVoltageSwitch,
         on_started: Callable[[ArmedBench], None] = lambda _: None,
         high_voltage: bool = True,
+        on_warning: Callable[[LiveWarning], None] = lambda _: None,
     ) -> Iterator[ArmedBench]:
         """Arm the bench: at rest, high voltage on, the card acquiring.
 
@@ -175,6 +192,8 @@ class Bench:
             switch: disables high voltage before the output comes up, and enables it when rest has been measured.
             on_started: called before the first block, when the card runs (its actual rate and scales are known).
             high_voltage: whether to enable it; if not, it is disabled and the drive is measured at rest.
+            on_warning: called when a start, arming or an answer failed while high voltage may be on, or an earlier program
+                left the source live: once, before the source is brought to rest.
 
         Raises:
             BenchError: an instrument is absent or rejects a command; high voltage was not enabled, or rest was confirmed.
@@ -184,13 +203,8 @@ class Bench:
         try:
             stream = self.open_stream(rate_hz)
         except Exception as error:
-            if not self._high_voltage_enabled:
-                raise
-            # An earlier run left high voltage on, and the level of the source cannot be measured now.
-            trouble = shutdown.command_rest(self.amplifier.force_rest)
-            message = f"the card cannot see the drive: {error}.{trouble}"
-            self.watchdog.log(f"the program could not confirm rest: {message}")
-            raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {message}") from error
+            self._leave_unmeasured(shutdown, error, on_warning)
+            raise
         with stream:
             # An earlier run may have left high voltage on: then any failure from here on must measure rest.
             armed = ArmedBench(
@@ -201,13 +215,29 @@ class Bench:
                 lambda: shutdown.measure_rest(armed.discard_block, stream, REST_TIMEOUT_S, armed.initial_rest),
                 high_voltage_may_be_on=self._high_voltage_enabled,
             )
+            warned: list[object] = []
+
+            def warn(reason: object) -> None:
+                if armed.high_voltage_may_be_on and not warned:
+                    warned.append(reason)
+                    if not isinstance(reason, AcquisitionError):
+                        armed.catch_up(self.clock.now())
+                    on_warning(live_warning(str(reason), armed.last_block, stream.scales, self.amplifier.map))
+
+            self.amplifier.on_failure = warn
             failure: BaseException | None = None
+            is_armed = False
             try:
                 on_started(armed)
+                self._bring_earlier_drive_to_rest(armed, warn)
                 self._arm(armed, switch, shutdown, high_voltage)
+                is_armed = True
+                warned.clear()
                 yield armed
             except BaseException as error:
                 failure = error
+                if isinstance(error, InstrumentError) or (isinstance(error, BenchError) and not is_armed):
+                    warn(error)
                 raise
             finally:
                 lost = None
@@ -220,6 +250,38 @@ class Bench:
                         ) from failure
                 if failure is None and lost is not None:
                     raise lost
+
+    def _leave_unmeasured(
+        self, shutdown: SafeShutdown, error: Exception, on_warning: Callable[[LiveWarning], None]
+    ) -> None:
+        """Command rest if the source may be live while its level cannot be measured; return if it is not.
+
+        Raises:
+            UnsafeError: the source may be live; it was commanded to rest.
+        """
+        if not self._high_voltage_enabled and (
+            isinstance(error, CardInUseError)  # by a program that runs: the drive is that program's
+            or not self.amplifier.may_be_left_live()
+        ):
+            return
+        on_warning(live_warning(f"the card cannot be had: {error}", None, (), self.amplifier.map))
+        trouble = shutdown.command_rest(self.amplifier.force_rest)
+        message = f"the card cannot see the drive: {error}.{trouble}"
+        self.watchdog.log(f"the program could not confirm rest: {message}")
+        raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {message}") from error
+
+    def _bring_earlier_drive_to_rest(self, armed: ArmedBench, warn: Callable[[object], None]) -> None:
+        """Bring a source to rest at once that an earlier program left live; the operator is asked afterwards."""
+        try:
+            if not self.amplifier.is_left_live():
+                return
+        except InstrumentError:
+            armed.high_voltage_may_be_on = True  # whatever the source plays can only be measured
+            raise
+        armed.high_voltage_may_be_on = True
+        self.watchdog.arm()
+        warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
+        self.amplifier.force_rest()
 
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:
         says_rest = self.amplifier.is_source_at_rest()

@@ -12,6 +12,7 @@ from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
 from drivers.interfaces import Block, Scale, Stream
+from model import AmplifierMap
 
 DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
 """Rows of a block."""
@@ -28,7 +29,49 @@ MANUAL_SHUTDOWN_INSTRUCTIONS = (
     "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"
 )
 
+SWITCH_OFF_NOW = "By hand, now: switch the high voltage OFF at the amplifier itself; do not touch the specimen or the generator's cable"
+
 BlockSink = Callable[[Block], None]
+
+
+@dataclass(frozen=True, slots=True)
+class LiveWarning:
+    """Warning that the specimen may be live, given before the program acts.
+
+    Attributes:
+        message: why, the volts that the card saw last, and what to do by hand.
+        low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none.
+    """
+
+    message: str
+    low_v: float = math.nan
+    high_v: float = math.nan
+
+
+def live_warning(
+    reason: str, last_block: Block | None, scales: Sequence[Scale], amplifier_map: AmplifierMap
+) -> LiveWarning:
+    """Return the warning for a reason and the last block that the card delivered."""
+    if last_block is None:
+        return LiveWarning(
+            f"The specimen may be live: {reason.rstrip('.')}. The card has not seen the amplifier's input yet. {SWITCH_OFF_NOW}"
+        )
+    volts = drive_voltage(last_block, tuple(scales))
+    low_v, high_v = float(volts.min()), float(volts.max())
+    low, high = (float(volts) for volts in amplifier_map.specimen_v([low_v, high_v]))
+    one_level = high_v - low_v <= ONE_LEVEL_V
+    seen = f"{volts.mean():z.3f} V" if one_level else f"{low_v:z.2f} to {high_v:z.2f} V"
+    means = f"about {(low + high) / 2:z.0f} V" if one_level else f"about {low:z.0f} to {high:z.0f} V"
+    return LiveWarning(
+        f"The specimen may be live: {reason.rstrip('.')}. The card last saw {seen} at the amplifier's input, where rest is "
+        f"{amplifier_map.rest_v:g} V: {means} on the specimen if the high voltage is on. {SWITCH_OFF_NOW}",
+        low_v,
+        high_v,
+    )
+
+
+ONE_LEVEL_V = 0.05
+"""Largest difference within a block that is reported as one level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +115,9 @@ class SafeShutdown:
         for attempt in (first_attempt, self.amplifier.reconnect_and_force_rest):
             try:
                 attempt()
-            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, rest is measured next
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # noqa: BLE001 - make-safe: whatever fails, rest is measured next
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
@@ -120,12 +165,16 @@ class SafeShutdown:
 
         try:
             rest = self.measure_rest(read, stream, timeout_s, initial_rest)
-        except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still measure the drive
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still measure the drive
             stream.__exit__(None, None, None)
             try:
                 with self.open_stream(stream.rate_hz) as second:
                     rest = self.measure_rest(second.read, second, timeout_s, initial_rest)
-            except Exception as again:  # noqa: BLE001 - make-safe: nothing left to measure with
+            except KeyboardInterrupt:
+                raise
+            except BaseException as again:  # noqa: BLE001 - make-safe: nothing left to measure with
                 rest = RestMeasurement(False, math.nan, f"the card cannot see the drive: {again}")
         return rest, (lost[0] if lost else None)
 

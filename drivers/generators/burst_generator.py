@@ -139,6 +139,12 @@ class BurstGenerator(ABC):
             self.stop()  # a burst that another program started shows in no setting
         return True
 
+    def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        if not self._is_output_on() or not self._has_our_setup(rest_v, low_v, high_v):
+            return False
+        away = abs(self.idle_level_v() - rest_v) > LEVEL_TOLERANCE_V
+        return away or (self.CAN_FREEZE_RANGE and self._query_amplitude() > 2 * IDLE_AMPLITUDE_VPP)
+
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         self._rest_v, self._stored_waveform = rest_v, None
         self._clear_error_queue()

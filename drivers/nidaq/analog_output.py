@@ -139,6 +139,11 @@ class NiAnalogOutput:
         self._rest_v = rest_v if rests else self._rest_v
         return rests
 
+    def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v, high_v
+        playing = self._task is not None and not self._is_done()
+        return playing or self._level_v is None or abs(self._level_v - rest_v) > LEVEL_TOLERANCE_V
+
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v, high_v
         self._release_task()

@@ -119,6 +119,10 @@ class DcSupply:
             and not self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V)
         )
 
+    def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v, high_v
+        return self._output.is_output_on() and abs(self._output.measured_v() - rest_v) > LEVEL_TOLERANCE_V
+
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v
         self._rest_v = rest_v

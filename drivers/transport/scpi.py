@@ -11,6 +11,9 @@ from drivers.deprecated import renamed
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 
+SCPI_INFINITY = 9.9e37
+"""How SCPI writes infinity; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
+
 
 class Link(Protocol):
     """A connection that carries lines. `name` is its resource string, as the operator knows it."""
@@ -57,17 +60,20 @@ class ScpiSession:
         """Return the reply to a query as a number.
 
         Raises:
-            LinkError: the reply is not a number (a garbled line).
+            LinkError: the reply is not a number (a garbled line, or SCPI's own "not a number" and infinity).
         """
         answer = self.query(query)
         try:
-            return float(answer)
+            value = float(answer)
         except ValueError:
             self.link.clear()
             raise LinkError(
                 f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is not a number; "
                 f"check the cable at {self.link.name}"
             ) from None
+        if not abs(value) < SCPI_INFINITY:
+            raise LinkError(f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is no value")
+        return value
 
     def write_checked(self, command: str) -> None:
         """Send a command and check the instrument's error queue.

@@ -22,6 +22,7 @@ from .events import RunResumed as RunResumed
 from .events import RunStarted as RunStarted
 from .events import SettlingFinished as SettlingFinished
 from .events import ShutdownStarted as ShutdownStarted
+from .events import SpecimenMayBeLive as SpecimenMayBeLive
 from .events import StreamStarted as StreamStarted
 from .events import event_record as event_record
 from .jsonable import to_jsonable as to_jsonable

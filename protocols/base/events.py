@@ -190,6 +190,20 @@ class ShutdownStarted:
 
 
 @dataclass(frozen=True, slots=True)
+class SpecimenMayBeLive:
+    """A start, arming or an answer failed while high voltage may be on; the source is brought to rest next.
+
+    `low_v` and `high_v` are the lowest and highest volts at the amplifier's input in the card's last block, NaN if there was
+    none; `words` has the reason and what to do by hand.
+    """
+
+    kind: ClassVar[str] = "MayBeLive"
+    low_v: float
+    high_v: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
 class RestMeasured:
     """The drive as measured by the card at the end."""
 
@@ -244,6 +258,7 @@ Event = (
     | LogMessage
     | InjectedFaultChanged
     | ShutdownStarted
+    | SpecimenMayBeLive
     | RestMeasured
     | RunEnded
 )

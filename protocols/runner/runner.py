@@ -3,18 +3,20 @@
 import contextlib
 import importlib
 import logging
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from drivers import ArmedBench, Bench, BenchError, UnsafeError
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, Bench, BenchError, LiveWarning, UnsafeError
 from protocols.base import (
     BenchArmed,
     CurveReady,
     EntryStarted,
     EstimatedQuantity,
+    Event,
     EventBus,
     LogMessage,
     Operator,
@@ -30,6 +32,7 @@ from protocols.base import (
     RunStarted,
     RunStatus,
     ShutdownStarted,
+    SpecimenMayBeLive,
     StreamStarted,
     Verdict,
     judge,
@@ -126,6 +129,7 @@ class Runner:
                 self._operator_actions,
                 self._on_stream_started,
                 protocol.high_voltage,
+                self._warn_of_live_specimen,
             ) as armed:
                 self._recorder.publish(BenchArmed(protocol.high_voltage))
                 try:
@@ -146,10 +150,20 @@ class Runner:
             status, reason = RunStatus.FAILED, str(error)
         except KeyboardInterrupt:
             status, reason = RunStatus.STOPPED, f"interrupted after {len(self._plan_progress.measured)} points"
-        except Exception as error:
+        except BaseException as error:  # SystemExit too, which a driver may raise: the end of a run is always reported
             log.exception("the run failed by an error of this program")
             status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
         return self._finish(status, reason)
+
+    def _warn_of_live_specimen(self, warning: LiveWarning) -> None:
+        self._publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
+
+    def _publish_always(self, event: Event) -> None:
+        """Store and publish an event; only publish it if the disk is full, for safety must be reported."""
+        try:
+            self._recorder.publish(event)
+        except StorageError:
+            self._recorder.notify(event)
 
     def _start(self) -> None:
         rehearsal = rehearse(
@@ -269,17 +283,18 @@ class Runner:
         """Record how the run ended: in the file if it can be written, and always to the observers."""
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
-        rest = self._armed.final_rest if self._armed is not None else None
+        armed = self._armed
+        rest = armed.final_rest if armed is not None else None
         if rest is not None:
-            event = RestMeasured(rest.confirmed, rest.measured_v, rest.message)
-            try:
-                self._recorder.publish(event)
-            except StorageError:
-                self._recorder.notify(event)  # safety must be reported even if the disk is full
+            self._publish_always(RestMeasured(rest.confirmed, rest.measured_v, rest.message))
+        elif status is RunStatus.UNSAFE or (armed is not None and armed.high_voltage_may_be_on):
+            if status is not RunStatus.UNSAFE:  # the shutdown itself was interrupted
+                status, reason = RunStatus.UNSAFE, f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. The run had ended before: {reason}"
+            self._publish_always(RestMeasured(False, math.nan, "rest could not be measured"))
         estimates: tuple[EstimatedQuantity, ...] = ()
         try:
             estimates = self._protocol.estimates(self._plan_progress.points)
-        except Exception as error:
+        except BaseException as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
         verdict = self._judge(status, reason)

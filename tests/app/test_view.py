@@ -92,6 +92,7 @@ def view_after(*events: WindowEvent) -> WindowState:
         (LOST, BenchState.UNSAFE),
         ((*LOST, OperatorAction.ACKNOWLEDGE), BenchState.UNSAFE),
         ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, FAILED), BenchState.UNSAFE),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, *(RunRequested("x"), STARTED, FAILED) * 2), BenchState.UNSAFE),
         ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), RunRejected("no permission")), BenchState.UNSAFE),
         ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, BenchArmed()), BenchState.LIVE),
         ((*LOST, BenchFailed("gone")), BenchState.UNSAFE),

@@ -179,3 +179,33 @@ def test_what_is_no_failure_of_the_instrument_breaks_the_way_off() -> None:
     with pytest.raises(BenchError, match="watchdog"):
         amplifier.return_to_rest()
     assert source.told == []
+
+
+@pytest.mark.parametrize("nothing_v", [float("nan"), float("inf"), 9.91e37])
+def test_an_idle_level_that_is_no_number_is_refused_and_the_way_to_rest_is_taken_as_the_longest(
+    nothing_v: float,
+) -> None:
+    amplifier, source = guard()
+    source.idle_level_v = lambda: nothing_v  # type: ignore[method-assign]
+    with pytest.raises(InstrumentError, match="which is no level"):
+        amplifier.start_drive(Hold(4.0, 1.0))
+    assert source.told == []
+    with pytest.raises(InstrumentError, match="which is no level"):
+        amplifier.return_to_rest()
+    assert source.told == ["stop", Ramp(2.5, 2.5, 0.5)]
+
+
+@pytest.mark.parametrize("error", [ValueError("a driver's own"), SystemExit(3), InstrumentError("it did not stop")])
+def test_no_error_in_stopping_prevents_the_ramp_and_it_is_told_before_the_ramp(error: BaseException) -> None:
+    amplifier, source = guard()
+    amplifier.start_drive(Hold(4.0, 1.0))
+    source.told.clear()
+    amplifier.on_failure = source.told.append
+
+    def stop() -> None:
+        raise error
+
+    source.stop = stop  # type: ignore[method-assign]
+    with pytest.raises(type(error)):
+        amplifier.return_to_rest()
+    assert source.told == [error, Ramp(4.0, 2.5, 0.3)]

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from app.session.bench_connection import BenchConnection
-from drivers.bench.bench import ArmedBench, Bench
+from drivers.bench.bench import ArmedBench, Bench, LiveWarning
+from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
 from drivers.interfaces import Block
@@ -139,6 +140,35 @@ def test_unrecoverable_rest_is_unsafe_with_measured_voltages(lab: BenchConnectio
     assert "after high voltage was enabled" in str(failed.value.__cause__)
 
 
+class Kept(NoWatchdog):
+    """Keeps what is written into the log."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+
+    def log(self, message: str) -> None:
+        self.lines.append(message)
+
+
+def test_rest_that_is_not_confirmed_is_written_into_the_watchdogs_log(lab: BenchConnection) -> None:
+    lab.bench.watchdog = kept = Kept()
+    with pytest.raises(UnsafeError), live(lab):
+        lab.control.inject("drive-cable-off")
+    assert [line[:62] for line in kept.lines] == ["the program could not confirm rest: the card sees 0.000 V (low"]
+
+
+def test_a_level_moved_by_the_hands_on_the_specimen_keeps_high_voltage_off(lab: BenchConnection) -> None:
+    hand = Hand(lab.control)
+    with pytest.raises(BenchError, match=r"high voltage stays off: the card sees 2\.6"), live(lab, hand) as armed:  # noqa: PT012
+        with armed.specimen_access(hand):
+            panel(lab.control, "VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.6")
+        raise AssertionError("high voltage came on")
+    assert hand.told == ["off", "on", "off"]
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
+
+
 # -- the card that cannot be opened --------------------------------------------------------------------------------------
 
 
@@ -245,6 +275,17 @@ def test_dead_link_during_shutdown_is_reopened_and_level_ramped_down(lab: BenchC
     ended_well(lab)
 
 
+def test_a_burst_that_cannot_be_stopped_is_waited_for_before_rest_is_judged(lab: BenchConnection) -> None:
+    with live(lab) as armed:
+        armed.start_drive(Sine(100.0, 1.0, 2.5, 600))
+        lab.control.inject("scpi-dropped")
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
+    assert "The source did not obey" in armed.final_rest.message
+    lab.control.clear()
+    ended_well(lab)
+
+
 def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(lab: BenchConnection) -> None:
     with pytest.raises(AcquisitionError, match="lost samples"), live(lab) as armed:  # noqa: PT012
         armed.start_drive(Sine(100.0, 1.0, 2.5, 200))
@@ -290,3 +331,93 @@ def test_unexpected_level_is_ramped_to_rest_before_reporting_unsafe(
     assert armed.final_rest.confirmed
     lab.bench.clock.sleep(0.05)
     assert lab.control.report().ends_at_rest
+
+
+# -- the specimen may be live ----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def warned(lab: BenchConnection, warnings: list[LiveWarning]) -> Iterator[ArmedBench]:
+    """A live bench; what the card saw at the moment of each warning is what it sees then."""
+
+    def warn(warning: LiveWarning) -> None:
+        assert lab.control.report().end_v == pytest.approx(warning.low_v, abs=0.05) or warning.low_v != warning.low_v
+        warnings.append(warning)
+
+    hand = Hand(lab.control)
+    with lab.bench.armed(RATE_HZ, lambda _: None, hand, on_warning=warn) as armed:
+        yield armed
+
+
+def test_a_source_that_does_not_answer_is_told_with_the_volts_before_the_program_acts(lab: BenchConnection) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(LinkError), warned(lab, warnings) as armed:  # noqa: PT012
+        armed.start_drive(Hold(3.0, 10.0))
+        for _ in range(3):
+            armed.read_block()
+        lab.control.inject("scpi-silent")
+        try:
+            armed.start_drive(Hold(3.5, 10.0))
+        finally:
+            lab.control.clear()
+    (warning,) = warnings
+    assert warning.low_v == pytest.approx(3.0, abs=0.02)
+    assert "no answer to" in warning.message
+    assert "The card last saw 3.0" in warning.message
+    assert (
+        "about 300 V on the specimen if the high voltage is on. By hand, now: switch the high voltage OFF"
+        in warning.message
+    )
+    ended_well(lab)
+
+
+def test_a_drive_that_an_earlier_program_left_is_told_and_at_rest_before_the_operator_is_asked(
+    lab: BenchConnection,
+) -> None:
+    with live(lab):
+        pass
+    source = lab.bench.amplifier._source
+    lab.bench._high_voltage_enabled = False  # another program than the one that switched it on
+    source.ramp_to(1.2, 0.3)
+    warnings: list[LiveWarning] = []
+    with warned(lab, warnings):
+        pass
+    (warning,) = warnings
+    assert warning.low_v == pytest.approx(1.2, abs=0.02)
+    assert "an earlier program left a drive or a level on the source" in warning.message
+    ended_well(lab)
+
+
+def test_without_a_card_a_source_that_an_earlier_program_left_live_is_commanded_to_rest_and_unsafe(
+    lab: BenchConnection,
+) -> None:
+    with live(lab):
+        pass
+    lab.bench._high_voltage_enabled = False
+    lab.bench.amplifier._source.ramp_to(1.2, 0.3)
+    lab.control.inject("card-unplugged")
+    warnings: list[LiveWarning] = []
+    with pytest.raises(UnsafeError, match="UNSAFE: rest could not be confirmed"), warned(lab, warnings):
+        pass
+    assert "The specimen may be live: the card cannot be had: " in warnings[0].message
+    lab.bench.clock.sleep(0.05)
+    assert lab.control.report().ends_at_rest
+
+
+def test_a_card_lost_in_mid_run_is_told_at_once(lab: BenchConnection) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(UnsafeError), warned(lab, warnings) as armed:  # noqa: PT012
+        armed.start_drive(Hold(3.0, 10.0))
+        for _ in range(12):
+            armed.read_block()
+        lab.control.inject("card-unplugged")
+        armed.read_block()
+    assert warnings[0].low_v == pytest.approx(3.0, abs=0.02)
+    ended_well(lab)
+
+
+def test_what_is_no_fault_of_an_instrument_is_not_told_as_danger(lab: BenchConnection) -> None:
+    warnings: list[LiveWarning] = []
+    with pytest.raises(BenchError, match="no meter"), warned(lab, warnings):
+        raise BenchError("this bench has no meter")
+    assert warnings == []

@@ -26,6 +26,7 @@ IN_FILES = {
     "Noted",
     "FaultSwitched",
     "GoingToRest",
+    "MayBeLive",
     "AtRest",
     "RunEnded",
 }

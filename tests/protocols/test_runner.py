@@ -111,7 +111,7 @@ def test_stop_at_any_moment_goes_to_rest_and_keeps_what_was_measured(moment: typ
         assert len(file.points()["frequency"]) == len(ran.points)
 
 
-@pytest.mark.parametrize("error", [RuntimeError("boom"), KeyboardInterrupt(), ZeroDivisionError("1/0")])
+@pytest.mark.parametrize("error", [RuntimeError("boom"), KeyboardInterrupt(), SystemExit(1)])
 def test_an_exception_in_a_protocol_goes_to_rest_and_is_told(error: BaseException, tmp_path: Path, caplog: Any) -> None:
     def explode() -> Step:
         raise error
@@ -121,6 +121,40 @@ def test_an_exception_in_a_protocol_goes_to_rest_and_is_told(error: BaseExceptio
     assert ran.status == (RunStatus.STOPPED if isinstance(error, KeyboardInterrupt) else RunStatus.FAILED)
     assert any(isinstance(e, RestMeasured) and e.confirmed for e in ran.events)
     assert isinstance(ran.events[-1], RunEnded)
+
+
+@pytest.mark.parametrize("method", ["start_drive", "stop"])
+def test_a_driver_that_ends_the_interpreter_ends_the_run_at_measured_rest(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any
+) -> None:
+    with laboratory() as lab:
+        source = lab.bench.amplifier._source
+
+        def leave(*_: object) -> None:
+            monkeypatch.undo()
+            raise SystemExit(1)
+
+        monkeypatch.setattr(source, method, leave)
+        ran = run(SHORT, tmp_path, lab)
+    assert ran.status == RunStatus.FAILED
+    assert "SystemExit" in ran.reason
+    assert any(isinstance(e, RestMeasured) and e.confirmed for e in ran.events)
+    assert isinstance(ran.events[-1], RunEnded)
+    with Run(ran.path) as file:
+        assert file.status == RunStatus.FAILED
+
+
+@pytest.mark.breaks_the_drive
+def test_a_way_to_rest_that_is_interrupted_is_unsafe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("drivers.bench.shutdown.SafeShutdown.run", interrupted)
+    with laboratory() as lab:
+        ran = run(SHORT, tmp_path, lab, safe=False)
+    assert ran.status == RunStatus.UNSAFE
+    assert ran.reason.startswith("UNSAFE: rest could not be confirmed.")
+    assert [e.confirmed for e in ran.events if isinstance(e, RestMeasured)] == [False]
 
 
 def test_an_observer_that_fails_does_not_hurt_the_run(tmp_path: Path, caplog: Any) -> None:
