@@ -96,7 +96,9 @@ class SafeShutdown:
         """Go to rest and measure it; also return what `block_sink` raised. Never raises, and no failing sink stops it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
             trouble = self.command_rest(self.amplifier.return_to_rest)
-            left_s = min(self.amplifier.remaining_s, MAX_DRIVE_WAIT_S) if trouble else 0.0
+            remaining_s = self.amplifier.remaining_s
+            # A held level does not end by itself: waiting for it would only delay the report.
+            left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if trouble and math.isfinite(remaining_s) else 0.0
             rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
                 # The source obeyed, or had nothing to do, but the card measures otherwise: the assumed state is wrong.
