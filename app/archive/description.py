@@ -141,9 +141,9 @@ def injected_faults(run: Run) -> list[InjectedFault]:
 def _fault_lines(run: Run) -> list[str]:
     """Return a line for each fault, those of the resumed run included: its points are carried over."""
     lines = [broken.description for broken in injected_faults(run)]
-    if (earlier := run.resumed_from) is not None and earlier.exists():
+    for earlier in reversed(run.earlier_runs()):
         with Run(earlier) as before:
-            lines += [f"{words}, in {earlier.name}" for words in _fault_lines(before)]
+            lines += [f"{broken.description}, in {earlier.name}" for broken in injected_faults(before)]
     return lines
 
 

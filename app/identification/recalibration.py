@@ -14,6 +14,7 @@ from drivers import LaserSensor
 from model import Array
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
 from protocols.resume import protocol_of_run
+from protocols.runfile.open import reads_run
 from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 
@@ -95,6 +96,7 @@ class Correction:
         }
 
 
+@reads_run
 class RecalibratedRun(Run):
     """Run file read with another calibration: card volts as recorded, metres and specimen volts as corrected."""
 
@@ -148,9 +150,13 @@ class RecalibratedRun(Run):
     def _latest_recordings(self) -> dict[int, list[Recording]]:
         """Return the recordings of each point: since the last start of its entry, in the file that last measured it."""
         found: dict[int, list[Recording]] = {}
-        if (earlier := self.resumed_from) is not None and earlier.exists():
+        for earlier in self.earlier_runs():
             with RecalibratedRun(earlier, self._correction) as before:
-                found = before._latest_recordings()
+                before._add_recordings(found)
+        self._add_recordings(found)
+        return found
+
+    def _add_recordings(self, found: dict[int, list[Recording]]) -> None:
         own, begun = list(self.trace.recordings()), dict[int, int]()
         for event in self.events():
             if event.kind == EntryStarted.kind:
@@ -160,7 +166,6 @@ class RecalibratedRun(Run):
                 since = begun.get(entry, 0)
                 mine = [r for r in own if r.entry == entry and since <= r.rows[0] and r.rows[1] <= event.row]
                 found[entry] = mine or found.get(entry, [])  # a point carried over has no recordings in this file
-        return found
 
 
 def _format_value(value: object) -> str:

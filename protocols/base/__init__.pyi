@@ -58,6 +58,10 @@ from .steps import SettlingResult as SettlingResult
 from .steps import Step as Step
 from .steps import StepResult as StepResult
 from .steps import WaitForDetection as WaitForDetection
+from .text import check_values as check_values
+from .text import parse_json_object as parse_json_object
+from .text import visible_text as visible_text
+from .text import visible_values as visible_values
 from .verdict import CheckResult as CheckResult
 from .verdict import Outcome as Outcome
 from .verdict import RunStatus as RunStatus

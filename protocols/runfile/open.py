@@ -1,18 +1,24 @@
 """Opening a run file for reading in any state: finished, growing, crashed or damaged."""
 
 import ctypes
+import inspect
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from protocols.base import RunStatus
-from protocols.runfile.schema import is_hdf5
+from protocols.base import RunStatus, visible_text
+from protocols.runfile.fields import attribute_integer, attribute_text, read_text
+from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
+from protocols.runfile.structure import StructureError, check_structure
 
 if TYPE_CHECKING:
     import h5py
+
+T = TypeVar("T")
 
 READ_ATTEMPTS = 24
 """For a piece of a growing file; together they take some ten milliseconds."""
@@ -35,6 +41,8 @@ def translate_read_errors(path: Path) -> Iterator[None]:
     """Raise RunReadError for anything that reading a damaged file raises."""
     try:
         yield
+    except StructureError as error:
+        raise RunReadError(f"{path} is not read: {error}, which no run file has; take another copy of it") from error
     except (
         OSError,
         ArithmeticError,
@@ -48,11 +56,39 @@ def translate_read_errors(path: Path) -> Iterator[None]:
         raise RunReadError(f"{path} is damaged inside ({_first_line(error)}); take another copy of it") from error
 
 
+def reads_run(kind: type[T]) -> type[T]:
+    """Make every public property and method of a class with a `path` raise RunReadError for a damaged file."""
+    for name, member in list(vars(kind).items()):
+        if name.startswith("_") or name == "close":
+            continue
+        if isinstance(member, property) and member.fget is not None:
+            setattr(kind, name, property(_translated(member.fget), doc=member.__doc__))
+        elif inspect.isfunction(member):
+            setattr(kind, name, _translated(member))
+    return kind
+
+
+def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(method)
+    def read(self: Any, *arguments: Any, **named: Any) -> Any:
+        with translate_read_errors(self.path):
+            return method(self, *arguments, **named)
+
+    @wraps(method)
+    def iterate(self: Any, *arguments: Any, **named: Any) -> Iterator[Any]:
+        with translate_read_errors(self.path):
+            yield from method(self, *arguments, **named)
+
+    return iterate if inspect.isgeneratorfunction(method) else read
+
+
 def open_run(path: Path) -> "h5py.File":
     """Open the file read-only, whether finished, being written, or left behind by a crash.
 
+    This is the only way to a file that is read: links, storage and sizes of the whole file are checked first.
+
     Raises:
-        RunReadError: it is missing, not an HDF5 file, cut off, or damaged.
+        RunReadError: it is missing, not an HDF5 file, cut off, damaged, or built as no file of this program is.
     """
     _check_readable(path)
     import h5py  # slow to import, and the window is painted first
@@ -60,24 +96,28 @@ def open_run(path: Path) -> "h5py.File":
     # A finished run opens directly, and a cut-off file is reported. A run that is being written, or was left by a
     # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
     try:
-        return h5py.File(path, "r", libver="latest", locking=False)
+        return _checked(path, h5py.File(path, "r", libver="latest", locking=False))
     except (OSError, ValueError) as error:
         failure: Exception = error
     if "locking flag" in str(failure):  # a caller of this process has it open with locks; HDF5 wants the same once more
         with suppress(OSError, ValueError):
-            return h5py.File(path, "r", libver="latest")
+            return _checked(path, h5py.File(path, "r", libver="latest"))
     cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
-    file = None
     try:
         file = h5py.File(
             h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _bounded_retry_access())
         )
-        # A full disk leaves a short file too, but never one whose status is that of a regular end.
-        if not cut_off or file["entry/status"][()].decode() in (RunStatus.RUNNING, RunStatus.FAILED):
-            return file
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         failure = failure if cut_off else error
-    if file is not None:
+    else:
+        try:
+            with translate_read_errors(path):
+                # A full disk leaves a short file too, but never one whose status is that of a regular end.
+                if not cut_off or _has_irregular_end(path, file):
+                    return _checked(path, file)
+        except RunReadError as error:
+            if not cut_off or isinstance(error.__cause__, StructureError):
+                raise
         file.close()  # else HDF5 returns the same damaged file at the next opening
     if cut_off:
         present, expected = cut_off.groups()
@@ -85,6 +125,40 @@ def open_run(path: Path) -> "h5py.File":
             f"{path} is cut off, as a half-copied file is: {present} of {expected} bytes are there; copy it again"
         )
     raise RunReadError(f"{path} is damaged and cannot be opened ({_first_line(failure)}); take another copy of it")
+
+
+def _has_irregular_end(path: Path, file: "h5py.File") -> bool:
+    _check_file(path, file)
+    return read_text(file["entry"], "status") in (RunStatus.RUNNING, RunStatus.FAILED)
+
+
+def _check_file(path: Path, file: "h5py.File") -> None:
+    """Raise RunReadError for a file that is no run, or built as no run is."""
+    kind, version = "", 0
+    with translate_read_errors(path):
+        if "format" in file.attrs:
+            with suppress(ValueError):  # another program's
+                kind = attribute_text(file, "format")
+        if kind == FORMAT:
+            version = attribute_integer(file, "format_version") if "format_version" in file.attrs else 0
+    if kind != FORMAT:
+        raise NotARunError(f"{path} is an HDF5 file, but not a run of this program")
+    if version > FORMAT_VERSION:
+        raise NewerFormatError(
+            f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
+        )
+    with translate_read_errors(path):
+        check_structure(file)
+
+
+def _checked(path: Path, file: "h5py.File") -> "h5py.File":
+    """Return the file if it is a run that may be read; close it otherwise."""
+    try:
+        _check_file(path, file)
+    except RunReadError:
+        file.close()
+        raise
+    return file
 
 
 def _check_readable(path: Path) -> None:
@@ -124,4 +198,4 @@ def _bounded_retry_access() -> "h5py.h5p.PropFAID":
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    return visible_text((str(error) or type(error).__name__).splitlines()[0])

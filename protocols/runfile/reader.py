@@ -1,6 +1,5 @@
 """Run file reader: a run that is finished, still being written, or left behind by a crash."""
 
-import json
 import os
 import socket
 from collections.abc import Iterator
@@ -12,9 +11,42 @@ import numpy as np
 
 from drivers import Closeable, LaserSensor
 from model import AmplifierMap, Array
-from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus, Verdict
-from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
-from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION, VERDICT_VERSION
+from protocols.base import (
+    CurveColumn,
+    EntryStarted,
+    EstimatedQuantity,
+    Recording,
+    ResultCurve,
+    RunStatus,
+    Verdict,
+    parse_json_object,
+    visible_text,
+    visible_values,
+)
+from protocols.runfile.fields import (
+    ROWS_PER_READ,
+    attribute_integer,
+    attribute_text,
+    column,
+    quantity_columns,
+    read_integer,
+    read_number,
+    read_object,
+    read_raw_text,
+    read_text,
+    subgroup,
+    table,
+)
+from protocols.runfile.open import (
+    NewerFormatError,
+    NotARunError,
+    RunReadError,
+    open_run,
+    reads_run,
+    translate_read_errors,
+)
+from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, VERDICT_VERSION
+from protocols.runfile.structure import StructureError, is_run_beside
 from protocols.runfile.trace import RunTrace, read_sensor
 
 if TYPE_CHECKING:
@@ -41,29 +73,22 @@ class StartedEntry:
     key: tuple[float | str, ...]
 
 
+MAX_EARLIER_RUNS = 1000
+"""Runs that one run continues, one after the other."""
+
+
+@reads_run
 class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
-        RunReadError: the file is missing, is no run, or comes from a newer version of this program.
+        RunReadError: the file is missing, is no run, is damaged or hostile, or comes from a newer version of this
+            program. Every property and method raises it where the damage is met only then.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file = open_run(path)
-        try:
-            with translate_read_errors(path):
-                kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
-        except RunReadError:
-            self.close()
-            raise
-        if kind != FORMAT or version > FORMAT_VERSION:
-            self.close()
-            if kind != FORMAT:
-                raise NotARunError(f"{path} is an HDF5 file, but not a run of this program")
-            raise NewerFormatError(
-                f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
-            )
 
     def close(self) -> None:
         """Close the file."""
@@ -79,7 +104,7 @@ class Run(Closeable):
         """Whether the status is `running` but the writing process is gone (known on the same computer only)."""
         if self.status is not RunStatus.RUNNING or self._text("host") != socket.gethostname():
             return False
-        return not _process_is_alive(int(self._entry["process_id"][()]))
+        return not _process_is_alive(read_integer(self._entry, "process_id"))
 
     @property
     def state(self) -> str:
@@ -91,7 +116,7 @@ class Run(Closeable):
     @property
     def imported(self) -> dict[str, Any]:
         """Source files, hashes and columns of an imported run; empty for a measured one."""
-        return dict(json.loads(self._text("imported"))) if "imported" in self._entry else {}
+        return read_object(self._entry, "imported") if "imported" in self._entry else {}
 
     @property
     def reason(self) -> str:
@@ -106,20 +131,37 @@ class Run(Closeable):
             RunReadError: the stored verdict is damaged.
         """
         if "verdict_details" not in self._entry:
-            if self._file.attrs["format_version"] >= VERDICT_VERSION and self.status not in (
+            if attribute_integer(self._file, "format_version") >= VERDICT_VERSION and self.status not in (
                 RunStatus.RUNNING,
                 RunStatus.COMPLETED,
             ):
                 return Verdict.of_status(self.status, self.reason)
             return Verdict()
-        with translate_read_errors(self.path):
-            return Verdict.from_record(json.loads(self._text("verdict_details")))
+        verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
+        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
+        return verdict
 
     @property
     def resumed_from(self) -> Path | None:
         """The run that this one resumed."""
-        earlier = self._text("continues") if "continues" in self._entry else ""
+        earlier = read_raw_text(self._entry, "continues") if "continues" in self._entry else ""
+        if earlier and not is_run_beside(earlier):
+            raise StructureError(f"it continues '{visible_text(earlier)}'")
         return self.path.parent / earlier if earlier else None
+
+    def earlier_runs(self) -> list[Path]:
+        """Return the runs that this one continues, the oldest first, as far back as their files are there."""
+        found: list[Path] = []
+        known = {self.path.resolve()}
+        earlier = self.resumed_from
+        while earlier is not None and earlier.exists():
+            if earlier.resolve() in known or len(found) == MAX_EARLIER_RUNS:
+                raise StructureError(f"it continues {earlier.name}, which continues this run in its turn")
+            known.add(earlier.resolve())
+            found.append(earlier)
+            with Run(earlier) as before:
+                earlier = before.resumed_from
+        return found[::-1]
 
     @property
     def protocol(self) -> str:
@@ -144,12 +186,12 @@ class Run(Closeable):
     @property
     def parameters(self) -> dict[str, Any]:
         """The protocol's parameters by name, SI."""
-        return dict(json.loads(self._text("parameters")))
+        return read_object(self._entry, "parameters")
 
     @property
     def configuration(self) -> dict[str, Any]:
         """The bench file's tables at the time of the run."""
-        return dict(json.loads(self._text("configuration")))
+        return read_object(self._entry, "configuration")
 
     @property
     def amplifier_map(self) -> AmplifierMap:
@@ -160,12 +202,12 @@ class Run(Closeable):
     @property
     def software(self) -> dict[str, str]:
         """Versions of the software that computed the results, by name."""
-        return dict(json.loads(self._text("software")))
+        return read_object(self._entry, "software")
 
     @property
     def simulated(self) -> bool:
         """Whether the bench was simulated."""
-        return bool(self._entry["simulated"][()])
+        return bool(read_integer(self._entry, "simulated"))
 
     @property
     def sensor(self) -> LaserSensor:
@@ -175,18 +217,18 @@ class Run(Closeable):
     @property
     def trace(self) -> RunTrace:
         """The sampled data."""
-        return RunTrace(self._entry, lambda: self.sensor)
+        return RunTrace(self.path, self._entry, lambda: self.sensor)
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings, in order, exactly as in the live run; those of the resumed run first."""
-        if (earlier := self.resumed_from) is not None and earlier.exists():
+        for earlier in self.earlier_runs():
             with Run(earlier) as before:
-                yield from before.recordings()
+                yield from before.trace.recordings()
         yield from self.trace.recordings()
 
     def points(self) -> dict[str, Array]:
         """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
-        datasets = _columns(self._entry["points"])
+        datasets = quantity_columns(subgroup(self._entry, "points"))
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
@@ -195,91 +237,112 @@ class Run(Closeable):
     @property
     def point_count(self) -> int:
         """Number of points, without reading them."""
-        return next((int(column.shape[0]) for column in _columns(self._entry["points"]).values()), 0)
+        return next((int(column.shape[0]) for column in quantity_columns(subgroup(self._entry, "points")).values()), 0)
 
     @property
     def entry_count(self) -> int:
         """How many entries of the plan have a point."""
-        entries = self._entry["points"].get(ENTRY_COLUMN)
-        return self.point_count if entries is None else len(set(entries[: self.point_count].tolist()))
+        points = subgroup(self._entry, "points")
+        if ENTRY_COLUMN not in points:
+            return self.point_count
+        return len(set(column(points, ENTRY_COLUMN)[: self.point_count].tolist()))
 
     @property
     def axes(self) -> tuple[str, str]:
         """The columns that are plotted: x and y."""
-        group = self._entry["points"]
-        return str(group.attrs["axes"][0]), str(group.attrs["signal"])
+        group = subgroup(self._entry, "points")
+        return attribute_text(group, "axes"), attribute_text(group, "signal")
 
     def units(self) -> dict[str, str]:
         """Return the units of the points' columns."""
-        return {name: str(data.attrs["units"]) for name, data in _columns(self._entry["points"]).items()}
+        columns = quantity_columns(subgroup(self._entry, "points"))
+        return {name: attribute_text(data, "units") for name, data in columns.items()}
 
     def events(self) -> Iterator[LoggedEvent]:
         """Yield the logged events, in order."""
-        texts: list[tuple[Any, bytes]] = []
-        for row in self._entry["events"][:]:
-            first, text = texts.pop() if texts and row["kind"] == b"+" else (row, b"")
-            texts.append((first, text + row["text"]))
-        for row, text in texts:
-            event = json.loads(text.decode())
-            yield LoggedEvent(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(event))
+        events = table(self._entry, "events", EVENT_DTYPE.names or ())
+        first: Any = None
+        texts: list[bytes] = []
+        for start in range(0, len(events), ROWS_PER_READ):
+            for row in events[start : start + ROWS_PER_READ]:
+                if row["kind"] != CONTINUED_EVENT:
+                    if first is not None:
+                        yield _event(first, texts)
+                    first, texts = row, []
+                first = row if first is None else first
+                texts.append(row["text"])
+        if first is not None:
+            yield _event(first, texts)
 
     def entries(self) -> dict[int, StartedEntry]:
         """Return the started entries by their index in the plan, including those of the resumed run."""
         found: dict[int, StartedEntry] = {}
-        if (earlier := self.resumed_from) is not None and earlier.exists():
+        for earlier in self.earlier_runs():
             with Run(earlier) as before:
-                found = before.entries()
-        for event in self.events():
-            if event.kind == EntryStarted.kind:
-                found[event.fields["index"]] = StartedEntry(event.fields["label"], tuple(event.fields["key"]))
-        return found
+                found |= before._own_entries()
+        return found | self._own_entries()
 
     def curves(self) -> tuple[ResultCurve, ...]:
         """Return the result curves; none in a run that was never finished."""
-        return tuple(
-            ResultCurve(
-                name=str(group.attrs["name"]),
-                label=str(group.attrs["label"]),
-                x=str(group.attrs["axes"][0]),
-                y=str(group.attrs["signal"]),
-                columns={
-                    name: CurveColumn(
-                        np.asarray(data[:], float),
-                        str(data.attrs["units"]),
-                        str(data.attrs["long_name"]).rpartition(" (")[0],
-                    )
-                    for name, data in _columns(group).items()
-                },
-                entry=int(group.attrs["entry"]),
-            )
-            for group in self._entry.get("curves", {}).values()
-        )
+        curves = subgroup(self._entry, "curves") if "curves" in self._entry else {}
+        return tuple(_curve(subgroup(curves, name)) for name in curves)
 
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
-        group = self._entry.get("estimates", {})
+        estimates = subgroup(self._entry, "estimates") if "estimates" in self._entry else {}
         return tuple(
             EstimatedQuantity(
-                name.replace("_", " "),
-                float(one["value"][()]),
-                float(one["standard_error"][()]),
-                str(one["value"].attrs["units"]),
-                one["source"].asstr()[()],
+                visible_text(name.replace("_", " ")),
+                read_number(one, "value"),
+                read_number(one, "standard_error"),
+                attribute_text(one["value"], "units"),
+                read_text(one, "source"),
             )
-            for name, one in group.items()
+            for name in estimates
+            for one in (subgroup(estimates, name),)
         )
+
+    def _own_entries(self) -> dict[int, StartedEntry]:
+        return {
+            int(event.fields["index"]): StartedEntry(
+                visible_text(str(event.fields["label"])), tuple(event.fields["key"])
+            )
+            for event in self.events()
+            if event.kind == EntryStarted.kind
+        }
 
     @property
     def _entry(self) -> "h5py.Group":
-        return self._file["entry"]
+        return subgroup(self._file, "entry")
 
     def _text(self, name: str) -> str:
-        value = self._entry[name][()]
-        return value.decode() if isinstance(value, bytes) else str(value)
+        return read_text(self._entry, name)
 
 
-def _columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
-    """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
-    return {name: data for name, data in group.items() if "units" in data.attrs}
+def _event(row: Any, texts: list[bytes]) -> LoggedEvent:
+    fields = visible_values(parse_json_object(b"".join(texts).decode()))
+    return LoggedEvent(float(row["time_s"]), int(row["row"]), visible_text(row["kind"].decode()), fields)
+
+
+def _curve(group: "h5py.Group") -> ResultCurve:
+    columns = {
+        name: CurveColumn(
+            np.asarray(data[:], float),
+            attribute_text(data, "units"),
+            attribute_text(data, "long_name").rpartition(" (")[0],
+        )
+        for name, data in quantity_columns(group).items()
+    }
+    x, y = attribute_text(group, "axes"), attribute_text(group, "signal")
+    if {columns[name].values.shape for name in columns} - {columns[x].values.shape} or y not in columns:
+        raise ValueError(f"the columns of {group.name} differ in length")
+    return ResultCurve(
+        name=attribute_text(group, "name"),
+        label=attribute_text(group, "label"),
+        x=x,
+        y=y,
+        columns=columns,
+        entry=attribute_integer(group, "entry"),
+    )
 
 
 def _process_is_alive(pid: int) -> bool:

@@ -22,6 +22,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 MAX_TEXT_BYTES = 1000
 """Longest text of one event row; longer texts continue in rows of kind `+`."""
+CONTINUED_EVENT = b"+"
 
 EVENT_DTYPE = np.dtype([("time_s", "f8"), ("row", "i8"), ("kind", "S24"), ("text", f"S{MAX_TEXT_BYTES}")])
 BLOCK_DTYPE = np.dtype([("row", "i8"), ("scan", "i8"), ("time_s", "f8")])

@@ -1,7 +1,7 @@
 """Run trace: samples of a run file as counts, volts and metres, and its recordings."""
 
-import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from model import Array
-from protocols.base import ChannelCalibration, Quality, Recording
-from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
+from protocols.base import ChannelCalibration, Quality, Recording, parse_json_object
+from protocols.runfile.fields import column, read_number, read_text, subgroup, table
+from protocols.runfile.open import reads_run
+from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN, MAX_SCALING_COEFFICIENTS
 
 if TYPE_CHECKING:
     import h5py
@@ -18,41 +20,48 @@ if TYPE_CHECKING:
 
 def read_sensor(entry: "h5py.Group") -> LaserSensor:
     """Return the displacement sensor of a run file."""
-    group = entry["instrument/displacement_sensor"]
-    number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
+    group = subgroup(entry, "instrument/displacement_sensor")
     return LaserSensor(
-        name=group["name"].asstr()[()],
-        gain_m_per_v=number["gain"],
-        zero_v=number["zero"],
-        valid_low_v=float(group["valid_low"][()]),
-        valid_high_v=float(group["valid_high"][()]),
-        delay_s=number["delay"],
-        gain_relative_uncertainty=number["gain_relative_uncertainty"],
-        serial=group["serial"].asstr()[()],
-        calibrated=group["calibrated"].asstr()[()],
+        name=read_text(group, "name"),
+        gain_m_per_v=read_number(group, "gain"),
+        zero_v=read_number(group, "zero"),
+        valid_low_v=read_number(group, "valid_low"),
+        valid_high_v=read_number(group, "valid_high"),
+        delay_s=read_number(group, "delay"),
+        gain_relative_uncertainty=read_number(group, "gain_relative_uncertainty"),
+        serial=read_text(group, "serial"),
+        calibrated=read_text(group, "calibrated"),
     )
 
 
+MAX_RECORDED_SHARE = 4
+"""How often a sample may be part of a recording, on average; recordings of a run do not overlap."""
+RECORDING_FIELDS = ("start_row", "stop_row", "quality", "drive")
+
+
+@reads_run
 class RunTrace:
     """The samples of one run file. Rows are counted from its first sample; a growing file has more of them each time.
 
     Args:
-        entry: the file's /entry.
+        path: the file.
+        entry: its /entry.
         sensor: calibration from volts to metres.
     """
 
-    def __init__(self, entry: "h5py.Group", sensor: Callable[[], LaserSensor]) -> None:
+    def __init__(self, path: Path, entry: "h5py.Group", sensor: Callable[[], LaserSensor]) -> None:
+        self.path = path
         self._entry, self._sensor = entry, sensor
 
     @property
     def rate_hz(self) -> float:
         """Scans per second; 0 if the card never ran."""
-        return float(self._entry["trace/sample_rate"][()])
+        return read_number(self._entry, "trace/sample_rate")
 
     @property
     def sample_count(self) -> int:
         """Rows that every channel has."""
-        return min(int(self._entry[f"trace/{name}"].shape[0]) for name in CHANNELS)
+        return min(len(column(self._entry, f"trace/{name}", "i")) for name in CHANNELS)
 
     @property
     def duration_s(self) -> float:
@@ -62,19 +71,21 @@ class RunTrace:
 
     def channel_scale(self, channel: str) -> Scale:
         """Return the scaling of counts to volts."""
-        coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
+        coefficients = tuple(
+            column(self._entry, f"trace/{channel}_scaling_coefficients", "f")[:MAX_SCALING_COEFFICIENTS].tolist()
+        )
         skew = f"trace/{channel}_skew"  # not in files of format 1
-        return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
+        return Scale(coefficients, skew_s=read_number(self._entry, skew) if skew in self._entry else 0.0)
 
     def read_raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
         """Return raw counts, rows start..stop, (N,)."""
         stop = self.sample_count if stop is None else min(stop, self.sample_count)
-        return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
+        return np.asarray(column(self._entry, f"trace/{channel}", "i")[start:stop], np.int16)
 
     def time_s(self, start: int = 0, stop: int | None = None) -> Array:
         """Return scan times of rows start..stop, seconds since the stream began, (N,); gaps are jumps."""
         rows = np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count))
-        blocks = self._entry["blocks"][:]
+        blocks = table(self._entry, "blocks", ("row", "scan"))[:]
         if not len(blocks):
             return rows / self.rate_hz
         at = np.searchsorted(blocks["row"], rows, side="right") - 1
@@ -92,23 +103,31 @@ class RunTrace:
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
         delay_s = self._displacement_delay_s()
-        for index, row in enumerate(self._entry["recordings"][:]):
+        rows = self._recordings[:]
+        if (
+            int(np.abs(rows["stop_row"] - rows["start_row"]).astype(float).sum())
+            > MAX_RECORDED_SHARE * self.sample_count
+        ):
+            raise ValueError("its recordings overlap")
+        for index, row in enumerate(rows):
             yield self._recording(index, row, delay_s)
 
     @property
     def recording_count(self) -> int:
         """How many recordings there are, without reading any."""
-        return len(self._entry["recordings"])
+        return len(self._recordings)
 
     def recording(self, index: int) -> Recording:
         """One recording, without reading the others; a negative index counts from the end."""
-        return self._recording(
-            index % self.recording_count, self._entry["recordings"][index], self._displacement_delay_s()
-        )
+        return self._recording(index % self.recording_count, self._recordings[index], self._displacement_delay_s())
 
     def last_recording(self) -> Recording | None:
         """Return the last recording without reading the others; None if there is none."""
         return self.recording(-1) if self.recording_count else None
+
+    @property
+    def _recordings(self) -> "h5py.Dataset":
+        return table(self._entry, "recordings", RECORDING_FIELDS)
 
     def _displacement_delay_s(self) -> float:
         """Return the delay of displacement against drive: the sensor's delay less the card's skew."""
@@ -116,11 +135,13 @@ class RunTrace:
 
     def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
         rows = (int(row["start_row"]), int(row["stop_row"]))
+        if not 0 <= rows[0] <= rows[1]:
+            raise ValueError(f"recording {index} begins at row {rows[0]} and ends at row {rows[1]}")
         return Recording(
             index=index,
             rows=rows,
             rate_hz=self.rate_hz,
-            drive=from_record(json.loads(row["drive"].decode())),
+            drive=from_record(parse_json_object(row["drive"].decode())),
             drive_v=self.drive_v(*rows),
             displacement_m=self.displacement_m(*rows),
             quality=Quality(int(row["quality"])),

@@ -38,6 +38,7 @@ from protocols.runfile.errors import StorageError, os_error_text, translate_writ
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     CHANNELS,
+    CONTINUED_EVENT,
     ENTRY_COLUMN,
     EVENT_DTYPE,
     FORMAT,
@@ -335,7 +336,10 @@ class RunFileWriter:
             for start in range(0, len(text), MAX_TEXT_BYTES):
                 piece = text[start : start + MAX_TEXT_BYTES]
                 self._append_row(
-                    "events", np.array((time_s, self.row_count, event.kind if start == 0 else "+", piece), EVENT_DTYPE)
+                    "events",
+                    np.array(
+                        (time_s, self.row_count, event.kind if start == 0 else CONTINUED_EVENT, piece), EVENT_DTYPE
+                    ),
                 )
 
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:

@@ -1,0 +1,73 @@
+"""Text from files: control characters made visible, JSON objects of bounded depth and numbers."""
+
+import json
+import re
+from typing import Any
+
+MAX_NESTING = 40
+"""Lists and objects within each other in a JSON or TOML text; the program's own have six."""
+MAX_INTEGER_BITS = 64
+"""Longest integer of a JSON or TOML text."""
+
+CONTROL_CHARACTERS = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Characters that move a terminal's cursor, change its state or its reading direction, and halves of characters."""
+
+
+def visible_text(text: str, multiline: bool = False) -> str:
+    r"""Return a text with control characters as escapes such as `\x1b`; `multiline` keeps line feeds and tabs.
+
+    Text that comes from a file must not give orders to a terminal.
+    """
+    if text.isprintable():
+        return text
+    text = CONTROL_CHARACTERS.sub(_escape, text)
+    return text if multiline else text.replace("\n", r"\n").replace("\t", r"\t")
+
+
+def parse_json_object(text: str) -> dict[str, Any]:
+    """Return the object of a JSON text.
+
+    Raises:
+        ValueError: it is not JSON, not an object, nested too deeply, or has integers beyond 64 bits.
+    """
+    try:
+        value = json.loads(text, parse_int=_parse_integer)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if not isinstance(value, dict):
+        raise ValueError("it is no JSON object")
+    if text.count("[") + text.count("{") > MAX_NESTING:
+        check_values(value)
+    return value
+
+
+def visible_values(value: Any) -> Any:
+    """Return lists and dicts with control characters as escapes in every text; line feeds and tabs are kept."""
+    if isinstance(value, str):
+        return visible_text(value, multiline=True)
+    if isinstance(value, dict):
+        return {visible_text(name): visible_values(inner) for name, inner in value.items()}
+    return [*map(visible_values, value)] if isinstance(value, list) else value
+
+
+def check_values(value: Any, depth: int = 0) -> None:
+    """Raise ValueError for values nested too deeply, and for integers beyond 64 bits."""
+    if depth > MAX_NESTING:
+        raise ValueError("it is nested too deeply")
+    if isinstance(value, int) and value.bit_length() >= MAX_INTEGER_BITS:
+        raise ValueError(f"a number has {len(str(value))} digits")
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        check_values(inner, depth + 1)
+
+
+def _parse_integer(digits: str) -> int:
+    if len(digits) > 20 or (value := int(digits)).bit_length() >= MAX_INTEGER_BITS:
+        raise ValueError(f"a number has {len(digits)} digits")
+    return value
+
+
+def _escape(match: re.Match[str]) -> str:
+    code = ord(match[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

@@ -1,0 +1,119 @@
+"""Typed reading of datasets and attributes: a wrong type or shape is a ValueError that names the place."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from protocols.base import parse_json_object, visible_text, visible_values
+
+if TYPE_CHECKING:
+    import h5py
+
+MAX_ATTRIBUTE_VALUES = 64
+"""Values of an attribute; the program's own have one or two."""
+ROWS_PER_READ = 4096
+"""Rows of a table that are read at once."""
+
+
+def read_text(group: "h5py.Group", name: str) -> str:
+    """Return a text of one line, with control characters escaped."""
+    return visible_text(read_raw_text(group, name))
+
+
+def read_raw_text(group: "h5py.Group", name: str) -> str:
+    """Return a text as stored."""
+    data = _dataset(group, name, "SO", ())
+    value = data[()]
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def read_object(group: "h5py.Group", name: str) -> dict[str, Any]:
+    """Return a JSON object that is stored as text, with control characters escaped."""
+    try:
+        return dict(visible_values(parse_json_object(read_raw_text(group, name))))
+    except ValueError as error:
+        raise ValueError(f"{group.name}/{name}: {error}") from None
+
+
+def read_number(group: "h5py.Group", name: str) -> float:
+    """Return a number."""
+    return float(_dataset(group, name, "iufb", ())[()])
+
+
+def read_integer(group: "h5py.Group", name: str) -> int:
+    """Return an integer or a truth value."""
+    return int(_dataset(group, name, "iub", ())[()])
+
+
+def column(group: "h5py.Group", name: str, kinds: str = "iuf") -> "h5py.Dataset":
+    """Return a dataset of numbers along one axis."""
+    return _dataset(group, name, kinds, (None,))
+
+
+def table(group: "h5py.Group", name: str, names: Collection[str]) -> "h5py.Dataset":
+    """Return a dataset of records with at least these fields."""
+    data = _dataset(group, name, "V", (None,))
+    if missing := [each for each in names if each not in (data.dtype.names or ())]:
+        raise ValueError(f"{data.name} has no {missing[0]}")
+    return data
+
+
+def subgroup(group: "h5py.Group", name: str) -> "h5py.Group":
+    """Return a group in a group."""
+    import h5py
+
+    found = group[name]
+    if not isinstance(found, h5py.Group):
+        raise ValueError(f"{found.name} is no group")
+    return found
+
+
+def quantity_columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
+    """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
+    import h5py
+
+    found = {}
+    for name, data in group.items():
+        if isinstance(data, h5py.Dataset) and "units" in data.attrs:
+            if data.dtype.kind not in "iuf" or data.ndim not in (1, 2):
+                raise ValueError(f"{data.name} is no column of numbers")
+            found[visible_text(name)] = data
+    return found
+
+
+def attribute_texts(of: "h5py.Group | h5py.Dataset", name: str) -> list[str]:
+    """Return an attribute that is a text or several."""
+    attribute = of.attrs.get_id(name)
+    if attribute.dtype.kind not in "SOU" or int(np.prod(attribute.shape, dtype=np.int64)) > MAX_ATTRIBUTE_VALUES:
+        raise ValueError(f"{of.name} has a {name} that is no text")
+    values = np.atleast_1d(of.attrs[name]).ravel().tolist()
+    return [visible_text(value.decode() if isinstance(value, bytes) else str(value)) for value in values]
+
+
+def attribute_text(of: "h5py.Group | h5py.Dataset", name: str) -> str:
+    """Return an attribute that is a text, or the first of several."""
+    texts = attribute_texts(of, name)
+    if not texts:
+        raise ValueError(f"{of.name} has an empty {name}")
+    return texts[0]
+
+
+def attribute_integer(of: "h5py.Group | h5py.Dataset", name: str) -> int:
+    """Return an attribute that is an integer."""
+    attribute = of.attrs.get_id(name)
+    if attribute.dtype.kind not in "iu" or attribute.shape not in ((), (1,)):
+        raise ValueError(f"{of.name} has a {name} that is no integer")
+    return int(np.ravel(of.attrs[name])[0])
+
+
+def _dataset(group: "h5py.Group", name: str, kinds: str, shape: tuple[None, ...]) -> "h5py.Dataset":
+    """Return a dataset of one of the numpy kinds, with as many axes as `shape`."""
+    import h5py
+
+    data = group[name]
+    if not isinstance(data, h5py.Dataset):
+        raise ValueError(f"{group.name}/{name} is a group, not data")
+    if data.dtype.kind not in kinds or data.shape is None or data.ndim != len(shape):
+        raise ValueError(f"{group.name}/{name} has another type or shape than in a run")
+    return data
