@@ -21,7 +21,6 @@ from protocols.base import (
     Verdict,
     parse_json_object,
     visible_text,
-    visible_values,
 )
 from protocols.runfile.fields import (
     ROWS_PER_READ,
@@ -319,7 +318,7 @@ class Run(Closeable):
 
 
 def _event(row: Any, texts: list[bytes]) -> LoggedEvent:
-    fields = visible_values(parse_json_object(b"".join(texts).decode()))
+    fields = parse_json_object(b"".join(texts).decode())
     return LoggedEvent(float(row["time_s"]), int(row["row"]), visible_text(row["kind"].decode()), fields)
 
 
