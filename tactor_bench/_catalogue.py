@@ -17,6 +17,8 @@ class CatalogueEntry:
         status: as `MeasuredRun.status`; besides `newer version` and `damaged`, whose `reason` says why.
         start_time: local time, None for a file that does not say.
         points: number of points.
+        verdict: what the run is worth, for example `good`.
+        verdict_reasons: why, with remedies.
         duration_s: length of what was sampled.
         found: what was identified, in words.
     """
@@ -31,6 +33,8 @@ class CatalogueEntry:
     points: int
     duration_s: float
     found: str
+    verdict: str
+    verdict_reasons: str
     tags: tuple[str, ...]
     note: str
 
@@ -49,6 +53,7 @@ def runs(
     specimen: str = "",
     protocol: str = "",
     status: str = "",
+    verdict: str = "",
     since: str | datetime | timedelta = "",
     search: str = "",
 ) -> list[CatalogueEntry]:
@@ -59,6 +64,7 @@ def runs(
         specimen: only runs of this specimen.
         protocol: only runs of this protocol, for example `sine-dwell`.
         status: only runs of this status, for example `completed`.
+        verdict: only runs of this verdict, for example `good`, `no result` or `not judged`.
         since: begun since a day (`2026-11-21`), a month (`2026-11`), `today`, or how long ago (`12h`, `7d`); or a
             datetime, or a timedelta back from now.
         search: words that must all occur in names, reasons, results, tags or notes.
@@ -91,8 +97,10 @@ def runs(
             points=entry.points,
             duration_s=entry.seconds,
             found=entry.found,
+            verdict=entry.verdict,
+            verdict_reasons=entry.verdict_reasons,
             tags=tuple(tag for tag in entry.tags.split(", ") if tag),
             note=entry.note,
         )
-        for entry in RunFilter(search, specimen, protocol, status, begun).apply(catalogue.entries())
+        for entry in RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
     ]

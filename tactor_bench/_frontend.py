@@ -14,8 +14,8 @@ from typing import Any
 from app.cli.console import STILL_ON, ConsoleObserver, StderrConsole
 from app.cli.headless import handling_stop_signals
 from app.cli.prompts import KEY_HELP, ConsoleOperator, answer_instructions, can_poll_keyboard, match_answer
-from app.common import format_duration
-from app.session import BenchOpened, Session, SessionEvent, Severity, describe_event
+from app.common import Severity, format_duration
+from app.session import BenchOpened, Session, SessionEvent, describe_event
 from protocols.base import (
     BlockDiscarded,
     BlockStored,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from app.common import minmax_decimate, minmax_pairs
-from app.session import LogLine, Severity, describe_event, describe_point
+from app.common import Severity, minmax_decimate, minmax_pairs
+from app.session import LogLine, describe_event, describe_point
 from model import Array, Mask
 from protocols.base import (
     EVENTS,

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
-from app.common import format_estimate
+from app.common import OUTCOME_SYMBOLS, Severity, format_estimate, outcome_severity
 from model import EstimatedQuantity
 from protocols.base import Outcome, RunStatus
 from protocols.registry import PROTOCOLS
@@ -36,6 +36,16 @@ class RunState(StrEnum):
     DAMAGED = "damaged"
 
 
+STATE_SYMBOLS = {
+    RunState.RUNNING: ("▶", Severity.WARNING),
+    RunState.CRASHED: ("✕", Severity.ERROR),
+    RunState.IMPORTED: ("⇥", Severity.INFO),
+    RunState.NEWER: ("?", Severity.WARNING),
+    RunState.DAMAGED: ("✕", Severity.ERROR),
+}
+"""Symbols and severities of states that come before the verdict."""
+
+
 class RunSummary(NamedTuple):
     """Summary of one run; a plain tuple, as a list may have ten thousand."""
 
@@ -54,8 +64,12 @@ class RunSummary(NamedTuple):
     seconds: float = 0.0
     parameters_json: str = "{}"
     estimates_json: str = "[]"
+    verdict: str = str(Outcome.NOT_JUDGED)
+    """The outcome: what the run is worth."""
+    verdict_reasons: str = ""
+    """Reasons of the verdict, with remedies."""
     failed_checks: str = ""
-    """Verdicts of a wiring check that did not pass."""
+    """Names of the checks because of which the run did not pass."""
     found: str = ""
     """Estimates as text."""
     tags: str = ""
@@ -89,8 +103,42 @@ class RunSummary(NamedTuple):
         return dict(json.loads(self.parameters_json))
 
     @property
-    def completed(self) -> bool:
-        return self.state == RunState.COMPLETED and not self.failed_checks
+    def outcome(self) -> Outcome:
+        return Outcome(self.verdict)
+
+    @property
+    def has_result(self) -> bool:
+        """Whether the run gave a result; one of an earlier version if it was completed and no check of it failed."""
+        if self.outcome is Outcome.NOT_JUDGED:
+            return self.state == RunState.COMPLETED and not self.failed_checks
+        return self.outcome.has_result
+
+    @property
+    def verdict_text(self) -> str:
+        """The verdict as a word: `good`; of a run without one also its state: `imported, not judged`, `running`."""
+        if self.outcome is not Outcome.NOT_JUDGED or self.state == RunState.COMPLETED:
+            return self.verdict
+        ended = self.readable and self.state not in (RunState.RUNNING, RunState.CRASHED)
+        return f"{self.state}, {self.verdict}" if ended else str(self.state)
+
+    @property
+    def symbol(self) -> str:
+        """The symbol of the verdict, by which it is known without colour."""
+        return self._symbol_and_severity[0]
+
+    @property
+    def severity(self) -> Severity:
+        return self._symbol_and_severity[1]
+
+    @property
+    def _symbol_and_severity(self) -> tuple[str, Severity]:
+        shown = STATE_SYMBOLS.get(RunState(self.state)) if self.outcome is Outcome.NOT_JUDGED else None
+        return shown or (OUTCOME_SYMBOLS[self.outcome], outcome_severity(self.outcome))
+
+    @property
+    def explanation(self) -> str:
+        """The reasons of the verdict; how the run ended where there are none."""
+        return self.verdict_reasons or self.reason
 
     @property
     def running(self) -> bool:
@@ -116,6 +164,8 @@ class RunFilter:
     state: str = ""
     since: str = ""
     """ISO, UTC."""
+    verdict: str = ""
+    """A word of the verdict: `good`, `not judged`, `crashed`."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
         """Return the selected entries in their order."""
@@ -127,6 +177,7 @@ class RunFilter:
             and (not self.protocol or e.protocol == self.protocol)
             and (not self.state or e.state == self.state)
             and (not self.since or e.start_time >= self.since)
+            and (not self.verdict or self.verdict in e.verdict_text.split(", "))
             and all(word in e.words for word in words)
         ]
 
@@ -162,7 +213,7 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
         with Run(file) as run, translate_read_errors(file):
             state = RunState(run.state)
             estimates = run.estimates()
-            reason = run.reason
+            reason, verdict = run.reason, run.verdict
             if state is RunState.RUNNING and not reason:
                 reason = _running_reason(file)
             elif state is RunState.CRASHED and not reason:
@@ -181,6 +232,8 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                     seconds=run.trace.duration_s,
                     parameters_json=json.dumps(run.parameters),
                     estimates_json=json.dumps([asdict(estimate) for estimate in estimates]),
+                    verdict=str(verdict.outcome),
+                    verdict_reasons="; ".join(verdict.reasons),
                     failed_checks=", ".join(_failed_checks(run)),
                     found="; ".join(map(format_estimate, estimates)),
                 )
@@ -226,6 +279,8 @@ def _with_search_text(summary: RunSummary) -> RunSummary:
         summary.path,
         summary.state,
         summary.reason,
+        summary.verdict_text,
+        summary.verdict_reasons,
         summary.protocol,
         summary.specimen,
         f"{begun:%Y-%m-%d %H:%M}" if begun else "",

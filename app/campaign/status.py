@@ -10,7 +10,7 @@ from typing import Any
 from app.archive import RunState, RunSummary, read_run_summary
 from app.campaign.plan import CampaignItem
 from app.common import format_outcome
-from protocols.base import EstimatedQuantity
+from protocols.base import EstimatedQuantity, Outcome
 
 
 class CampaignRuns:
@@ -152,10 +152,10 @@ def _evaluate_item(
         )
     waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
     do = NextAction.WAIT if waits else NextAction.REPEAT
-    if done := next((run for run in reversed(runs) if run.completed), None):
+    if done := next((run for run in reversed(runs) if run.has_result), None):
         why = _stale_reason(item, done, previous, based_on.get(done.name))
-        later = f"; a later run is {last.state}" if last is not None and last is not done else ""
-        status, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, done.reason)
+        later = "" if last is None or last is done else f"; a later run {_later_text(last)}"
+        status, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, _result_text(done))
         return ItemState(
             item,
             title,
@@ -175,13 +175,29 @@ def _evaluate_item(
         reason = f"{last.state} with {last.entries} points: {why}"
         do = NextAction.WAIT if waits else NextAction.RESUME
         return ItemState(item, title, ItemStatus.UNFINISHED, reason, do, folder / last.path, last.start_time)
-    reason = (
-        f"did not pass: {last.failed_checks}"
-        if last.failed_checks
-        else format_outcome(last.state, "" if last.state == RunState.CRASHED else last.reason)
-    )
     status = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
-    return ItemState(item, title, status, reason, do, folder / last.path, last.start_time)
+    return ItemState(item, title, status, _failure_text(last), do, folder / last.path, last.start_time)
+
+
+def _result_text(run: RunSummary) -> str:
+    """Return the verdict and its reasons; how the run ended where it is not judged."""
+    return run.reason if run.outcome is Outcome.NOT_JUDGED else format_outcome(run.verdict, run.explanation)
+
+
+def _later_text(run: RunSummary) -> str:
+    """Return what became of a run without a result, as a predicate."""
+    if run.outcome is Outcome.NO_RESULT:
+        return "has no result"
+    return str(run.verdict) if run.outcome is Outcome.DID_NOT_PASS else f"is {run.state}"
+
+
+def _failure_text(run: RunSummary) -> str:
+    """Return why a run has no result, with the remedy where the verdict names one."""
+    if run.outcome is not Outcome.NOT_JUDGED:
+        return format_outcome(run.verdict, run.explanation)
+    if run.failed_checks:
+        return f"{Outcome.DID_NOT_PASS}: {run.failed_checks}"
+    return format_outcome(run.state, "" if run.state == RunState.CRASHED else run.reason)
 
 
 def _stale_reason(

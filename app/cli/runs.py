@@ -5,7 +5,7 @@ import sqlite3
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from app.archive import (
@@ -22,11 +22,31 @@ from app.archive import (
 )
 from app.cli.options import CommandSyntax, option, repeated, switch
 from app.cli.output import print_line
-from app.common import ExitCode, UsageError, format_bytes, format_duration, path_argument, terminal_progress
+from app.common import (
+    ExitCode,
+    Severity,
+    UsageError,
+    format_bytes,
+    format_duration,
+    format_outcome,
+    path_argument,
+    terminal_progress,
+)
+from protocols.base import Outcome
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 DEFAULT_ROWS = 40
 """Runs that are listed without --all."""
+
+SEVERITY_COLORS = {
+    Severity.INFO: "default",
+    Severity.SUCCESS: "green",
+    Severity.WARNING: "yellow",
+    Severity.ERROR: "bold red",
+}
+
+EXPLAINED = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.UNSAFE)
+"""Verdicts whose reasons are printed below the list."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +60,11 @@ class RunsCommand:
         "--status",
         default="",
         help="completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged",
+    )
+    verdict: str = option(
+        "--verdict",
+        default="",
+        help="good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'",
     )
     since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
     search: str = option(
@@ -121,29 +146,34 @@ def _run_filter(options: RunsCommand) -> RunFilter:
         ) from None
     if options.status and options.status not in list(RunState):
         raise UsageError(f"there is no status '{options.status}'; there are: {', '.join(RunState)}")
-    return RunFilter(options.search, options.specimen, options.protocol, options.status, since)
+    if options.verdict and options.verdict not in list(Outcome):
+        raise UsageError(f"there is no verdict '{options.verdict}'; there are: {', '.join(Outcome)}")
+    return RunFilter(options.search, options.specimen, options.protocol, options.status, since, options.verdict)
 
 
 def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, padding=(0, 2), header_style="bold")
-    for heading in ("begun", "specimen", "protocol", "status", "points", "length", "size", "tags", "file"):
+    for heading in ("begun", "specimen", "protocol", "verdict", "points", "length", "size", "tags", "file"):
         justify: Literal["left", "right"] = "right" if heading in ("points", "length", "size") else "left"
         table.add_column(heading, justify=justify, overflow="fold", no_wrap=heading == "begun")
     shown = summaries if show_all else summaries[:DEFAULT_ROWS]
     for e in shown:
         begun = f"{e.started_at:%Y-%m-%d %H:%M}" if e.started_at else ""
-        status = f"{e.state}, SIMULATED" if e.simulated else e.state
+        verdict = Text(f"{e.symbol} {e.verdict_text}", SEVERITY_COLORS[e.severity])
+        if e.simulated:
+            verdict.append(", SIMULATED", "default")
         extent = (str(e.points), format_duration(e.seconds)) if e.readable else ("", "")
-        table.add_row(begun, e.specimen, e.protocol, status, *extent, format_bytes(e.size), e.tags, e.path)
+        table.add_row(begun, e.specimen, e.protocol, verdict, *extent, format_bytes(e.size), e.tags, e.path)
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     if shown:
         out.print(table)
     for e in shown:
-        if not e.readable:
-            out.print(f"{e.state}: {e.reason}", soft_wrap=True)
+        if not e.readable or e.outcome in EXPLAINED:
+            out.print(f"{PurePosixPath(e.path).name}: {format_outcome(e.verdict_text, e.explanation)}", soft_wrap=True)
     rest = len(summaries) - len(shown)
     more = f"; {rest} older ones with --all" if rest else ""
     out.print(f"{len(summaries)} of {total} runs{more}", soft_wrap=True)
@@ -155,6 +185,8 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "path": str(folder / summary.path),
         "state": str(summary.state),
         "reason": summary.reason,
+        "verdict": summary.verdict,
+        "verdict_reasons": summary.verdict_reasons,
         "protocol": summary.protocol,
         "specimen": summary.specimen,
         "start_time": summary.start_time,

@@ -3,7 +3,6 @@ from .bench_connection import connect as connect
 from .fault_injection import FaultPlan as FaultPlan
 from .fault_injection import parse_planned_fault as parse_planned_fault
 from .messages import LogLine as LogLine
-from .messages import Severity as Severity
 from .messages import describe_event as describe_event
 from .messages import describe_point as describe_point
 from .messages import protocol_title as protocol_title

@@ -2,18 +2,16 @@
 
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from pathlib import PurePath
 from typing import Any
 
-from app.common import format_curve, format_duration, format_estimate, pluralize
+from app.common import Severity, format_curve, format_duration, format_estimate, outcome_severity, pluralize
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,
     CurveReady,
     InjectedFaultChanged,
     LogMessage,
-    Outcome,
     PointMeasured,
     PromptAnswered,
     PromptShown,
@@ -30,15 +28,6 @@ from protocols.base import (
     format_with_uncertainty,
 )
 from protocols.registry import PROTOCOLS
-
-
-class Severity(StrEnum):
-    """Severity of a message."""
-
-    INFO = "plain"
-    SUCCESS = "good"
-    WARNING = "attention"
-    ERROR = "bad"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,17 +105,7 @@ def protocol_title(protocol: str) -> str:
     return PROTOCOLS.title(protocol) if protocol in PROTOCOLS else protocol
 
 
-SEVERITIES = {
-    Outcome.GOOD: Severity.SUCCESS,
-    Outcome.DOUBTFUL: Severity.WARNING,
-    Outcome.NO_RESULT: Severity.WARNING,
-    Outcome.STOPPED: Severity.WARNING,
-    Outcome.NOT_JUDGED: Severity.INFO,
-}
-"""Severities of outcomes; all others are errors."""
-
-
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
     found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     text = event.summary
-    return SEVERITIES.get(event.verdict.outcome, Severity.ERROR), text[:1].upper() + text[1:] + found
+    return outcome_severity(event.verdict.outcome), text[:1].upper() + text[1:] + found

@@ -3,7 +3,8 @@
 import re
 from dataclasses import replace
 
-from app.session.messages import LogLine, Severity, describe_event, protocol_title
+from app.common import Severity
+from app.session.messages import LogLine, describe_event, protocol_title
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     BenchState,

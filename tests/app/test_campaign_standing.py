@@ -75,6 +75,25 @@ def test_what_its_own_verdicts_fail_is_not_done() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("verdict", "expected"),
+    [
+        ("good", ("done", "", "good: why")),
+        ("doubtful", ("done", "", "doubtful: 2 of 18 clipped; choose a larger range")),
+        ("no result", ("failed", "run again", "no result: 2 of 18 clipped; choose a larger range")),
+        ("did not pass", ("failed", "run again", "did not pass: 2 of 18 clipped; choose a larger range")),
+    ],
+)
+def test_an_item_is_done_only_if_the_verdict_on_its_run_has_a_result(
+    verdict: str, expected: tuple[str, str, str]
+) -> None:
+    reasons = "" if verdict == "good" else "2 of 18 clipped; choose a larger range"
+    judged = made("a", 1)._replace(verdict=verdict, verdict_reasons=reasons)
+    (line, *_) = evaluate_items(Path(), (A,), {}, {"a": [judged]}, {})
+    assert (line.status, line.next_action, line.reason) == expected
+    assert not line.accepted, "the operator accepts it, or not"
+
+
 def test_what_came_before_was_measured_again() -> None:
     runs = {"a": [made("a", 1, k2=7.0), made("a", 5, k2=7.0)], "b": [made("b", 2)], "c": [made("c", 3)]}
     based = {"b2.h5": basis("a", "a1.h5", k2=7.0), "c3.h5": basis("b", "b2.h5")}

@@ -1,5 +1,6 @@
 """Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import pytest
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
+from app.cli.main import main
 from app.common import Progress
+from protocols.base import Outcome, Verdict
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 
 
@@ -44,6 +47,45 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
     assert one.found == "resonance frequency 158.350 ± 0.010 Hz"
     assert one.started_at is not None
+
+
+def test_each_verdict_is_listed_found_and_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
+    folder = tmp_path / "runs"
+    for outcome in Outcome:
+        reasons = () if outcome is Outcome.GOOD else (f"{outcome} for a reason; do something",)
+        finished_run(folder, outcome.replace(" ", "-"), verdict=Verdict(outcome, reasons))
+    crashed_run(folder, "crash")
+    Catalogue(folder).scan()
+    entries = Catalogue(folder).entries()
+    assert {e.specimen: (e.verdict_text, e.has_result) for e in entries} == {
+        "good": ("good", True),
+        "doubtful": ("doubtful", True),
+        "no-result": ("no result", False),
+        "did-not-pass": ("did not pass", False),
+        "stopped": ("stopped", False),
+        "failed": ("failed", False),
+        "unsafe": ("unsafe", False),
+        "not-judged": ("not judged", True),  # completed, by an earlier version
+        "crash": ("crashed", False),
+    }
+    symbols = {e.verdict_text: e.symbol for e in entries if e.specimen != "crash"}
+    assert len(set(symbols.values())) == len(symbols), "distinct without colour"
+    assert [e.specimen for e in RunFilter(verdict="no result").apply(entries)] == ["no-result"]
+    assert [e.specimen for e in RunFilter(search_text="did not pass reason").apply(entries)] == ["did-not-pass"]
+    assert main(["runs", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert "completed" not in printed
+    for symbol, word in (("✓", "good"), ("△", "doubtful"), ("○", "no result"), ("⊘", "did not pass")):
+        assert f"{symbol} {word}, SIMULATED" in printed
+    assert "no result for a reason; do something" in printed, "with the remedy"
+    assert main(["runs", str(folder), "--verdict", "did not pass", "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert (found["verdict"], found["verdict_reasons"]) == ("did not pass", "did not pass for a reason; do something")
+    assert main(["runs", str(folder), "--verdict", "fine"]) == 2
+    assert "there are: good, doubtful" in capsys.readouterr().err
 
 
 def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:

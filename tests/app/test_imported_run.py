@@ -35,7 +35,7 @@ def test_the_file_says_where_it_comes_from_and_pretends_nothing(
     path = brought(table, *FULL, "--column", "peak_to_peak=A", "--specimen", "T1", "--measured", "2019-05-04")
     with h5py.File(path) as file:
         result = json.loads(file["entry/imported"][()])
-        assert file.attrs["format_version"] == 2
+        assert file.attrs["format_version"] == 3
         assert file["entry/simulated"][()] == False  # noqa: E712 - numpy's own
         assert file["entry/trace/displacement"].shape == (0,)
         assert file["entry/events"].shape == file["entry/recordings"].shape == (0,)

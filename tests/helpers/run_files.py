@@ -10,9 +10,9 @@ import numpy as np
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus
+from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from protocols.runfile.writer import RunFileWriter, RunMetadata
+from protocols.runfile.writer import NOT_JUDGED, RunFileWriter, RunMetadata
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 NOBODY = 4_200_000
@@ -57,12 +57,13 @@ def finished_run(
     frequencies: tuple[float, ...] = (100.0, 160.0),
     rate_hz: float = 5000.0,
     size_m: float = 1e-3,
+    verdict: Verdict = NOT_JUDGED,
 ) -> Path:
     """A run of a few points that ended in order."""
     file = _begun(folder, specimen, frequencies, rate_hz)
     for f in frequencies:
         file.append_point(sine_point(f, size_m))
-    file.finish(RunStatus.COMPLETED, "all points measured", (FOUND,))
+    file.finish(RunStatus.COMPLETED, "all points measured", (FOUND,), verdict=verdict)
     return file.path
 
 

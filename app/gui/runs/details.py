@@ -27,7 +27,7 @@ from app.gui.widgets import (
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MAX_REASON_LENGTH = 280
-"""Characters of a run's end reason that are shown beside the list."""
+"""Characters of the reasons of a run's verdict that are shown beside the list."""
 
 
 class _NoteEdit(QPlainTextEdit):
@@ -122,8 +122,8 @@ class RunDetailsPane(QWidget):
         self.tags_edit.setEnabled(bool(selected))
         self.note_edit.setEnabled(one is not None)
         if one is not None:
-            self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.state}")
-            lines = [_shorten_reason(one.reason), *one.found.split("; "), one.path]
+            self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
+            lines = [_shorten_reason(one.explanation), *one.found.split("; "), one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
@@ -159,7 +159,7 @@ class RunDetailsPane(QWidget):
 
 
 def _shorten_reason(reason: str) -> str:
-    """Return a run's end reason, shortened to the available space."""
+    """Return the reasons of a run's verdict, shortened to the available space."""
     return (
         reason
         if len(reason) <= MAX_REASON_LENGTH

@@ -42,17 +42,17 @@ class RunFilterBar(QWidget):
             accessibleName="search",
             clearButtonEnabled=True,
         )
-        self.specimen, self.protocol, self.state = (
+        self.specimen, self.protocol, self.verdict = (
             configure(
                 QComboBox(),
                 f"runs.{name}",
                 accessibleName=name,
                 sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
             )
-            for name in ("specimen", "protocol", "status")
+            for name in ("specimen", "protocol", "verdict")
         )
         self.since = configure(QComboBox(), "runs.since", accessibleName="begun")
-        self._combos = (self.specimen, self.protocol, self.state, self.since)
+        self._combos = (self.specimen, self.protocol, self.verdict, self.since)
         for combo in self._combos[:-1]:
             combo.addItem(f"any {combo.accessibleName()}", "")
         for label, since in SINCE:
@@ -78,8 +78,8 @@ class RunFilterBar(QWidget):
             self.search_edit.text(),
             self.specimen.currentData(),
             self.protocol.currentData(),
-            self.state.currentData(),
-            read_since(since) if since else "",
+            since=read_since(since) if since else "",
+            verdict=self.verdict.currentData(),
         )
 
     def clear(self) -> bool:
@@ -96,7 +96,7 @@ class RunFilterBar(QWidget):
         for combo, values in (
             (self.specimen, {e.specimen for e in summaries}),
             (self.protocol, {e.protocol for e in summaries}),
-            (self.state, {str(e.state) for e in summaries}),
+            (self.verdict, {word for e in summaries for word in e.verdict_text.split(", ")}),
         ):
             with QSignalBlocker(combo):
                 chosen = combo.currentData()

@@ -17,33 +17,23 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
-from app.archive import RunState, RunSummary
+from app.archive import RunSummary
 from app.common import format_duration
 from app.gui.widgets import Theme, configure
+from protocols.base import Outcome
 
 Index = QModelIndex | QPersistentModelIndex
-COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags")
+COLUMNS = ("begun", "specimen", "protocol", "verdict", "points", "length", "found", "tags")
 RIGHT_ALIGNED = ("points", "length")
 SORT_KEYS = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: e.protocol,
-    "status": lambda e: e.state,
+    "verdict": lambda e: e.verdict_text,
     "points": lambda e: e.points,
     "length": lambda e: e.seconds,
     "found": lambda e: e.found,
     "tags": lambda e: e.tags.casefold(),
-}
-STATE_MARKS = {
-    RunState.COMPLETED: "✓",
-    RunState.STOPPED: "■",
-    RunState.FAILED: "✕",
-    RunState.UNSAFE: "⚠",
-    RunState.RUNNING: "▶",
-    RunState.CRASHED: "✕",
-    RunState.IMPORTED: "⇥",
-    RunState.NEWER: "?",
-    RunState.DAMAGED: "✕",
 }
 
 
@@ -90,11 +80,11 @@ class RunTableModel(QAbstractTableModel):
                 return _cell_text(entry, column)
             case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT_ALIGNED:
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-            case Qt.ItemDataRole.ForegroundRole if column == "status":
-                return QColor(self._state_color(RunState(entry.state)))
+            case Qt.ItemDataRole.ForegroundRole if column == "verdict":
+                return QColor(self._theme.severity_color(entry.severity))
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
-                return f"{self.folder / entry.path}\n{entry.reason}{note}"
+                return f"{self.folder / entry.path}\n{entry.explanation}{note}"
         return None
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
@@ -110,30 +100,19 @@ class RunTableModel(QAbstractTableModel):
         mime.setUrls([QUrl.fromLocalFile(str((self.folder / self.summaries[row].path).resolve())) for row in rows])
         return mime
 
-    def _state_color(self, state: RunState) -> str:
-        match state:
-            case RunState.COMPLETED | RunState.IMPORTED:
-                return self._theme.success
-            case RunState.STOPPED | RunState.RUNNING | RunState.NEWER:
-                return self._theme.warning
-            case _:
-                return self._theme.error
-
 
 def _cell_text(summary: RunSummary, column: str) -> str:
     match column:
         case "begun":
             return f"{summary.started_at:%Y-%m-%d %H:%M}" if summary.started_at else summary.name
-        case "status":
-            return f"{STATE_MARKS[RunState(summary.state)]} {summary.state}" + (
-                ", SIMULATED" if summary.simulated else ""
-            )
+        case "verdict":
+            return f"{summary.symbol} {summary.verdict_text}" + (", SIMULATED" if summary.simulated else "")
         case "points":
             return str(summary.points) if summary.readable else ""
         case "length":
             return format_duration(summary.seconds) if summary.readable else ""
         case "found":
-            return summary.found or ("" if summary.state == RunState.COMPLETED else summary.reason)
+            return summary.found or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))
 

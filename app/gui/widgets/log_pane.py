@@ -5,9 +5,10 @@ from html import escape
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
+from app.common import Severity
 from app.gui.widgets.layouts import configure
 from app.gui.widgets.theme import Theme
-from app.session import LogLine, Severity, WindowState
+from app.session import LogLine, WindowState
 
 SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING: "!", Severity.ERROR: "✕"}
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 
-from app.session import BenchState, Lamp, Severity
+from app.common import Severity
+from app.session import BenchState, Lamp
 
 
 @dataclass(frozen=True, slots=True)
