@@ -72,18 +72,20 @@ def make_environment() -> list[str | Path]:
     # Debian and Ubuntu split ensurepip off into a package of its own; their pip can then serve from outside.
     own_pip = importlib.util.find_spec("ensurepip") is not None
     if not PYTHON.exists():
-        subprocess.run([sys.executable, "-m", "venv", *([] if own_pip else ["--without-pip"]), VENV], check=True)
-    if own_pip or subprocess.call([PYTHON, "-c", "import pip"], stderr=subprocess.DEVNULL) == 0:
-        return [PYTHON, "-m", "pip"]
+        subprocess.run([sys.executable, "-P", "-m", "venv", *([] if own_pip else ["--without-pip"]), VENV], check=True)
+    if own_pip or subprocess.call([PYTHON, "-P", "-c", "import pip"], stderr=subprocess.DEVNULL) == 0:
+        return [PYTHON, "-P", "-m", "pip"]
     if importlib.util.find_spec("pip") is None:
         raise OSError("there is no pip; install it ('sudo apt-get install python3-pip' on Debian and Ubuntu)")
-    return [sys.executable, "-m", "pip", "--python", PYTHON]
+    return [sys.executable, "-P", "-m", "pip", "--python", PYTHON]
 
 
 def provide_system_libraries(*, always: bool) -> None:
     """Install what Qt needs from the system where we may, else name it. Without a screen only the tests need it."""
     code = "from app.gui.screen import has_screen, missing_libraries; print(has_screen(), *missing_libraries())"
-    told = subprocess.run([PYTHON, "-c", code], cwd=HERE, capture_output=True, text=True, check=False).stdout.split()
+    told = subprocess.run(
+        [PYTHON, "-P", "-c", code], cwd=HERE, capture_output=True, text=True, check=False
+    ).stdout.split()
     if not told or (told[0] != "True" and not always) or not told[1:]:
         return
     packages = told[1:]
@@ -118,7 +120,7 @@ def run_checks(arguments: list[str], deep: bool) -> int:
 def make_handbook() -> int:
     """The pages of docs/ as HTML. A link that leads nowhere is an error."""
     handbook = HERE / "build" / "handbook"
-    code = subprocess.call([PYTHON, "-m", "sphinx", "-q", "-W", "--keep-going", HERE / "docs", handbook])
+    code = subprocess.call([PYTHON, "-P", "-m", "sphinx", "-q", "-W", "--keep-going", HERE / "docs", handbook])
     if code == 0:
         say(f"The handbook: {handbook / 'index.html'}")
     return code

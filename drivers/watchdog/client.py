@@ -6,9 +6,7 @@ rest over a connection of its own (docs/decisions/0020-watchdog.md).
 """
 
 import contextlib
-import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -16,12 +14,14 @@ from pathlib import Path
 
 from drivers.bench.watchdog_interface import HEARTBEAT_PERIOD_S
 from drivers.errors import BenchError
+from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
-from drivers.watchdog.subprocesses import terminate
+from drivers.watchdog.origin import describe_copy
+from drivers.watchdog.subprocesses import python_command, python_environment, terminate
 
 START_TIMEOUT_S = 15.0
-WATCHDOG_SILENCE_S = 3.0
-"""Longest silence of the watchdog while the bench is live; after that it counts as dead."""
+WATCHDOG_SILENCE_S = 1.0
+"""Longest silence of the watchdog while the bench is live; after that it counts as dead. It reports four times a second."""
 
 REPLY_MARGIN_S = 1.0
 REST_REQUEST_TIMEOUT_S = 12.0
@@ -61,7 +61,7 @@ class WatchdogClient:
                     "without it: mend that, or write 'enabled = false' under [watchdog] in the bench file"
                 )
         self._takeover_reason, self._takeovers_at_allow = "", self._takeovers
-        self._last_line_s = self._last_heartbeat_s = time.monotonic()
+        self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
         self._send("live")
         self._live.set()
 
@@ -80,11 +80,12 @@ class WatchdogClient:
             return
         if self._takeover_reason:
             raise BenchError(f"the watchdog took the source over: {self._takeover_reason}")
-        if self._ended or time.monotonic() - self._last_line_s > WATCHDOG_SILENCE_S:
+        silence = self._process.since(self._last_line)
+        if self._ended or silence.exceeds(WATCHDOG_SILENCE_S):
             how = (
                 f"has ended (code {self._child.poll()})"
                 if self._ended
-                else f"has said nothing for {WATCHDOG_SILENCE_S:g} s"
+                else f"has said nothing for {silence.elapsed_s:.1f} s"
             )
             raise BenchError(
                 f"the watchdog {how}, and the bench does not stay live without it. Look for what ended it (too little "
@@ -135,25 +136,21 @@ class WatchdogClient:
             self._child.stdout.close()
 
     def _start(self) -> None:
-        root = str(Path(__file__).resolve().parents[2])
-        self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "drivers.watchdog.process"],
+        self._child = subprocess.Popen(  # noqa: S603 - this very Python
+            python_command("-m", "drivers.watchdog.process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH")))),
-                "OPENBLAS_NUM_THREADS": "1",
-            },
+            env=python_environment(),
             # A Ctrl-C or Ctrl-Z at the terminal is not for the watchdog.
             start_new_session=True,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
         self._ready = self._failed = self._takeover_reason = self._takeover_outcome = ""
         self._taking_over = self._ended = False
-        self._last_line_s = self._last_heartbeat_s = time.monotonic()
+        self._process = ProcessActivity(self._child.pid)
+        self._last_line, self._last_heartbeat_s = self._process.mark(), time.monotonic()
         self._closing = threading.Event()
         self._send(self._config.as_line())
         if self._log_folder is not None:
@@ -179,10 +176,15 @@ class WatchdogClient:
 
     def _handle_line(self, keyword: str, text: str) -> None:
         with self._changed:
-            self._last_line_s = time.monotonic()
+            self._last_line = self._process.mark()
             match keyword:
-                case "ready":
+                case "ready" if text == describe_copy():
                     self._ready = text
+                case "ready":
+                    self._failed = (
+                        f"the process that was started is another copy of this program, version {text}, while this one is "
+                        f"version {describe_copy()}; restart this program"
+                    )
                 case "failed":
                     self._failed = text
                 case "acting":
@@ -194,6 +196,7 @@ class WatchdogClient:
 
     def _send_pulses(self) -> None:
         while not self._closing.wait(HEARTBEAT_PERIOD_S):
+            self._process.update()
             if self._live.is_set():
                 self._send("pulse")
 

@@ -22,11 +22,13 @@ from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
+from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import append_line
+from drivers.watchdog.origin import describe_copy
 
 POLL_PERIOD_S = 0.02
-TICK_PERIOD_S = 0.5
+TICK_PERIOD_S = 0.25
 RETRY_INTERVAL_S = 0.25
 REQUESTED_REST_TIMEOUT_S = 2.0
 """How long it retries when the program asked for rest: the program waits, and measures afterwards."""
@@ -50,7 +52,9 @@ class WatchdogLoop:
         self._amplifier: HvAmplifier | None = None
         self._log_folder: Path | None = None
         self._live = self._took_over = False
-        self._last_heartbeat_s = self._last_pulse_s = self._last_tick_s = time.monotonic()
+        self._last_tick_s = time.monotonic()
+        self._program = ProcessActivity(os.getppid())
+        self._last_heartbeat = self._last_pulse = self._program.mark()
         self._allowed_silence_s = config.silence_s
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         threading.Thread(target=self._read_lines, daemon=True).start()
@@ -63,33 +67,28 @@ class WatchdogLoop:
         except BenchError as error:
             send_line(f"failed {error}")
             return
-        send_line(f"ready {self._source.identity if self._source else 'it opens the wire when it must'}")
-        woke = time.monotonic()
+        send_line(f"ready {describe_copy()}")
         while True:
             try:
                 line = self._lines.get(timeout=POLL_PERIOD_S)
             except queue.Empty:
                 line = ""
-            now = time.monotonic()
-            if (late := now - woke - 5 * POLL_PERIOD_S) > 0:
-                # Time in which this process did not run is not silence of the program.
-                self._last_heartbeat_s, self._last_pulse_s = self._last_heartbeat_s + late, self._last_pulse_s + late
+            self._program.update()
             if line is None:
                 self._on_program_exit()
                 return
             if line == "bye":
                 return
             if line:
-                self._handle_line(line, now)
-            elif self._live and (silent := self._silence_reason(now)):
+                self._handle_line(line)
+            elif self._live and (silent := self._silence_reason()):
                 self._live = False
                 if not self._config.own_connection:
                     self._kill_program()
                 self._bring_to_rest(silent, self._config.patience_s)
-            if self._live and now - self._last_tick_s > TICK_PERIOD_S:
-                self._last_tick_s = now
+            if self._live and time.monotonic() - self._last_tick_s > TICK_PERIOD_S:
+                self._last_tick_s = time.monotonic()
                 send_line("tick")
-            woke = time.monotonic()
 
     def _on_program_exit(self) -> None:
         if self._live or self._took_over:
@@ -97,16 +96,17 @@ class WatchdogLoop:
         else:
             self._log("the program ended without a word; the source was at rest, nothing was to be done")
 
-    def _handle_line(self, line: str, now: float) -> None:
+    def _handle_line(self, line: str) -> None:
         keyword, _, argument = line.partition(" ")
         match keyword:
             case "beat":
-                self._last_heartbeat_s, self._allowed_silence_s = now, float(argument)
+                self._last_heartbeat, self._allowed_silence_s = self._program.mark(), float(argument)
             case "pulse":
-                self._last_pulse_s = now
+                self._last_pulse = self._program.mark()
             case "live":
                 self._live, self._took_over = True, False
-                self._last_heartbeat_s, self._last_pulse_s, self._allowed_silence_s = now, now, self._config.silence_s
+                self._last_heartbeat = self._last_pulse = self._program.mark()
+                self._allowed_silence_s = self._config.silence_s
             case "rest":
                 self._live = self._took_over = False
             case "log":
@@ -120,11 +120,13 @@ class WatchdogLoop:
             case "help":
                 send_line("could-not the watchdog has no connection of its own while the program lives")
 
-    def _silence_reason(self, now: float) -> str:
-        if now - self._last_pulse_s > self._config.silence_s:
-            return f"the program was frozen: it said nothing for {now - self._last_pulse_s:.2f} s"
-        if now - self._last_heartbeat_s > self._allowed_silence_s:
-            return f"the thread that reads the card said nothing for {now - self._last_heartbeat_s:.2f} s"
+    def _silence_reason(self) -> str:
+        silence = self._program.since(self._last_pulse)
+        if silence.exceeds(self._config.silence_s):
+            return f"the program was frozen: it said nothing for {silence.elapsed_s:.2f} s"
+        silence = self._program.since(self._last_heartbeat)
+        if silence.exceeds(self._allowed_silence_s):
+            return f"the thread that reads the card said nothing for {silence.elapsed_s:.2f} s"
         return ""
 
     def _bring_to_rest(self, reason: str, timeout_s: float, to_stderr: bool = True) -> None:

@@ -1,10 +1,31 @@
-"""Child process that runs as long as its standard input is open."""
+"""Child processes in Python that import nothing from the working directory and end with their standard input."""
 
 import contextlib
+import os
 import subprocess
+import sys
+from pathlib import Path
+
+from drivers.watchdog.origin import PACKAGE_FOLDER
 
 EXIT_TIMEOUT_S = 5.0
 """Longest wait for it to end by itself."""
+
+
+def python_command(*arguments: str) -> list[str]:
+    """Return the command that runs this Python with `arguments`; `-P` keeps the working directory out of its imports."""
+    return [sys.executable, "-P", *arguments]
+
+
+def python_environment() -> dict[str, str]:
+    """Return the environment of such a process: this program's packages come first, relative paths are left out."""
+    inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(PACKAGE_FOLDER), *(p for p in inherited if Path(p).is_absolute())]),
+        "PYTHONSAFEPATH": "1",  # for the processes that it starts
+        "OPENBLAS_NUM_THREADS": "1",  # the matrices are small; a second thread would slow them down
+    }
 
 
 def terminate(child: "subprocess.Popen[str]") -> None:

@@ -2,19 +2,16 @@
 
 import contextlib
 import json
-import os
 import queue
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from drivers import BenchError, Closeable
-from drivers.watchdog.subprocesses import terminate
+from drivers.watchdog.subprocesses import python_command, python_environment, terminate
 from sim_hardware.plant import SimulationParameters, VoltageReport
 from sim_hardware.wires.port import HOST
 
@@ -39,19 +36,14 @@ class BenchProcess(Closeable):
         self._timeout_s = timeout_s
         self._lock = threading.Lock()
         self._stderr = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
-        root = str(Path(__file__).resolve().parents[2])
-        self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "sim_hardware.service"],
+        self._child = subprocess.Popen(  # noqa: S603 - this very Python
+            python_command("-m", "sim_hardware.service"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._stderr,
             text=True,
             encoding="utf-8",
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH")))),
-                "OPENBLAS_NUM_THREADS": "1",  # its matrices are small; a second thread would slow it down
-            },
+            env=python_environment(),
             start_new_session=True,  # a Ctrl-C at the terminal is handled by the parent
         )
         self._answers: queue.Queue[str | None] = queue.Queue()

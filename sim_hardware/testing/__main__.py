@@ -42,7 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
     kind.add_argument("--digitizer", metavar="MODULE:FACTORY", help="yields (digitizer, bench)")
     chosen, rest = parser.parse_known_args(arguments)
     named = chosen.source or chosen.digitizer
-    sys.path.insert(0, str(Path.cwd()))
+    # The author's module is in the working directory; it must not replace an installed one.
+    sys.path[:] = [*(entry for entry in sys.path if entry not in ("", str(Path.cwd()))), str(Path.cwd())]
     deprecated.install()
     try:
         factory = EntryPoint("factory", named, "contract").load()

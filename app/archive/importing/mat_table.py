@@ -2,7 +2,6 @@
 
 import pickle
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -11,6 +10,7 @@ import numpy as np
 
 from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
 from app.common import truncate_text
+from drivers.watchdog.subprocesses import python_command, python_environment
 
 
 def read_mat_table(path: Path, sha256: str) -> ImportTable:
@@ -61,7 +61,8 @@ def _load_mat(path: Path) -> dict[str, Any]:
     """Read a MAT file with scipy in a separate process."""
     try:
         done = subprocess.run(  # noqa: S603 - this very Python, and our own text
-            [sys.executable, "-c", READER_SCRIPT, str(path.resolve())],
+            python_command("-c", READER_SCRIPT, str(path.resolve())),
+            env=python_environment(),
             capture_output=True,
             timeout=READ_TIMEOUT_S,
             check=False,

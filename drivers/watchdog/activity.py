@@ -1,0 +1,77 @@
+"""Activity of another process: how long it was silent, and how much of that time it could have run (busy computer)."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+
+import psutil
+
+SAMPLE_PERIOD_S = 0.05
+OWN_PAUSE_S = 0.25
+"""Longest interval between two samples that counts: a longer one is a pause of the observing process."""
+
+BUSY_PERCENT = 90.0
+"""Use of the processors, percent, from which a process may have to wait for one."""
+
+BUSY_EXTRA_S = 1.5
+"""Longest additional silence on a busy computer: also a process that got no processor time counts as hung after that."""
+
+NOT_RUNNING = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """Seconds since a process was heard, without the pauses of the observer: all of them, and those in which it could run."""
+
+    elapsed_s: float
+    available_s: float
+
+    def exceeds(self, allowed_s: float) -> bool:
+        """Whether the process counts as dead where `allowed_s` are allowed."""
+        return self.available_s > allowed_s or self.elapsed_s > allowed_s + BUSY_EXTRA_S
+
+
+class ProcessActivity:
+    """Observes a process: on a busy computer only the processor time that it got counts as time in which it could run.
+
+    A stopped process could have run all the time, and so could one that waits although a processor is free.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._process: psutil.Process | None = None
+        with contextlib.suppress(psutil.Error):
+            self._process = psutil.Process(pid)
+        self._elapsed_s = self._available_s = self._processor_s = 0.0
+        self._sampled_s = time.monotonic()
+        self._fraction(1.0)
+
+    def mark(self) -> Silence:
+        """Return the reading of the last `update`, for `since`."""
+        return Silence(self._elapsed_s, self._available_s)
+
+    def since(self, mark: Silence) -> Silence:
+        """Return the time since `mark`, as of the last `update`."""
+        return Silence(self._elapsed_s - mark.elapsed_s, self._available_s - mark.available_s)
+
+    def update(self) -> None:
+        """Take a sample if one is due; call it at least every OWN_PAUSE_S, from one thread."""
+        now = time.monotonic()
+        passed_s = now - self._sampled_s
+        if passed_s < SAMPLE_PERIOD_S:
+            return
+        self._sampled_s = now
+        counted_s = min(passed_s, OWN_PAUSE_S)
+        self._elapsed_s += counted_s
+        self._available_s += counted_s * self._fraction(passed_s)
+
+    def _fraction(self, passed_s: float) -> float:
+        """Return the fraction of the last `passed_s` in which the process could run."""
+        busy = psutil.cpu_percent(None) >= BUSY_PERCENT
+        if self._process is None:
+            return 1.0
+        try:
+            status, times = self._process.status(), self._process.cpu_times()
+        except psutil.Error:
+            return 1.0
+        used_s, self._processor_s = times.user + times.system - self._processor_s, times.user + times.system
+        return min(used_s / passed_s, 1.0) if busy and status not in NOT_RUNNING else 1.0

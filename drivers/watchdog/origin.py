@@ -1,0 +1,23 @@
+"""Version and folder of the running copy of the program, which program and watchdog compare."""
+
+from importlib import metadata
+from pathlib import Path
+
+PACKAGE_FOLDER = Path(__file__).resolve().parents[2]
+"""Folder that holds the packages of this program."""
+
+UNKNOWN_VERSION = "of an unknown version"
+"""Of a folder that was never installed."""
+
+
+def version() -> str:
+    """Return the installed version."""
+    try:
+        return metadata.version("tactor-bench")
+    except metadata.PackageNotFoundError:
+        return UNKNOWN_VERSION
+
+
+def describe_copy() -> str:
+    """Return version and folder of this copy in one line."""
+    return f"{version()} in {PACKAGE_FOLDER}"

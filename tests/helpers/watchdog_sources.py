@@ -1,0 +1,48 @@
+"""Sources for the watchdog's process, by which a test sees what it commands: they write every call into a file."""
+
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import LinkError
+from drivers.interfaces import Identity
+
+
+class RecordingSource:
+    """A source that records its calls. `stays_away` never reports rest; `cut` fails until it is connected again."""
+
+    identity = Identity("Test", "source")
+
+    def __init__(self, clock: object, record: str, stays_away: bool = False, cut: bool = False) -> None:
+        self._record, self._stays_away, self._cut = Path(record), stays_away, cut
+
+    def _note(self, call: str) -> None:
+        with self._record.open("a") as file:
+            file.write(f"{call}\n")
+        if self._cut:
+            raise LinkError("the connection was closed")
+
+    def is_at_rest(self, *_: float) -> bool:
+        self._note("is_at_rest")
+        return not self._stays_away
+
+    def initialize_at_rest(self, *_: float) -> None:
+        self._note("initialize_at_rest")
+
+    def start_drive(self, drive: Any) -> None:
+        self._note("start_drive")
+
+    def stop(self) -> None:
+        self._note("stop")
+
+    def ramp_to(self, level_v: float, duration_s: float) -> None:
+        self._note(f"ramp_to {level_v:g}")
+
+    def idle_level_v(self) -> float:
+        return 4.0
+
+    def reconnect(self) -> None:
+        self._cut = False
+        self._note("reconnect")
+
+    def close(self) -> None:
+        pass
