@@ -27,8 +27,9 @@ from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SinePoint
+from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import RunFileWriter, RunMetadata
+from protocols.runfile.writer import RunFileWriter
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import estimate_swept_response
 from tests.helpers.sampled import march

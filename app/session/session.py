@@ -220,6 +220,7 @@ class Session:
         else:
             self.path = runner.path
             self.outcome = runner.run()
+            self.path = runner.path
         self.finished.set()
 
     def _on_run_ended(self, event: SessionEvent) -> None:

@@ -11,6 +11,10 @@ class StorageError(Exception):
     """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""
 
 
+class FileLostError(StorageError):
+    """The run file was deleted, cut, moved or detached by another program."""
+
+
 @contextmanager
 def translate_write_errors(
     kind: str, path: Path, advice: str = "everything before this moment is in it"

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from model import variable_specs
 from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
 from protocols.runfile.errors import StorageError, translate_write_errors
+from protocols.runfile.layout import create_group, software_versions
 from protocols.runfile.schema import RESERVE_BYTES
-from protocols.runfile.writer import create_group, software_versions
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1

@@ -4,7 +4,7 @@ from queue import SimpleQueue
 
 from drivers import Block, Clock
 from protocols.base import BlockStored, Event, EventBus
-from protocols.runfile.errors import StorageError
+from protocols.runfile.errors import FileLostError, StorageError
 from protocols.runfile.writer import RunFileWriter
 
 
@@ -35,6 +35,8 @@ class RunRecorder:
         if not self._store_failed:
             try:
                 self._run_file.append_event(event, self._elapsed_s())
+            except FileLostError:  # later events can still be saved
+                raise
             except StorageError:
                 self._store_failed = True
                 raise

@@ -40,7 +40,8 @@ from protocols.base import (
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState, assess_drift
 from protocols.runfile.errors import StorageError
-from protocols.runfile.writer import RunFileWriter, RunMetadata
+from protocols.runfile.layout import RunMetadata
+from protocols.runfile.writer import RunFileWriter
 from protocols.runner.executor import StepExecutor
 from protocols.runner.ledger import PlanProgress
 from protocols.runner.operator_actions import OperatorActions
@@ -297,6 +298,11 @@ class Runner:
         except BaseException as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
+        try:
+            self._run_file.check_presence()
+        except StorageError as error:
+            if status in (RunStatus.COMPLETED, RunStatus.STOPPED):
+                status, reason = RunStatus.FAILED, str(error)
         verdict = self._judge(status, reason)
         try:
             reason = self._run_file.finish(status, reason, estimates, self._plan_progress.curves, verdict)
@@ -306,7 +312,8 @@ class Runner:
             verdict = Verdict.of_status(status, reason, verdict.checks)
             with contextlib.suppress(StorageError):
                 self._run_file.close_after_error()
-        ended = RunEnded(status, reason, str(self._run_file.path), estimates, verdict)
+        self.path = self._run_file.path  # another one if the file was moved or deleted
+        ended = RunEnded(status, reason, str(self.path), estimates, verdict)
         self._recorder.notify(ended)
         return ended
 

@@ -20,9 +20,10 @@ from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
 from protocols.base import Protocol, Quality, RunStatus
 from protocols.registry import PROTOCOLS
+from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import point_columns
-from protocols.runfile.writer import RunFileWriter, RunMetadata
+from protocols.runfile.writer import RunFileWriter
 from tests.helpers.importing import FULL, GOOD, brought, points
 from tests.helpers.run_files import finished_run
 

@@ -12,7 +12,8 @@ from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from protocols.runfile.writer import NOT_JUDGED, RunFileWriter, RunMetadata
+from protocols.runfile.layout import RunMetadata
+from protocols.runfile.writer import NOT_JUDGED, RunFileWriter
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 NOBODY = 4_200_000

@@ -25,8 +25,10 @@ from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, Event, LogMessage, Quality, RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StorageError
+from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run, RunReadError
-from protocols.runfile.writer import RunFileWriter, RunMetadata, append_estimates
+from protocols.runfile.results import append_estimates, append_results
+from protocols.runfile.writer import RunFileWriter
 from tests.helpers.simulated_bench import laboratory, run
 
 
@@ -111,7 +113,7 @@ from typing import Annotated
 from annotated_types import Unit
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.runfile.writer import RunMetadata
+from protocols.runfile.layout import RunMetadata
 from protocols.runfile.writer import RunFileWriter
 @dataclass
 class Spot:
@@ -275,7 +277,8 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
         ran = run(SineDwell(frequencies_hz=(100,)), tmp_path, lab)
     with Run(ran.path) as file:
         before = file.trace.read_raw("displacement").tobytes()
-    append_estimates(ran.path, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+    with append_results(ran.path) as file:
+        append_estimates(file, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
     with Run(ran.path) as file:
         assert file.trace.read_raw("displacement").tobytes() == before
         assert [e.name for e in file.estimates()] == ["quality factor"]
@@ -284,7 +287,8 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
 def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)
-    append_estimates(ran.path, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+    with append_results(ran.path) as file:
+        append_estimates(file, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
 
     def read() -> tuple[Any, ...]:
         with Run(ran.path) as file:
@@ -353,4 +357,4 @@ def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:
         kept = json.loads(file["entry/configuration"].asstr()[()])
     assert kept["amplifier"]["rest_v"] == 2.5
     top = {name for name in after if name.count("/") < 2} - {name for name in names if name.count("/") < 2}
-    assert top <= {"entry/estimates", "entry/verdict_details"}
+    assert top <= {"entry/estimates", "entry/verdict_details", "entry/checksums"}

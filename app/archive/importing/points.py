@@ -26,8 +26,9 @@ from drivers import LaserSensor
 from model import GRAVITY, Array
 from protocols.base import Protocol, Quality, ResultCurve, RunStatus
 from protocols.registry import PROTOCOLS
+from protocols.runfile.layout import RunMetadata
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
-from protocols.runfile.writer import RunFileWriter, RunMetadata
+from protocols.runfile.writer import RunFileWriter
 
 
 @dataclass(frozen=True, slots=True)

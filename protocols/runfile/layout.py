@@ -1,0 +1,199 @@
+"""Layout of a new run file: metadata, and every dataset created empty before the first volt."""
+
+import json
+import os
+import platform
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from drivers import LaserSensor
+from protocols.base import Outcome, RunStatus, to_jsonable
+from protocols.runfile.schema import (
+    BLOCK_DTYPE,
+    ENTRY_COLUMN,
+    EVENT_DTYPE,
+    FORMAT,
+    FORMAT_VERSION,
+    MAX_SCALING_COEFFICIENTS,
+    MAX_TEXT_BYTES,
+    RECORDING_DTYPE,
+    truncate_utf8,
+)
+
+RAW_CHUNK = 16_384
+TABLE_CHUNK = 64
+
+
+@dataclass(frozen=True, slots=True)
+class RunMetadata:
+    """Metadata of a run, known before it starts."""
+
+    protocol: str
+    title: str
+    parameters: Mapping[str, Any]
+    point_type: type
+    axes: tuple[str, str]
+    sensor: LaserSensor
+    bench: Mapping[str, Any]
+    simulated: bool
+    specimen: str = "unnamed"
+    resumed_from: Path | None = None
+    """The resumed run: its points are carried over, its raw data is linked."""
+    imported: Mapping[str, Any] = field(default_factory=dict)
+    """Source files, hashes and columns of an imported run; empty for a measured one."""
+    started_at: datetime | None = None
+    """Time of the measurement, if not now."""
+
+
+def software_versions() -> dict[str, str]:
+    """Return the versions of the software that computed the results."""
+    packages = ("tactor-bench", "numpy", "scipy", "h5py", "nidaqmx", "pyvisa", "pyvisa-py")
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def create_file(path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]) -> None:
+    """Create the file of a run with all datasets, in one step: a killed program leaves a whole file or none.
+
+    Raises:
+        FileExistsError: there is such a file.
+        OSError: it cannot be written.
+    """
+    with h5py.File(path, "w", driver="core", backing_store=False, libver="latest") as file:
+        _create_datasets(file, path, metadata, point_columns)
+        file.flush()
+        image = file.id.get_file_image()
+    working = path.with_name(f".{path.name}.{os.getpid()}")  # no run yet, and hidden
+    try:
+        working.write_bytes(image)
+        try:
+            os.link(working, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            with path.open("xb") as file_without_link:
+                file_without_link.write(image)
+    finally:
+        working.unlink(missing_ok=True)
+
+
+def _create_datasets(
+    file: h5py.File, path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]
+) -> None:
+    """Create all datasets; `point_columns` as of protocols.runfile.schema.point_columns."""
+    file.attrs.update(
+        {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
+    )
+    entry = create_group(file, "entry", "NXentry", default="points")
+    now = (metadata.started_at or datetime.now(UTC)).isoformat(timespec="milliseconds")
+    for name, value, length in (
+        ("status", str(RunStatus.RUNNING), 16),
+        ("reason", "", MAX_TEXT_BYTES),
+        ("verdict", str(Outcome.NOT_JUDGED), 16),
+        ("start_time", now, 32),
+        ("end_time", "", 32),
+        ("title", f"{metadata.title} of {metadata.specimen}", MAX_TEXT_BYTES),
+    ):
+        entry.create_dataset(name, data=np.array(truncate_utf8(value, length), f"S{length}"))
+    for name, value in {
+        "protocol": metadata.protocol,
+        "parameters": json.dumps(metadata.parameters),
+        "specimen": metadata.specimen,
+        "configuration": json.dumps(to_jsonable(metadata.bench), allow_nan=False),
+        "software": json.dumps(software_versions()),
+        "host": socket.gethostname(),
+    }.items():
+        entry.create_dataset(name, data=value)
+    if metadata.imported:
+        entry["imported"] = json.dumps(to_jsonable(metadata.imported), ensure_ascii=False, allow_nan=False)
+    entry["process_id"] = os.getpid()
+    entry["simulated"] = metadata.simulated
+    # Relative, so that a folder of runs can be moved.
+    earlier = os.path.relpath(metadata.resumed_from, path.parent) if metadata.resumed_from else ""
+    entry["continues"] = earlier
+    if earlier:
+        entry["earlier"] = h5py.ExternalLink(earlier, "/entry")
+    _create_trace(entry, metadata.sensor)
+    _create_points(entry, metadata.axes, point_columns)
+    for name, kind in (("events", EVENT_DTYPE), ("blocks", BLOCK_DTYPE), ("recordings", RECORDING_DTYPE)):
+        entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True)
+    _create_instrument(entry, metadata)
+
+
+def _create_trace(entry: h5py.Group, sensor: LaserSensor) -> None:
+    trace = create_group(entry, "trace", "NXdata", signal="displacement", auxiliary_signals=["drive"])
+    trace.create_dataset("sample_rate", data=0.0).attrs["units"] = "Hz"
+    # Volts become units as gain * volts + offset; the card's polynomial gives the volts.
+    gains = {
+        "drive": (1.0, 0.0, "V"),
+        "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, "m"),
+    }
+    for name, (gain, offset, unit) in gains.items():
+        raw = trace.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,), fletcher32=True)
+        raw.attrs.update({"units": "counts", "long_name": f"{name} (counts)", "scaled_units": unit})
+        # NXdata's own convention; the straight line through the middle of the card's polynomial.
+        factor = trace.create_dataset(f"{name}_scaling_factor", data=1.0)
+        shift = trace.create_dataset(f"{name}_offset", data=0.0)
+        factor.attrs.update({"units": f"{unit}/count", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
+        shift.attrs.update({"units": "counts", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
+        trace.create_dataset(f"{name}_volts_to_units", data=[gain, offset]).attrs["units"] = unit
+        card = trace.create_dataset(f"{name}_scaling_coefficients", data=np.zeros(MAX_SCALING_COEFFICIENTS))
+        skew = trace.create_dataset(f"{name}_skew", data=0.0)
+        skew.attrs.update({"units": "s", "long_name": "how much later than its scan this channel was converted"})
+        card.attrs["units"] = "V"
+        card.attrs["long_name"] = "card polynomial: volts = c0 + c1 n + c2 n^2 + c3 n^3"
+
+
+def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: Mapping[str, tuple[str, str, int]]) -> None:
+    x, y = axes
+    points = create_group(entry, "points", "NXdata", signal=y, axes=[x])
+    for name, (unit, description, width) in columns.items():
+        shape, longest = ((0, width), (None, width)) if width else ((0,), (None,))
+        column = points.create_dataset(
+            name, shape, "f8", maxshape=longest, chunks=(TABLE_CHUNK, *shape[1:]), fletcher32=True
+        )
+        column.attrs.update({"units": unit, "long_name": f"{description} ({unit})"})
+    entries = points.create_dataset(ENTRY_COLUMN, (0,), "i8", maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True)
+    entries.attrs.update({"units": "1", "long_name": "entry of the plan"})
+
+
+def _create_instrument(entry: h5py.Group, metadata: RunMetadata) -> None:
+    instrument = create_group(entry, "instrument", "NXinstrument")
+    sensor = create_group(instrument, "displacement_sensor", "NXsensor")
+    for name, value, unit in (
+        ("gain", metadata.sensor.gain_m_per_v, "m/V"),
+        ("zero", metadata.sensor.zero_v, "V"),
+        ("delay", metadata.sensor.delay_s, "s"),
+        ("gain_relative_uncertainty", metadata.sensor.gain_relative_uncertainty, "1"),
+        ("valid_low", metadata.sensor.valid_low_v, "V"),
+        ("valid_high", metadata.sensor.valid_high_v, "V"),
+    ):
+        sensor.create_dataset(name, data=value).attrs["units"] = unit
+    for name in ("name", "serial", "calibrated", "expires"):
+        sensor[name] = getattr(metadata.sensor, name)
+    for role, identity in dict(metadata.bench.get("identities", {})).items():
+        create_group(instrument, role, "NXcollection")["name"] = str(identity)
+
+
+def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
+    """Create a group of a NeXus class."""
+    made = parent.create_group(name)
+    made.attrs["NX_class"] = nx_class
+    made.attrs.update(attributes)
+    return made

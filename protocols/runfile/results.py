@@ -1,0 +1,74 @@
+"""Results appended to a run file after its end: verdict, curves and estimates, with its checksums brought up to date."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+
+from protocols.base import EstimatedQuantity, ResultCurve, Verdict
+from protocols.runfile.checksums import changed_objects, store_checksums, stored_digests
+from protocols.runfile.errors import StorageError, translate_write_errors
+from protocols.runfile.layout import create_group
+
+
+@contextmanager
+def append_results(path: Path, new: bool = False, locking: bool = True) -> Iterator[h5py.File]:
+    """Open a run that has ended for appending; afterwards its checksums are computed anew.
+
+    Args:
+        path: the run file.
+        new: whether the run has just ended, so that it has no checksums yet.
+        locking: whether the file is locked, and rejected where another program has it locked.
+
+    Raises:
+        StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
+    """
+    with translate_write_errors("run", path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+        if changed := changed_objects(file):
+            raise StorageError(
+                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(changed[:3])}); take "
+                "another copy of it"
+            )
+        has_checksums = new or stored_digests(file) is not None
+        try:
+            yield file
+        finally:
+            if has_checksums:
+                store_checksums(file)
+
+
+def append_curves(file: h5py.File, curves: Sequence[ResultCurve]) -> None:
+    """Append curves, each an NXdata group."""
+    if not curves:
+        return
+    every = create_group(file["entry"], "curves", "NXcollection")
+    for curve in curves:
+        found = create_group(every, f"{curve.name}_{len(every):03d}", "NXdata", signal=curve.y, axes=[curve.x])
+        found["title"] = f"{curve.name} {curve.label}".strip()
+        found.attrs.update({"name": curve.name, "label": curve.label, "entry": curve.entry})
+        for name, column in curve.columns.items():
+            found.create_dataset(name, data=column.values).attrs.update(
+                {"units": column.unit, "long_name": f"{column.words} ({column.unit})"}
+            )
+
+
+def store_verdict(file: h5py.File, verdict: Verdict) -> None:
+    """Store the verdict in the place of an earlier one."""
+    entry = file["entry"]
+    for name, value in (("verdict", str(verdict.outcome)), ("verdict_details", verdict.to_json())):
+        if name in entry:
+            del entry[name]
+        entry.create_dataset(name, data=value)
+
+
+def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) -> None:
+    """Append identified quantities."""
+    if not estimates:
+        return
+    found = create_group(file["entry"], "estimates", "NXcollection")
+    for estimate in estimates:
+        one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
+        for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
+            one.create_dataset(name, data=value).attrs["units"] = estimate.unit
+        one["source"] = estimate.source

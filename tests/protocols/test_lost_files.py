@@ -1,0 +1,117 @@
+"""A run file that another program deletes, cuts, moves or detaches ends the run; what can be saved is saved."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from protocols.base import (
+    BlockStored,
+    Event,
+    Outcome,
+    PointMeasured,
+    RestMeasured,
+    RunEnded,
+    RunStatus,
+    ShutdownStarted,
+)
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from tests.helpers.simulated_bench import Ran, laboratory, run
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="an open file cannot be moved or deleted there")
+
+PROTOCOL = SineDwell(frequencies_hz=(100, 160, 200), record_s=0.05, min_cycles=5)
+
+
+def run_and_break(folder: Path, hurt: Callable[[Path], object], protocol: SineDwell = PROTOCOL, points: int = 2) -> Ran:
+    """Run the protocol; call `hurt` with the file after the first block that follows `points` points."""
+    done: list[Event] = []
+    broken: list[int] = []
+
+    def watch(event: Event) -> None:
+        done.append(event)
+        if isinstance(event, BlockStored) and not broken and sum(isinstance(e, PointMeasured) for e in done) == points:
+            broken.append(len(done))
+            hurt(next(folder.glob("*.h5")))
+
+    with laboratory() as lab:
+        ran = run(protocol, folder, lab, watch)
+    rest = [e for e in done if isinstance(e, RestMeasured)]
+    assert [e.confirmed for e in rest] == [True]
+    way_out = next(i for i, e in enumerate(done) if isinstance(e, ShutdownStarted))
+    blocks = sum(isinstance(e, BlockStored) for e in done[broken[0] : way_out])
+    assert blocks == 0, "noticed with the next block"
+    assert ran.status == RunStatus.FAILED
+    return ran
+
+
+def test_deleted_run_file_ends_the_run_and_is_restored(tmp_path: Path) -> None:
+    ran = run_and_break(tmp_path, Path.unlink)
+    assert "was deleted while it was being written; what was measured is saved in" in ran.reason
+    (file,) = tmp_path.glob("*.h5")
+    assert ran.path == file
+    with Run(file) as saved:
+        assert (saved.state, saved.verdict.outcome, saved.point_count) == ("failed", Outcome.FAILED, 2)
+        assert saved.reason == ran.reason
+        assert saved.trace.sample_count > 1000
+        assert any(e.kind == "AtRest" for e in saved.events())
+        assert len(list(saved.recordings())) == 2
+
+
+def test_run_folder_that_was_deleted_is_restored_with_the_run(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    ran = run_and_break(folder, lambda path: shutil.rmtree(path.parent))
+    assert "was deleted while it was being written" in ran.reason
+    with Run(ran.path) as saved:
+        assert (saved.state, saved.point_count) == ("failed", 2)
+
+
+def test_moved_run_file_is_finished_where_it_is(tmp_path: Path) -> None:
+    moved = tmp_path / "elsewhere.h5"
+    folder = tmp_path / "runs"
+    ran = run_and_break(folder, lambda path: path.rename(moved))
+    assert f"was moved to {moved} while it was being written; what was measured is in {moved}" in ran.reason
+    assert ran.path == moved
+    with Run(moved) as saved:
+        assert (saved.state, saved.point_count) == ("failed", 2)
+        assert saved.reason == ran.reason
+
+
+def test_folder_moved_as_a_detached_disk_is_found(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    ran = run_and_break(folder, lambda path: path.parent.rename(tmp_path / "gone"))
+    assert ran.path.parent == tmp_path / "gone"
+    with Run(ran.path) as saved:
+        assert saved.point_count == 2
+
+
+def test_points_and_events_of_a_cut_run_file_are_saved_in_another(tmp_path: Path) -> None:
+    ran = run_and_break(tmp_path, lambda path: os.truncate(path, 5000))
+    assert "to 5000 bytes while it was being written; the samples in it are lost; events, points" in ran.reason
+    assert len(list(tmp_path.glob("*.h5"))) == 2
+    with Run(ran.path) as saved:
+        assert (saved.state, saved.point_count, saved.trace.sample_count) == ("failed", 2, 0)
+        assert saved.points()["fundamental"].tolist() == [point.fundamental for point in ran.points]
+        assert any(e.kind == "AtRest" for e in saved.events())
+
+
+def test_file_lost_at_the_very_end_fails_the_run_and_keeps_its_estimates(tmp_path: Path) -> None:
+    moved = tmp_path / "elsewhere.h5"
+    folder = tmp_path / "runs"
+
+    def move_at_the_end(event: Event) -> None:
+        if isinstance(event, RestMeasured):
+            next(folder.glob("*.h5")).rename(moved)
+
+    with laboratory() as lab:
+        ran = run(SineDwell(record_s=0.05, min_cycles=5), folder, lab, move_at_the_end)
+    assert ran.status == RunStatus.FAILED
+    with Run(moved) as saved:
+        assert saved.estimates()
+        (ended,) = (e for e in ran.events if isinstance(e, RunEnded))
+        assert {e.name: e for e in saved.estimates()} == {e.name: e for e in ended.estimates}
