@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.rest import RestMeasurement
+from drivers.bench.rest import REST_TOLERANCE_V, RestMeasurement
 from drivers.bench.shutdown import (
     DISPLACEMENT_CHANNEL,
     DRIVE_CHANNEL,
@@ -280,7 +280,11 @@ class Bench:
             raise
         armed.high_voltage_may_be_on = True
         self.watchdog.arm()
-        warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
+        armed.catch_up(self.clock.now())
+        volts = drive_voltage(armed.last_block, armed.scales) if armed.last_block is not None else None
+        # A burst that has ended leaves its amplitude set, with the output at rest: nothing to be warned of.
+        if volts is None or abs(volts - self.amplifier.map.rest_v).max() > REST_TOLERANCE_V:
+            warn("an earlier program left a drive or a level on the source, which is ramped to rest now")
         self.amplifier.force_rest()
 
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:

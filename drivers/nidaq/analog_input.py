@@ -5,19 +5,22 @@ which also serves the simulated card. Raw 16-bit integers are kept, with the car
 """
 
 import contextlib
+import time
+from collections.abc import Callable
 from typing import Any
 
 import nidaqmx
 import numpy as np
 from nidaqmx.constants import AcquisitionType, TerminalConfiguration
-from nidaqmx.errors import DaqError, DaqNotFoundError, RpcError
+from nidaqmx.errors import DaqError, RpcError
+from nidaqmx.grpc_session_options import SessionInitializationBehavior
 from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.system import System
 
 from drivers.clock import Clock
 from drivers.closing import Closeable
 from drivers.deprecated import renamed
-from drivers.errors import AcquisitionError, InstrumentError
+from drivers.errors import AcquisitionError, CardInUseError, InstrumentError
 from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
@@ -26,6 +29,18 @@ BUFFER_S = 20.0
 
 READ_TIMEOUT_S = 5.0
 """Longest wait for a block beyond its duration; after that the card counts as disconnected."""
+
+
+INPUT, OUTPUT, READBACK = "input", "output", "read-back"
+"""Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until somebody clears it, also when
+the program that created it is dead. So tasks there are sessions with names, by which the next program finds them."""
+
+ABANDONED_AFTER_S = 3.0
+"""An input session that nobody has read for so long belongs to a program that is dead: one that runs reads every block."""
+
+POLL_S = 0.25
+OUTPUT_END_TIMEOUT_S = 10.0
+"""Longest wait for the drive of a dead program to end before its output task is cleared."""
 
 
 class NiConnection:
@@ -45,12 +60,20 @@ class NiConnection:
         self._server = server
         self._rpc: Any = None
         self._options: Any = None
+        self._open_roles: set[str] = set()
+        self._created: set[str] = set()
         self.identity = self.reopen()
         self.description = f"DAQ card {device} ({self.identity.model})"
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether the card is behind a gRPC device server."""
+        return self._server is not None
 
     def reopen(self) -> Identity:
         """Connect again and return the card's identity. Raises InstrumentError like the constructor."""
         self.close()
+        self._open_roles.clear()
         if self._server:
             import grpc
 
@@ -71,12 +94,78 @@ class NiConnection:
             self.close()
             raise
 
-    def new_task(self) -> Any:
-        """Return a new NI task on this card's driver."""
-        if self._server and self._rpc is None:
+    def new_task(self, role: str) -> Any:
+        """Return a new NI task on this card's driver; at a gRPC server that of a dead program is cleared first.
+
+        Raises:
+            CardInUseError: the card is in use by another program that runs, or by a task of this one.
+            AcquisitionError: the server does not answer.
+        """
+        if not self._server:
+            with translate_errors(self.description):
+                return nidaqmx.Task()
+        if self._rpc is None:
             raise AcquisitionError(f"{self.description} is closed")
         with translate_errors(self.description):
-            return nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
+            task = self._create_session(role, SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
+            if task is None:
+                if role in self._open_roles:
+                    raise CardInUseError(f"{self.description}: its {role} is already in use by this program")
+                self.clear_abandoned(role)
+                task = self._create_session(role, SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
+            if task is None:
+                raise CardInUseError(f"{self.description}: another program has just taken its {role}; close that first")
+        self._open_roles.add(role)
+        return task
+
+    def close_task(self, task: Any, role: str) -> None:
+        """Clear a task. Raises InstrumentError if the card or the server is gone."""
+        self._open_roles.discard(role)
+        with translate_errors(self.description):
+            task.close()
+
+    def clear_abandoned(self, *roles: str) -> None:
+        """Clear the sessions that a dead program, or a broken connection of this one, left at the gRPC server.
+
+        Raises:
+            CardInUseError: the program that created them runs.
+        """
+        if not self._server or self._rpc is None:
+            return
+        with translate_errors(self.description):
+            left = {role: task for role in roles if role not in self._open_roles and (task := self._attach(role))}
+            if left.keys() - self._created:
+                reader = left.get(INPUT) or self._attach(INPUT)
+                if reader is not None and _is_being_read(reader):
+                    raise CardInUseError(
+                        f"{self.description}: the card is in use by another program, which reads it (session "
+                        f"'{self._session_name(INPUT)}' at the gRPC server); close that program first"
+                    )
+            for role, task in left.items():
+                if role == OUTPUT:
+                    _wait_until_done(task)
+                with contextlib.suppress(DaqError):
+                    task.close()
+
+    def _session_name(self, role: str) -> str:
+        return f"tactor-bench {self.device} {role}"
+
+    def _attach(self, role: str) -> Any:
+        return self._create_session(role, SessionInitializationBehavior.ATTACH_TO_SERVER_SESSION)
+
+    def _create_session(self, role: str, behavior: SessionInitializationBehavior) -> Any:
+        """Create or attach to the session of a role; return None if it exists already, or does not exist."""
+        name = self._session_name(role)
+        options = nidaqmx.GrpcSessionOptions(self._rpc, name, initialization_behavior=behavior)
+        try:
+            task = nidaqmx.Task(name, grpc_options=options)
+        except RpcError as error:
+            if str(getattr(error.rpc_code, "name", error.rpc_code)) in ("UNAVAILABLE", "DEADLINE_EXCEEDED"):
+                raise
+            return None
+        if behavior is SessionInitializationBehavior.INITIALIZE_SERVER_SESSION:
+            self._created.add(role)
+        return task
 
     def close(self) -> None:
         channel, self._rpc = self._rpc, None
@@ -116,9 +205,9 @@ class NiDigitizer:
 
     def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
         """Begin to acquire (see drivers.interfaces.Digitizer.stream)."""
-        task, where = self._connection.new_task(), self._connection.description
+        task, where = self._connection.new_task(INPUT), self._connection.description
         try:
-            with translate_errors(where):
+            with translate_errors(where, remote=self._connection.is_remote):
                 for terminal in self._channels:
                     task.ai_channels.add_ai_voltage_chan(
                         f"{self._connection.device}/{terminal}",
@@ -131,9 +220,10 @@ class NiDigitizer:
                     sample_mode=AcquisitionType.CONTINUOUS,
                     samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
                 )
-                return NiStream(task, block_scans, self._clock, where)
+                return NiStream(task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT))
         except BaseException:
-            task.close()
+            with contextlib.suppress(InstrumentError):
+                self._connection.close_task(task, INPUT)
             raise
 
     def close(self) -> None:
@@ -144,8 +234,11 @@ class NiDigitizer:
 class NiStream(Closeable):
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 
-    def __init__(self, task: Any, block_scans: int, clock: Clock, description: str) -> None:
+    def __init__(
+        self, task: Any, block_scans: int, clock: Clock, description: str, close_task: Callable[[], None]
+    ) -> None:
         self._task, self._description, self._next_scan = task, description, 0
+        self._close_task = close_task
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
         self.scales = tuple(
@@ -172,8 +265,30 @@ class NiStream(Closeable):
         task, self._task = self._task, None
         if task is not None:
             # An unplugged card or a dead server cannot be stopped, and need not be.
-            with contextlib.suppress(DaqError, RpcError, DaqNotFoundError):
-                task.close()
+            with contextlib.suppress(InstrumentError):
+                self._close_task()
+
+
+def _is_being_read(task: Any) -> bool:
+    """Watch for `ABANDONED_AFTER_S` whether a program reads an input task."""
+    deadline = time.monotonic() + ABANDONED_AFTER_S
+    try:
+        first = task.in_stream.curr_read_pos
+        while time.monotonic() < deadline:
+            time.sleep(POLL_S)
+            if task.in_stream.curr_read_pos != first:
+                return True
+    except DaqError:  # its buffer has overflowed, or it was cleared meanwhile
+        return False
+    return False
+
+
+def _wait_until_done(task: Any) -> None:
+    """Wait for the end of a drive, so that it is not cut in mid-wave."""
+    deadline = time.monotonic() + OUTPUT_END_TIMEOUT_S
+    with contextlib.suppress(DaqError):
+        while not task.is_task_done() and time.monotonic() < deadline:
+            time.sleep(POLL_S)
 
 
 def _convert_interval_s(task: Any) -> float:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine
-from drivers.errors import BenchError, InstrumentError
-from drivers.nidaq.analog_input import NiConnection
+from drivers.errors import BenchError, CardInUseError, InstrumentError
+from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
 from drivers.nidaq.errors import translate_errors
 
 SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
@@ -129,6 +129,8 @@ class NiAnalogOutput:
         self._rate_hz, self._samples = SAMPLE_RATES_HZ[0], 0
         self._start_s = 0.0
         self._rest_v: float | None = None
+        with contextlib.suppress(CardInUseError):  # by a program that runs: starting the acquisition reports it
+            self._connection.clear_abandoned(INPUT, OUTPUT, READBACK)
         self._level_v = self._read_back_v()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
@@ -254,7 +256,7 @@ class NiAnalogOutput:
                 f"{MAX_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
             )
         self._release_task()
-        task = self._connection.new_task()
+        task = self._connection.new_task(OUTPUT)
         try:
             with translate_errors(self._description):
                 task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
@@ -272,8 +274,8 @@ class NiAnalogOutput:
                 task.start()
         except BaseException:
             self._task = self._drive = None
-            with contextlib.suppress(BenchError), translate_errors(self._description):
-                task.close()
+            with contextlib.suppress(BenchError):
+                self._connection.close_task(task, OUTPUT)
             raise
 
     def _rewrite_with_fade(self, task: Any, drive: Drive, first: int) -> int:
@@ -295,30 +297,30 @@ class NiAnalogOutput:
     def _release_task(self) -> None:
         task, self._task, self._drive = self._task, None, None
         if task is not None:
-            with translate_errors(self._description):
-                task.close()
+            self._connection.close_task(task, OUTPUT)
 
     def _write_level(self, level_v: float) -> None:
         """Write one level immediately, without a clock."""
-        task = self._connection.new_task()
+        task = self._connection.new_task(OUTPUT)
         try:
             with translate_errors(self._description):
                 task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
                 task.write(level_v, auto_start=True)
         finally:
-            with translate_errors(self._description):
-                task.close()
+            self._connection.close_task(task, OUTPUT)
         self._level_v = level_v
 
     def _read_back_v(self) -> float | None:
         """Return the output as measured inside the card; None if its converter is busy or has no such channel."""
-        task = self._connection.new_task()
+        task: Any = None
         try:
+            task = self._connection.new_task(READBACK)
             with translate_errors(self._description):
                 task.ai_channels.add_ai_voltage_chan(self._readback_channel, min_val=-10.0, max_val=10.0)
                 return float(task.read())
         except InstrumentError:
             return None
         finally:
-            with contextlib.suppress(InstrumentError), translate_errors(self._description):
-                task.close()
+            if task is not None:
+                with contextlib.suppress(InstrumentError):
+                    self._connection.close_task(task, READBACK)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, RpcError
 
-from drivers.errors import AcquisitionError, InstrumentError
+from drivers.errors import AcquisitionError, CardInUseError, InstrumentError
 
 REMEDIES = {
     -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
@@ -26,9 +26,17 @@ REMEDIES = {
 }
 
 
+RESERVED = -50103
+REMOTE_RESERVED_REMEDY = "the card is reserved at the gRPC device server by another client, which may have died; close it, or start the server again"
+
+
 @contextlib.contextmanager
-def translate_errors(device_name: str) -> Iterator[None]:
-    """Raise AcquisitionError in place of NI's errors, or InstrumentError if the NI driver is not installed."""
+def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None]:
+    """Raise AcquisitionError in place of NI's errors, or InstrumentError if the NI driver is not installed.
+
+    A card of this computer (not `remote`) that is reserved raises CardInUseError: NI's driver clears what a dead program
+    reserved.
+    """
     try:
         yield
     except DaqNotFoundError as error:
@@ -47,4 +55,7 @@ def translate_errors(device_name: str) -> Iterator[None]:
     except DaqError as error:
         remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
         detail = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
-        raise AcquisitionError(f"{device_name}: {remedy} (NI {error.error_code}: {detail[:200]})") from error
+        if error.error_code == RESERVED and remote:
+            remedy = REMOTE_RESERVED_REMEDY
+        kind = CardInUseError if error.error_code == RESERVED and not remote else AcquisitionError
+        raise kind(f"{device_name}: {remedy} (NI {error.error_code}: {detail[:200]})") from error

@@ -31,11 +31,20 @@ from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.wires.port import HOST
 
 _BY_CHANNEL = 0
+_INITIALIZE_NEW, _ATTACH_TO_EXISTING = 1, 2
 _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
 
 Call = Callable[[Any], Mapping[str, Any] | None]
 """Handles a request; returns the fields of the reply, None if it has none."""
+
+
+class SessionError(Exception):
+    """A session that cannot be created or attached to: a status of gRPC, not an error of NI-DAQmx."""
+
+    def __init__(self, code: grpc.StatusCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
 
 
 class NiGrpcServer(Closeable):
@@ -105,6 +114,8 @@ class NiGrpcServer(Closeable):
                 read = () if error.samples_read is None else (("ni-samps-per-chan-read", str(error.samples_read)),)
                 context.set_trailing_metadata((("ni-error", str(error.code)), *read))
                 context.abort(grpc.StatusCode.UNKNOWN, str(error))
+            except SessionError as error:
+                context.abort(error.code, str(error))
 
         return grpc.unary_unary_rpc_method_handler(serve, ask.FromString, answer.SerializeToString)
 
@@ -159,9 +170,21 @@ class NiGrpcServer(Closeable):
         return self._tasks.output(request.task.name)
 
     def _create(self, request: Any) -> Mapping[str, Any]:
+        """Create a session or attach to one, by name. It stays, with what it has reserved, until it is cleared."""
         name = request.session_name or f"_unnamedTask<{next(self._task_numbers)}>"
-        self._tasks.create(name, name)
-        return {"task": {"name": name}, "new_session_initialized": True}
+        exists = name in self._tasks
+        if exists and request.initialization_behavior == _INITIALIZE_NEW:
+            raise SessionError(
+                grpc.StatusCode.ALREADY_EXISTS, f"Cannot initialize '{name}' when the session already exists."
+            )
+        if not exists and request.initialization_behavior == _ATTACH_TO_EXISTING:
+            raise SessionError(
+                grpc.StatusCode.FAILED_PRECONDITION,
+                f"Cannot attach to '{name}' because a session has not been initialized.",
+            )
+        if not exists:
+            self._tasks.create(name, name)
+        return {"task": {"name": name}, "new_session_initialized": not exists}
 
     def _control(self, request: Any) -> None:
         task, action = self._task(request), request.action_raw or request.action

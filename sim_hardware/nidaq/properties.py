@@ -80,6 +80,7 @@ INPUT_TASK_PROPERTIES: Properties = {
     0x1223: lambda task: task.available(),
     0x192A: lambda task: task.acquired(),
     0x1808: lambda task: task.read_position,
+    0x1221: lambda task: task.read_position,
     0x31E8: _readable_scans,
     0x1215: lambda _: False,  # read all available
 }
@@ -154,6 +155,9 @@ class NiTaskTable:
         task = NiOutputTask(self._device, self[key].name)
         task.add_voltage_channels(text, name, low_v, high_v)
         self._tasks[key] = task
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._tasks
 
     def __getitem__(self, key: Hashable) -> NiInputTask | NiOutputTask:
         """Return the task. Raises NiError if there is none."""

@@ -67,6 +67,13 @@ class Program:
         self._reader.join()
         return code
 
+    def close(self) -> None:
+        self.process.kill()
+        self.end()
+        for stream in (self.process.stdin, self.process.stdout):
+            assert stream is not None
+            stream.close()
+
     @property
     def text(self) -> str:
         return " ".join(" ".join(self.said).split())
@@ -93,29 +100,30 @@ def program(
             f"[sensor]\ndelay_s = 1e-4\n"
             f"[watchdog]\n{watchdog}\n"
         )
-        command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
-        options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
-        chosen = [part for setting in settings for part in ("--set", setting)]
-        process = subprocess.Popen(
-            [sys.executable, "-c", script] if script else [*command, *options, *chosen],
-            cwd=folder if script else None,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(ROOT)},
-        )
-        running = Program(bench, process)
-        running.folder = folder
+        running = start(bench, folder, *settings, script=script)
         try:
             yield running, served
         finally:
-            process.kill()
-            running.end()
-            assert process.stdin is not None
-            process.stdin.close()
-            assert process.stdout is not None
-            process.stdout.close()
+            running.close()
+
+
+def start(bench: SimulatedBench, folder: Path, *settings: str, script: str = "") -> Program:
+    """Start the program on the `bench.toml` of the folder; close it afterwards."""
+    command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
+    options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", "sine-dwell"]
+    chosen = [part for setting in settings for part in ("--set", setting)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", script] if script else [*command, *options, *chosen],
+        cwd=folder if script else None,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(ROOT)},
+    )
+    running = Program(bench, process)
+    running.folder = folder
+    return running
 
 
 def safe(bench: SimulatedBench) -> VoltageReport:
