@@ -109,15 +109,15 @@ def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
     Raises:
         RunReadError: the file is not a run, or has no such entry; the message lists the entries.
     """
-    with Run(path) as run:
+    with Run(path) as run, translate_read_errors(path):
         begun, columns = run.entries(), run.points()
-    good = {
-        int(entry)
-        for entry, quality in zip(
-            columns[ENTRY_COLUMN], columns.get("quality", [0] * len(columns[ENTRY_COLUMN])), strict=True
-        )
-        if Quality(int(quality)).usable
-    }
+        good = {
+            int(entry)
+            for entry, quality in zip(
+                columns[ENTRY_COLUMN], columns.get("quality", [0] * len(columns[ENTRY_COLUMN])), strict=True
+            )
+            if Quality(int(quality)).usable
+        }
     found: set[int] = set()
     for words in entry_names:
         if words == FLAGGED_ENTRIES:

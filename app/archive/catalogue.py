@@ -210,6 +210,24 @@ def _upsert(db: sqlite3.Connection, entries: Sequence[RunSummary]) -> None:
     db.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", entries)  # noqa: S608
 
 
+def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[str]) -> None:
+    """Add a run file or notes to the listing; one that cannot be looked at does not hide the others."""
+    try:
+        path.encode()
+        stat = item.stat()
+    except UnicodeEncodeError:
+        walk.skipped.append(f"{folder / path} has a name that is no UTF-8 text; rename it")
+    except FileNotFoundError:  # deleted meanwhile, or a link that leads nowhere
+        pass
+    except OSError as error:
+        walk.skipped.append(f"{folder / path} cannot be read: {error.strerror or error}")
+    else:
+        if item.name.endswith(".h5"):
+            walk.runs[path] = stat
+        else:
+            walk.notes[path] = stat.st_mtime_ns
+
+
 def _list_folder(folder: Path) -> _FolderListing:
     """List run files and notes in a folder and below by relative path; hidden folders are skipped."""
     walk = _FolderListing()
@@ -224,10 +242,8 @@ def _list_folder(folder: Path) -> _FolderListing:
                     path = f"{inside}{item.name}"
                     if item.is_dir(follow_symlinks=False):
                         pending.append(f"{path}/")
-                    elif item.name.endswith(".h5"):
-                        walk.runs[path] = item.stat()
-                    elif item.name.endswith(NOTES_SUFFIX):
-                        walk.notes[path] = item.stat().st_mtime_ns
+                    elif item.name.endswith((".h5", NOTES_SUFFIX)):
+                        _list_file(walk, folder, path, item)
         except FileNotFoundError:
             if inside:  # deleted during the walk; the root folder itself may not exist yet
                 continue

@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common import write_atomic
+from app.common import read_json_file, write_atomic
 
 NOTES_SUFFIX = ".notes.json"
 
@@ -43,14 +43,22 @@ def read_notes(path: Path) -> Notes:
         NotesError: the file is there and cannot be understood.
     """
     try:
-        record = json.loads(path.read_text("utf-8"))
-        return Notes(tuple(str(tag) for tag in record.get("tags", ())), str(record.get("note", "")))
+        record = read_json_file(path)
+        tags, note = record.get("tags", []), record.get("note", "")
+        if not (isinstance(tags, list) and isinstance(note, str) and all(isinstance(tag, str) for tag in tags)):
+            raise ValueError("tags are a list of texts, and a note is a text")
+        return Notes(tuple(map(_storable, tags)), _storable(note))
     except FileNotFoundError:
         return Notes()
-    except (OSError, ValueError, AttributeError, TypeError) as error:
+    except (OSError, ValueError) as error:
         raise NotesError(
             f"the notes {path} cannot be read ({error}); mend the file or take it away, the run itself is untouched"
         ) from None
+
+
+def _storable(text: str) -> str:
+    """Return a text without halves of characters, which no file and no index can hold."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def write_notes(run: Path, notes: Notes) -> None:

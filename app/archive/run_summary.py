@@ -89,7 +89,7 @@ class RunSummary(NamedTuple):
         """Start time in local time; None if unknown."""
         try:
             return datetime.fromisoformat(self.start_time).astimezone()
-        except ValueError:
+        except (ValueError, OverflowError, OSError):  # also years that the local time zone does not reach
             return None
 
     @property

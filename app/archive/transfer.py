@@ -11,7 +11,7 @@ from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
 from app.config import AmplifierTable
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 COPY_CHUNK_BYTES = 1 << 20
 """Bytes copied between two checks for cancellation."""
@@ -44,7 +44,7 @@ def export_runs(
     for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
         if progress.cancelled:
             break
-        with Run(path) as run:
+        with Run(path) as run, translate_read_errors(path):
             count += len(export_run(run, folder, kind, progress=file_progress))
     return count
 

@@ -9,8 +9,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.common import UndoHistory, write_atomic
-from protocols.base import Prompt
+from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
+
+from app.common import UndoHistory, read_json_file, write_atomic
+from protocols.base import Prompt, visible_values
 from protocols.runfile.schema import safe_name
 
 SUFFIX = ".campaign.json"
@@ -35,6 +37,41 @@ def list_campaigns(folder: Path) -> list[Path]:
     return [path for _, path in sorted(found, reverse=True)]
 
 
+class _PromptRecord(BaseModel):
+    action: StrictStr
+    text: StrictStr
+    values: dict[StrictStr, float] = {}
+    choices: list[StrictStr]
+    hands_on: StrictBool = False
+
+
+class _ItemRecord(BaseModel):
+    name: StrictStr
+    protocol: StrictStr
+    settings: dict[StrictStr, Any] = {}
+    needs: list[StrictStr] = []
+    prepare: list[_PromptRecord]
+    skipped: StrictStr = ""
+    since: StrictStr = ""
+    rejected: list[StrictStr] = []
+    accepted: list[StrictStr] = []
+
+
+class _Basis(BaseModel):
+    run: StrictStr
+    estimates: dict[StrictStr, float]
+
+
+class _CampaignRecord(BaseModel):
+    """Types of a campaign file, so that whatever follows may rely on them."""
+
+    specimen: StrictStr
+    simulated: StrictBool
+    created: StrictStr
+    items: list[_ItemRecord]
+    based_on: dict[StrictStr, dict[StrictStr, _Basis]]
+
+
 def read_record(path: Path) -> dict[str, Any]:
     """Read the record of a campaign file.
 
@@ -42,10 +79,22 @@ def read_record(path: Path) -> dict[str, Any]:
         CampaignError: the file is not a campaign, or of a newer version.
         OSError, ValueError, KeyError, TypeError: the file cannot be read or parsed.
     """
-    record = json.loads(path.read_text("utf-8"))
+    record = dict(visible_values(read_json_file(path)))
     if record["kind"] != "campaign" or record["version"] > VERSION:
         raise CampaignError(f"{path} is of a newer version of this program; install that")
-    return dict(record)
+    try:
+        _CampaignRecord.model_validate(record)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
+    before: set[str] = set()
+    for item in record["items"]:
+        if item["name"] in before:
+            raise ValueError(f"there are two items '{item['name']}'")
+        if missing := [need for need in item.get("needs", ()) if need not in before]:
+            raise ValueError(f"{item['name']} needs '{missing[0]}', which is no item before it")
+        before.add(item["name"])
+    return record
 
 
 def write_record(path: Path, record: Mapping[str, Any]) -> None:

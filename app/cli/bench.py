@@ -1,7 +1,6 @@
 """The commands `check`, `devices`, `bench new` and `faults`."""
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from app.cli.options import (
     switch,
 )
 from app.cli.output import print_json
-from app.common import ExitCode, UsageError, display_unit, path_argument
+from app.common import ExitCode, UsageError, display_unit, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
 from protocols.base import CheckResult, PointMeasured, RestMeasured, RunEnded, RunStatus
@@ -137,7 +136,7 @@ class DevicesCommand(DiscoveryOptions):
             table.add_row(one.role, one.where, one.identity)
         Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
         for note in notes:
-            sys.stderr.write(f"{note}\n")
+            print_message(note)
         return ExitCode.DONE
 
 
@@ -159,10 +158,10 @@ class NewBenchCommand(DiscoveryOptions):
         except OSError as error:
             raise UsageError(f"{self.file} cannot be written: {error.strerror or error}") from None
         for note in notes:
-            sys.stderr.write(f"{note}\n")
+            print_message(note)
         have = [f"{one.role} {one.identity}" for one in found if one.role in ("generator", "supply", "card")]
-        sys.stderr.write(
-            f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it\n"
+        print_message(
+            f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it"
         )
         return ExitCode.DONE
 
@@ -178,7 +177,7 @@ class FaultsCommand:
             print_json(FAULT_DESCRIPTIONS)
             return ExitCode.DONE
         width = max(map(len, FAULT_DESCRIPTIONS))
-        sys.stdout.write("".join(f"{name:{width}}  {text}\n" for name, text in FAULT_DESCRIPTIONS.items()))
+        print_line("\n".join(f"{name:{width}}  {text}" for name, text in FAULT_DESCRIPTIONS.items()))
         return ExitCode.DONE
 
 

@@ -1,6 +1,5 @@
 """The command `campaign`: the measurements of one specimen in their order."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,8 +20,8 @@ from app.campaign import (
 )
 from app.cli.headless import headless_session, select_bench
 from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
-from app.cli.output import print_json, print_line
-from app.common import ExitCode, format_bytes, format_duration, usage_errors
+from app.cli.output import print_json
+from app.common import ExitCode, format_bytes, format_duration, print_line, print_message, usage_errors
 from drivers import BenchError
 from protocols.base import format_with_uncertainty
 from protocols.runfile.reader import RunReadError
@@ -99,7 +98,7 @@ class RunItemCommand(CampaignCommand):
             while line is not None:
                 if not self.json:
                     action = ACTION_LABELS[line.next_action].lower()
-                    sys.stderr.write(f"campaign of {known.specimen}: {action} {line.item.name} ({line.title})\n")
+                    print_message(f"campaign of {known.specimen}: {action} {line.item.name} ({line.title})")
                 runner.start(front.session, line)
                 front.wait()
                 if front.exit_code != ExitCode.DONE or front.interrupted.is_set() or not go_on:

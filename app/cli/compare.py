@@ -1,6 +1,7 @@
 """The command `compare`: two runs of one protocol, point by point at the same settings."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,10 @@ from scipy.special import chdtrc
 
 from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
 from app.cli.output import CommandResult, render
-from app.common import Column, Table, path_argument, usage_errors
+from app.common import Column, Table, UsageError, path_argument, usage_errors
 from model.identification import format_p_value
 from protocols.base import usable_mask
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
 """Columns that distinguish points of equal x, if both runs have them."""
@@ -29,25 +30,26 @@ class CompareCommand:
     second: Path = option(type=path_argument)
     json: bool = switch("--json", JSON_OBJECT)
 
-    @usage_errors(RunReadError, ValueError)
+    @usage_errors(RunReadError)
     def execute(self) -> int:
-        with Run(self.first) as a, Run(self.second) as b:
-            return render(_comparison_result(a, b), self.json)
+        with Run(self.first) as a, Run(self.second) as b, translate_read_errors(self.second):
+            result = _comparison_result(a, b)
+        return render(result, self.json)
 
 
 def _comparison_result(a: Run, b: Run) -> CommandResult:
     if a.protocol != b.protocol:
-        raise ValueError(f"{a.path.name} is a {a.protocol} and {b.path.name} a {b.protocol}: compare runs of one kind")
+        raise UsageError(f"{a.path.name} is a {a.protocol} and {b.path.name} a {b.protocol}: compare runs of one kind")
     from protocols.registry import PROTOCOLS
 
     kind = PROTOCOLS.get(a.protocol)
     if kind is None:
-        raise ValueError(f"{a.path.name} is a run of '{a.protocol}', a protocol that is not known here")
+        raise UsageError(f"{a.path.name} is a run of '{a.protocol}', a protocol that is not known here")
     x, y = kind.axes
     units, left, right = a.units(), _usable_points(a), _usable_points(b)
     pairs = _match_points(left, right, x)
     if not pairs:
-        raise ValueError(f"these runs have no usable point at the same {x.replace('_', ' ')} in common")
+        raise UsageError(f"these runs have no usable point at the same {x.replace('_', ' ')} in common")
     rows: dict[str, list[float | None]] = {"x": [], "first": [], "second": [], "difference": [], "errors": []}
     for one, two in pairs:
         error = math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0))
@@ -102,9 +104,11 @@ def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list
 
     def by_setting(points: Sequence[Point]) -> dict[tuple[str, ...], Point]:
         found: dict[tuple[str, ...], Point] = {}
+        counts: Counter[tuple[str, ...]] = Counter()
         for point in points:
             setting = tuple(f"{point[name]:.4g}" for name in (x, *named))
-            number = sum(known[:-1] == setting for known in found)
+            number = counts[setting]
+            counts[setting] += 1
             found[*setting, str(number)] = point
         return found
 
@@ -122,11 +126,12 @@ def _drive_differences(a: Run, b: Run, left: Sequence[Point], right: Sequence[Po
 
 def _usable_points(run: Run) -> list[Point]:
     """Return the usable points, one-valued columns only."""
-    columns = run.points()
-    return [
-        {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
-        for at in np.flatnonzero(usable_mask(columns["quality"]))
-    ]
+    with translate_read_errors(run.path):
+        columns = run.points()
+        return [
+            {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
+            for at in np.flatnonzero(usable_mask(columns["quality"]))
+        ]
 
 
 COMMANDS: Mapping[str, CommandSyntax] = {

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common import format_curve, format_duration, format_point, format_quantity
+from app.common import format_curve, format_duration, format_point, format_quantity, print_message
 from app.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,
@@ -30,6 +30,7 @@ from protocols.base import (
     ShutdownStarted,
     SpecimenMayBeLive,
     event_record,
+    visible_text,
 )
 
 STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
@@ -132,7 +133,15 @@ class ConsoleObserver:
         self._print((event.summary, OUTCOME_COLORS.get(event.verdict.outcome, "yellow")))
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
-        self._progress.console.print(Text.assemble(*parts), soft_wrap=True)
+        text = Text.assemble(
+            *(
+                visible_text(part, multiline=True)
+                if isinstance(part, str)
+                else (visible_text(part[0], multiline=True), part[1])
+                for part in parts
+            )
+        )
+        self._progress.console.print(text, soft_wrap=True)
 
 
 class JsonObserver:
@@ -155,4 +164,4 @@ class JsonObserver:
             sys.stdout.flush()
         except OSError as error:  # the reader has closed the pipe, or the disk is full
             self._reader_present = False
-            sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")
+            print_message(f"standard output takes no more events ({error.strerror}); the run goes on without")

@@ -1,7 +1,6 @@
 """A session with the terminal as its front end: progress, prompts, signals, exit codes."""
 
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from types import FrameType
 from typing import Any
 
 from app.cli.options import BenchOptions
-from app.common import ExitCode, UsageError
+from app.common import ExitCode, UsageError, print_message
 from app.config import BenchConfig
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols.base import Outcome, Protocol
@@ -88,7 +87,7 @@ def make_protocol(name: str, settings: Sequence[str]) -> Protocol:
 
 def warn(problem: str) -> None:
     """Print a warning on standard error."""
-    sys.stderr.write(f"{problem}\n")
+    print_message(str(problem))
 
 
 def load_all_protocols() -> None:

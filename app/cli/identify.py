@@ -164,6 +164,11 @@ def _parse_fixed(text: str) -> tuple[str, float]:
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:
+    if not identification.estimates:
+        raise UsageError(
+            f"nothing is accepted: these runs identify no parameter of {identification.specimen}; add runs, "
+            "or fix parameters with --fix. Without --accept the command names what to measure next"
+        )
     folder = options.runs[0].parent
     known = calibrations.read_calibrations(folder, identification.specimen)
     number = max((each.version for each in known.versions), default=0) + 1

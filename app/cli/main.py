@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from app.cli.options import BenchOptions, add_options, define_command, read_options
-from app.common import ExitCode, UsageError, truncate_text
+from app.common import ExitCode, UsageError, print_message, truncate_text
 
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
@@ -108,19 +108,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         return int(options.command(options))
     except UsageError as error:
-        sys.stderr.write(f"{PROGRAM}: {error}\n")
+        print_message(f"{PROGRAM}: {error}")
         return ExitCode.USAGE
     except KeyboardInterrupt:
-        sys.stderr.write(f"{PROGRAM}: interrupted\n")
+        print_message(f"{PROGRAM}: interrupted")
         return ExitCode.FAILED
     except BrokenPipeError:  # the reader closed the pipe: `tactor-bench show RUN | head`
         return ExitCode.FAILED
     except OSError as error:  # errors that no command handles
         where = f"{truncate_text(str(error.filename))}: " if error.filename else ""
-        sys.stderr.write(f"{PROGRAM}: {where}{error.strerror or error}\n")
+        print_message(f"{PROGRAM}: {where}{error.strerror or error}")
         return ExitCode.FAILED
     except MemoryError:
-        sys.stderr.write(f"{PROGRAM}: there is not enough memory for this; ask for less at once\n")
+        print_message(f"{PROGRAM}: there is not enough memory for this; ask for less at once")
         return ExitCode.FAILED
 
 
@@ -149,7 +149,7 @@ def entry() -> NoReturn:
         sys.stdout.flush()
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
-            sys.stderr.write(f"{PROGRAM}: the answer could not be written: {error.strerror}\n")
+            print_message(f"{PROGRAM}: the answer could not be written: {error.strerror}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
         code = ExitCode.FAILED if code == ExitCode.DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")

@@ -1,9 +1,7 @@
 """Options of the model's commands: `--set`, numbers with units, lists and ranges."""
 
-import json
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ from annotated_types import Interval
 
 from app.cli.options import FileOptions, option, repeated, switch
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
-from app.common import PEAK_TO_PEAK, UnitError, UsageError, read_number, to_number
+from app.common import MAX_TOML_BYTES, PEAK_TO_PEAK, UnitError, UsageError, parse_toml, read_number, to_number
 from model import (
     GRAVITY,
     PRE_STRETCH,
@@ -26,6 +24,7 @@ from model import (
     replace_variables,
     variable_specs,
 )
+from protocols.base import parse_json_object
 
 VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
 LOAD = ParameterSpec("load", "N", Interval(), "load at the centre", None)
@@ -223,13 +222,16 @@ def _expand_setting(text: str) -> list[str]:
     """Split a text of several settings; a single one is returned as it is."""
     if text.startswith("@"):
         try:
-            text = Path(text[1:]).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            with Path(text[1:]).open(encoding="utf-8") as file:
+                text = file.read(MAX_TOML_BYTES + 1)
+        except (OSError, ValueError) as error:
             raise UsageError(f"--set {text}: the file cannot be read: {error}") from None
+        if len(text) > MAX_TOML_BYTES:
+            raise UsageError(f"--set: the file is longer than {MAX_TOML_BYTES / 1e6:g} MB and no list of settings")
     elif not text.lstrip().startswith("{") and "\n" not in text.strip():
         return [text]
     try:
-        record = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+        record = parse_json_object(text) if text.lstrip().startswith("{") else parse_toml(text)
     except ValueError as error:
         raise UsageError(f"--set: neither a JSON object nor TOML lines of NAME = VALUE: {error}") from None
     return [f"{name}={value}" for name, value in record.items()]

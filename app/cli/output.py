@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from app.cli.options import FileOptions
-from app.common import Column, ExitCode, Table, UsageError
+from app.common import Column, ExitCode, Table, UsageError, print_line, print_message
 from model.studies.paper_figures import PaperFigure
-from protocols.base import to_jsonable
+from protocols.base import to_jsonable, visible_text
 from protocols.runfile.schema import is_hdf5
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
@@ -97,7 +97,7 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
         yield
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another file") from error
-    sys.stderr.write(f"wrote {path}\n")
+    print_message(f"wrote {path}")
 
 
 def print_table(table: Table) -> None:
@@ -106,14 +106,18 @@ def print_table(table: Table) -> None:
         shown = RichTable(show_header=False, box=None, padding=(0, 2))
         for column, value in zip(table.columns, table.rows[0], strict=True):
             unit = "" if value is None or isinstance(value, str) else column.displayed_unit
-            shown.add_row(column.displayed_name, column.format_value(value), unit)
+            shown.add_row(visible_text(column.displayed_name), column.format_value(value), unit)
     else:
         shown = RichTable(box=None, padding=(0, 2), header_style="bold")
         displayed = [column for column in table.columns if column.displayed]
         for column in displayed:
             text = any(isinstance(v, str) for v in column.values)
             unit = f"({column.displayed_unit})" if column.displayed_unit else ""
-            shown.add_column(f"{column.displayed_name}\n{unit}", justify="left" if text else "right", overflow="fold")
+            shown.add_column(
+                f"{visible_text(column.displayed_name)}\n{visible_text(unit)}",
+                justify="left" if text else "right",
+                overflow="fold",
+            )
         rows = [*zip(*(column.cells for column in displayed), strict=True)]
         step = max(-(-(len(rows) - table.leading_rows) // table.max_rows), 1)
         for row in (*rows[: table.leading_rows], *rows[table.leading_rows :: step]):
@@ -121,14 +125,9 @@ def print_table(table: Table) -> None:
         if step > 1:
             shown.caption = f"one row in {step} of {len(rows)}; all of them with --csv or --json"
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 120)
-    out.print(table.title, style="bold", soft_wrap=True)
+    out.print(visible_text(table.title, multiline=True), style="bold", soft_wrap=True)
     out.print(shown)
     out.print()
-
-
-def print_line(text: str) -> None:
-    """Print a line on standard output."""
-    sys.stdout.write(text + "\n")
 
 
 def print_json(record: Any) -> None:

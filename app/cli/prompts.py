@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from app.common import print_message
 from app.session import Session
 from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, RunEnded
 
@@ -120,7 +121,7 @@ class ConsoleOperator:
 
 def _print(text: str) -> None:
     with contextlib.suppress(OSError):  # the terminal is closed: the run continues
-        sys.stderr.write(f"  {text}\n")
+        print_message(f"  {text}")
 
 
 def can_poll_keyboard() -> bool:

@@ -1,13 +1,21 @@
 """The command `report`: the PDF and HTML report of a specimen."""
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.cli.options import CommandSyntax, folder_option, option, switch
 from app.cli.output import print_json, writing_output
-from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, path_argument, terminal_progress, usage_errors
+from app.common import (
+    NO_PROGRESS,
+    ExitCode,
+    Progress,
+    UsageError,
+    path_argument,
+    print_message,
+    terminal_progress,
+    usage_errors,
+)
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -62,13 +70,13 @@ class ReportCommand:
         except OSError as error:
             raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
         for path in files:
-            sys.stderr.write(f"wrote {path}\n")
+            print_message(f"wrote {path}")
         if self.json:
             print_json({**content.record, "files": [str(path) for path in files]})
         for outcome in content.limit_outcomes:
             if outcome.verdict != "pass":
                 why = f" ({outcome.why})" if outcome.why else ""
-                sys.stderr.write(f"{outcome.verdict}: {outcome.name} is {outcome.found}, asked {outcome.asked}{why}\n")
+                print_message(f"{outcome.verdict}: {outcome.name} is {outcome.found}, asked {outcome.asked}{why}")
         return ExitCode.DONE if content.passed else ExitCode.FAILED
 
 

@@ -4,7 +4,6 @@ Other modules of the program are imported where they are used, so that help text
 """
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from inspect import getdoc
@@ -22,7 +21,7 @@ from app.cli.options import (
     option,
     switch,
 )
-from app.common import ExitCode, UsageError, path_argument, usage_errors
+from app.common import ExitCode, UsageError, path_argument, print_line, print_message, usage_errors
 
 if TYPE_CHECKING:
     from app.cli.headless import SelectedBench
@@ -82,7 +81,7 @@ class DemoCommand(BenchOptions):
         why = "--no-window was given" if self.no_window else window_unavailable_reason()
         if not why:
             return _open_window(bench, self, protocol, autostart=True)
-        sys.stderr.write(f"No window: {why}. The same job follows without one.\n")
+        print_message(f"No window: {why}. The same job follows without one.")
         code, path = run_headless(bench, run_request(self, protocol))
         if path is not None and path.exists():
             _draw_run(path, path.with_suffix(".png"))
@@ -101,7 +100,7 @@ class ShowCommand:
 
     def execute(self) -> int:
         from app.archive import run_record, run_text
-        from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, print_line
+        from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json
         from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
         if self.picture:
@@ -212,7 +211,7 @@ class ProtocolsCommand:
             ]
             widest = max(map(len, PROTOCOLS))
             lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
-        sys.stdout.write((json.dumps(rows) if self.json else "\n".join(lines)) + "\n")
+        print_line(json.dumps(rows) if self.json else "\n".join(lines))
         return ExitCode.DONE
 
 

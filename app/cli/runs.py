@@ -21,7 +21,6 @@ from app.archive import (
     read_since,
 )
 from app.cli.options import CommandSyntax, option, repeated, switch
-from app.cli.output import print_line
 from app.common import (
     ExitCode,
     Severity,
@@ -30,9 +29,11 @@ from app.common import (
     format_duration,
     format_outcome,
     path_argument,
+    print_line,
+    print_message,
     terminal_progress,
 )
-from protocols.base import Outcome
+from protocols.base import Outcome, visible_text
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 DEFAULT_ROWS = 40
@@ -91,7 +92,7 @@ class RunsCommand:
                 f"the index {catalogue.index} cannot be used: {error}; make room there or take the file away"
             ) from None
         for sentence in scanned.skipped:
-            sys.stderr.write(f"{sentence}\n")
+            print_message(sentence)
         found = run_filter.apply(entries)
         if self.json:
             print_line(json.dumps([_run_record(folder, entry) for entry in found]))
@@ -130,7 +131,7 @@ class ExportCommand:
                     written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
             except (RunReadError, ExportError) as error:
                 failed = True
-                sys.stderr.write(f"{error}\n")
+                print_message(str(error))
             else:
                 for file in written:
                     print_line(str(file))
@@ -167,13 +168,15 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
         if e.simulated:
             verdict.append(", SIMULATED", "default")
         extent = (str(e.points), format_duration(e.seconds)) if e.readable else ("", "")
-        table.add_row(begun, e.specimen, e.protocol, verdict, *extent, format_bytes(e.size), e.tags, e.path)
+        specimen, protocol, tags, path = map(visible_text, (e.specimen, e.protocol, e.tags, e.path))
+        table.add_row(begun, specimen, protocol, verdict, *extent, format_bytes(e.size), tags, path)
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     if shown:
         out.print(table)
     for e in shown:
         if not e.readable or e.outcome in EXPLAINED:
-            out.print(f"{PurePosixPath(e.path).name}: {format_outcome(e.verdict_text, e.explanation)}", soft_wrap=True)
+            line = f"{PurePosixPath(e.path).name}: {format_outcome(e.verdict_text, e.explanation)}"
+            out.print(visible_text(line), soft_wrap=True)
     rest = len(summaries) - len(shown)
     more = f"; {rest} older ones with --all" if rest else ""
     out.print(f"{len(summaries)} of {total} runs{more}", soft_wrap=True)

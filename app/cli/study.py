@@ -2,7 +2,6 @@
 
 import importlib.util
 import logging
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
@@ -41,6 +40,7 @@ from app.common import (
     UsageError,
     display_unit,
     path_argument,
+    print_message,
     terminal_progress,
     track,
     usage_errors,
@@ -209,10 +209,10 @@ class StudyCommand:
             with translate_model_errors():
                 result = _sensitivity(request, self) if self.sensitivity else _compute_study(request, self)
         except StorageError as error:
-            sys.stderr.write(f"tactor-bench: {error}\n")
+            print_message(f"tactor-bench: {error}")
             return ExitCode.FAILED
         except KeyboardInterrupt:
-            sys.stderr.write("tactor-bench: stopped; nothing was written\n")
+            print_message("tactor-bench: stopped; nothing was written")
             return ExitCode.FAILED
         return render(result, self.specimen.json, self.files)
 
@@ -314,7 +314,7 @@ def _open_study_file(request: Study, path: Path | None) -> Iterator[Callable[[in
         return
     with StudyFileWriter(path, StudyHeader.of(request)) as file:
         yield file.write
-    sys.stderr.write(f"wrote {path}\n")
+    print_message(f"wrote {path}")
 
 
 @contextmanager

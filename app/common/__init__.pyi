@@ -29,6 +29,11 @@ from .progress import terminal_progress as terminal_progress
 from .progress import track as track
 from .tables import Column as Column
 from .tables import Table as Table
+from .terminal import print_line as print_line
+from .terminal import print_message as print_message
+from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
+from .text_files import parse_toml as parse_toml
+from .text_files import read_json_file as read_json_file
 from .undo import UndoHistory as UndoHistory
 from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
 from .units import PLAIN_NUMBER as PLAIN_NUMBER

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.common.units import DISPLAY_SCALES
+from protocols.base import visible_text
 
 CellValue = float | int | str | None
 
@@ -50,7 +51,7 @@ class Column:
         if value is None:
             return "never"
         if isinstance(value, str):
-            return value
+            return visible_text(value, multiline=True)
         text = format(value * DISPLAY_SCALES.get(self.display_unit, 1), self.format_spec)
         return text if text.strip("-0.") else text.removeprefix("-")
 
@@ -105,8 +106,23 @@ class Table:
         """Write the rows in SI with units in the header and every digit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             sheet = csv.writer(file)
-            sheet.writerow(c.name if c.unit is None else f"{c.name} [{c.unit}]" for c in self.columns)
-            sheet.writerows(self.rows)
+            sheet.writerow(sheet_text(c.name if c.unit is None else f"{c.name} [{c.unit}]") for c in self.columns)
+            sheet.writerows(map(sheet_text, row) for row in self.rows)
+
+
+FORMULA_STARTS = tuple("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
+"""Characters with which a spreadsheet takes a cell for a formula, or which it drops before it does."""
+
+
+def sheet_text(value: CellValue) -> CellValue:
+    """Return a cell that no spreadsheet runs as a formula: a text that begins like one gets an apostrophe before it."""
+    if not isinstance(value, str) or not value.startswith(FORMULA_STARTS):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value if value == value.strip() else f"'{value}"
 
 
 def _cell_value(value: Any) -> CellValue:

@@ -3,14 +3,13 @@
 Unknown keys are rejected; all errors are listed at once with their lines and remedies.
 """
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from app.common import truncate_text
+from app.common import parse_toml, truncate_text
 from app.config.tables import (
     AmplifierTable,
     CardTable,
@@ -109,8 +108,8 @@ def load_bench(name: str) -> BenchConfig:
                 f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
             )
     try:
-        return BenchConfig.model_validate(tomllib.loads(text))
+        return BenchConfig.model_validate(parse_toml(text))
     except ValidationError as error:
         raise ConfigError(f"{where} has faults:\n" + "\n".join(validation_messages(error, text))) from error
-    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, tables nested beyond reason
+    except ValueError as error:  # also numbers of thousands of digits, tables nested beyond reason
         raise ConfigError(f"{where} is not valid TOML: {error}") from error

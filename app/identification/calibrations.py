@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.common import write_atomic
+from app.common import read_json_file, write_atomic
 from model import ParameterError
 from model.identification import Calibration
+from protocols.base import visible_values
 from protocols.runfile.schema import safe_name
 
 FORMAT = "tactor-bench-calibrations"
@@ -55,7 +56,7 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
     """
     path = calibrations_path(folder, specimen)
     try:
-        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        record: dict[str, Any] = visible_values(read_json_file(path))
         if record.get("format") != FORMAT:
             raise CalibrationError(f"{path} holds no calibrations of this program; move it away")
         versions = tuple(Calibration.from_record(each) for each in record["versions"])

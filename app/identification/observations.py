@@ -26,7 +26,7 @@ from model.identification import (
 from protocols.base import usable_mask
 from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
 from protocols.resume import protocol_of_run
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 CARD_READBACK_MARGIN_V = 0.02
 """How far a recorded drive may lie beyond the amplifier's range."""
@@ -56,9 +56,11 @@ def read_observations(
         try:
             with open_run(path) as run:
                 specimens.setdefault(run.specimen, path)
-                taken = list(run_observations(run))
-        except (RunReadError, ParameterError) as error:
+                taken = _read_run_observations(run)
+        except ParameterError as error:
             raise ObservationError(f"{path}: {error}") from error
+        except RunReadError as error:
+            raise ObservationError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
         usable = [run for run in taken if run.usable.any()]
         found += usable
         if not usable:
@@ -72,6 +74,17 @@ def read_observations(
         return next(iter(specimens)), ObservationSet(tuple(found)), left_out
     except ParameterError as error:
         raise ObservationError(str(error)) from error
+
+
+def _read_run_observations(run: Run) -> list[Observation]:
+    """Return the observations of a run; a value that is not physical is a ParameterError."""
+    unphysical: ParameterError | None = None
+    with translate_read_errors(run.path):
+        try:
+            return list(run_observations(run))
+        except ParameterError as error:
+            unphysical = error
+    raise unphysical
 
 
 def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
@@ -94,7 +107,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
 
 def shape_count_of_file(path: Path) -> int:
     """Return the number of shape functions for a run: that of the simulation, or enough for a real tactor."""
-    with Run(path) as run:
+    with Run(path) as run, translate_read_errors(path):
         return shape_count_of_run(run)
 
 

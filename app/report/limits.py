@@ -1,7 +1,6 @@
 """Limits on figures of merit: TOML file, validation, and verdicts for a specimen."""
 
 import hashlib
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
@@ -11,7 +10,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common import display_unit
+from app.common import display_unit, parse_toml
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
 from app.report.figures_of_merit import FIGURES_OF_MERIT
@@ -120,13 +119,13 @@ def read_limits(path: Path) -> Limits:
     if len(text) > MAX_FILE_BYTES:
         raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
     try:
-        read = _File.model_validate(tomllib.loads(text)).model_dump()
+        read = _File.model_validate(parse_toml(text)).model_dump()
     except ValidationError as error:
         lines = "\n".join(validation_messages(error, text))
         raise LimitsError(
             f"{path} has faults:\n{lines}\nA limit can be set on: {', '.join(FIGURES_OF_MERIT)}"
         ) from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise LimitsError(f"{path} is not valid TOML: {error}") from error
     asked = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
     if not asked:

@@ -58,6 +58,7 @@ from .steps import SettlingResult as SettlingResult
 from .steps import Step as Step
 from .steps import StepResult as StepResult
 from .steps import WaitForDetection as WaitForDetection
+from .text import MAX_NESTING as MAX_NESTING
 from .text import check_values as check_values
 from .text import parse_json_object as parse_json_object
 from .text import visible_text as visible_text

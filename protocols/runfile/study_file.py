@@ -23,6 +23,7 @@ from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group, software_versions
 from protocols.runfile.schema import RESERVE_BYTES
+from protocols.runfile.structure import StructureError, check_structure
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1
@@ -175,6 +176,7 @@ def read_study(path: Path) -> LoadedStudy:
     """
     try:
         with h5py.File(path) as file:
+            check_structure(file)
             if file.attrs.get("format") != FORMAT:
                 raise StorageError(
                     f"{path} is no study of this program; give a file that 'tactor-bench study --out' wrote"
@@ -198,7 +200,17 @@ def read_study(path: Path) -> LoadedStudy:
                 json.loads(entry["process/study"].asstr()[()]),
                 json.loads(entry["process/software"].asstr()[()]),
             )
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
+    except (
+        OSError,
+        ArithmeticError,
+        LookupError,
+        MemoryError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RuntimeError,
+        StructureError,
+    ) as error:
         raise StorageError(f"{path} cannot be read as a study: {error}") from error
 
 

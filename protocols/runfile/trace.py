@@ -36,6 +36,7 @@ def read_sensor(entry: "h5py.Group") -> LaserSensor:
 
 MAX_RECORDED_SHARE = 4
 """How often a sample may be part of a recording, on average; recordings of a run do not overlap."""
+MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9
 RECORDING_FIELDS = ("start_row", "stop_row", "quality", "drive")
 
 
@@ -56,7 +57,10 @@ class RunTrace:
     @property
     def rate_hz(self) -> float:
         """Scans per second; 0 if the card never ran."""
-        return read_number(self._entry, "trace/sample_rate")
+        rate_hz = read_number(self._entry, "trace/sample_rate")
+        if rate_hz != 0 and not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+            raise ValueError(f"the sample rate is {rate_hz:g} Hz")
+        return rate_hz
 
     @property
     def sample_count(self) -> int:

@@ -1,6 +1,7 @@
 """Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -268,3 +269,29 @@ def test_the_index_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
     assert index_path(tmp_path).parent == tmp_path / "cache"
     assert index_path(tmp_path) != index_path(tmp_path / "runs")
+
+
+def test_one_strange_file_never_empties_the_list(catalogue: Catalogue, folder: Path) -> None:
+    good = set(named(catalogue))
+    wrong = finished_run(folder, "wrong")
+    with h5py.File(wrong, "r+") as file:
+        del file["entry/trace/sample_rate"]
+        file.create_group("entry/trace/sample_rate")
+    notes_path(wrong).write_text("[" * 100_000)
+    halves = finished_run(folder, "halves")
+    notes_path(halves).write_text('{"tags": ["\\ud800"], "note": "x"}')
+    with h5py.File(halves, "r+") as file:
+        del file["entry/reason"]
+        file["entry/reason"] = "\udcff\x1b[2J".encode("utf-8", "surrogatepass")
+    (folder / "leads-nowhere.h5").symlink_to(folder / "none.h5")
+    os.mkfifo(folder / "fifo.h5")
+    os.mkfifo(folder / "20260101T000000Z_fifo_sine-dwell.notes.json")
+    (folder / os.fsdecode(b"caf\xe9.h5")).write_bytes(b"x")
+    assert "no UTF-8 text; rename it" in catalogue.scan().skipped[0]
+    entries = named(catalogue)
+    assert good <= set(entries)
+    assert entries["wrong"].state == "damaged"
+    assert "sample_rate is a group, not data" in entries["wrong"].reason
+    assert "nested too deeply" in entries["wrong"].note
+    assert entries["halves"].state == "damaged"
+    assert entries["halves"].tags == "?"

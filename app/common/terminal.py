@@ -1,0 +1,15 @@
+"""Lines on standard output and standard error, with control characters of foreign text made visible."""
+
+import sys
+
+from protocols.base import visible_text
+
+
+def print_line(text: str) -> None:
+    """Print a line on standard output."""
+    sys.stdout.write(visible_text(text, multiline=True) + "\n")
+
+
+def print_message(text: str) -> None:
+    """Print a line on standard error."""
+    sys.stderr.write(visible_text(text, multiline=True) + "\n")
