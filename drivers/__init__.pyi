@@ -66,6 +66,7 @@ from .sensors.laser_sensor import LaserSensor as LaserSensor
 from .sensors.optoncdt import OptoNcdt as OptoNcdt
 from .supplies.dc_supply import DcSupply as DcSupply
 from .supplies.dialects import SUPPLY_DIALECTS as SUPPLY_DIALECTS
+from .transport.lock import InstrumentLocks as InstrumentLocks
 from .transport.safe_ramp_down import RampDown as RampDown
 from .transport.scpi import Link as Link
 from .transport.scpi import ScpiSession as ScpiSession

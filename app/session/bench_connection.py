@@ -203,12 +203,22 @@ def _open_instruments(
     read_displacement: ReadDisplacement | None = None,
 ) -> BenchConnection:
     """Open the instruments: the same code for a real bench and a served simulated one."""
-    from drivers import VisaLink
+    from drivers import InstrumentLocks, VisaLink
 
+    locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
+    card = f"{server or 'this computer'}/{config.card.device}"
+    locks.lock_address("the card", card)
     digitizer = _open_digitizer(config, clock, server, stack)
+    locks.lock_identity("the card", digitizer.identity, card)
+    if config.source.kind != "card-output":
+        locks.lock_address("the source", resource)
     source = open_source(config, clock, partial(VisaLink, resource, baud=config.source_connection.baud), server, stack)
+    if config.source.kind != "card-output":
+        locks.lock_identity("the source", source.identity, resource)
+    for name, table in config.meters.items():
+        locks.lock_address(f"the meter '{name}'", table.port)
     meters = open_meters(config.meters, clock, stack, read_displacement)
-    watch = partial(_make_watchdog, config, resource, server, clock)
+    watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
     return BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
 
 
@@ -226,7 +236,9 @@ def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitS
     return digitizer
 
 
-def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, source: Source) -> Watchdog:
+def _make_watchdog(
+    config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, locks: tuple[str, ...], source: Source
+) -> Watchdog:
     """Return the watchdog: a process that opens the same driver on the same resource."""
     from drivers import WatchdogClient, WatchdogConfig
 
@@ -249,6 +261,7 @@ def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: Heart
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
             own_connection=config.watchdog.own_connection and not card_output and _allows_second_connection(resource),
             patience_s=config.watchdog.patience_s,
+            locks=locks,
         )
     )
     return clock.watchdog

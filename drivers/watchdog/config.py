@@ -25,6 +25,7 @@ class WatchdogConfig:
         own_connection: whether the source takes a second connection beside the program's. Where it does not, the
             watchdog kills a program that hangs, and connects then.
         patience_s: how long it retries.
+        locks: lock files of the instruments; they stay locked until the watchdog has ended, too.
     """
 
     source: str
@@ -38,6 +39,7 @@ class WatchdogConfig:
     silence_s: float = 0.4
     own_connection: bool = True
     patience_s: float = 30.0
+    locks: tuple[str, ...] = ()
 
     def as_line(self) -> str:
         return json.dumps(asdict(self))

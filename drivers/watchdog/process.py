@@ -22,6 +22,7 @@ from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
+from drivers.transport.lock import lock_as_watchdog
 from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import append_line
@@ -62,6 +63,7 @@ class WatchdogLoop:
     def run(self) -> None:
         """Monitor until the program has ended."""
         try:
+            self._locks = lock_as_watchdog(self._config.locks)
             if self._config.own_connection:
                 self._open_source()
         except BenchError as error:
