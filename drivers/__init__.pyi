@@ -55,6 +55,7 @@ from .interfaces import Identity as Identity
 from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import Reading as Reading
+from .interfaces import RestTimer as RestTimer
 from .interfaces import Scale as Scale
 from .interfaces import Source as Source
 from .interfaces import Stream as Stream

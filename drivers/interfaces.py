@@ -158,6 +158,14 @@ class DriveChecker(Protocol):
 
 
 @runtime_checkable
+class RestTimer(Protocol):
+    """A source that can predict from its measured reply time how long its way to rest takes."""
+
+    def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
+        """Return the duration of `stop` and a ramp of `distance_v` to rest in seconds; a burst's own end is not counted."""
+
+
+@runtime_checkable
 class LiveChecker(Protocol):
     """A source that can tell whether an earlier program left a drive or a level on it. Others are assumed to be so left."""
 

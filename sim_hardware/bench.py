@@ -94,6 +94,7 @@ class SimulatedBench:
             self.message_port = MessagePort(
                 make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial), self.faults
             )
+        self.message_port.set_processing(partial(self.clock.sleep, g.command_s))
         self._listeners: list[Callable[[], None]] = []
         if parameters.amplifier.enabled:
             self.enable_hv()

@@ -63,6 +63,9 @@ class AmplifierTable(ConfigTable):
     slew_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "steepest drive admitted at the input"] = 10_000.0
     step_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "largest jump of a staircase at the input"] = 0.05
     ramp_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "slope between held levels at the input"] = 5.0
+    way_to_rest_s: Annotated[
+        float, Unit("s"), Interval(gt=0, le=60), "longest way to rest, predicted at arming from the source's reply time"
+    ] = 4.0
 
     current_limit_a: Annotated[
         float, Unit("A"), Interval(ge=0), "what it can push into the specimen; 0: not told, and not checked"
@@ -83,6 +86,7 @@ class AmplifierTable(ConfigTable):
             self.ramp_v_per_s,
             self.current_limit_a,
             self.specimen_capacitance_f,
+            self.way_to_rest_s,
         )
 
     @model_validator(mode="after")

@@ -4,6 +4,7 @@ Rejects a drive that leaves the amplifier's input range, is too steep, or does n
 clipped into an admissible one, and nothing can be switched off: rest is 2.5 V, and 0 V is -500 V on the specimen.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, Identity, LiveChecker, Source
+from drivers.interfaces import DriveChecker, Identity, LiveChecker, RestTimer, Source
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
@@ -34,6 +35,7 @@ class DriveLimits:
         ramp_v_per_s: slope at which `HvAmplifier` moves between levels.
         current_limit_a: output current limit of the amplifier; 0 if unknown.
         specimen_capacitance_f: capacitance of the specimen and its cable; 0 if unknown.
+        way_to_rest_s: longest way to rest from the farthest level, predicted from the source's reply time at arming.
     """
 
     slew_v_per_s: float = 10_000.0
@@ -41,6 +43,7 @@ class DriveLimits:
     ramp_v_per_s: float = 5.0
     current_limit_a: float = 0.0
     specimen_capacitance_f: float = 0.0
+    way_to_rest_s: float = 4.0
 
     @property
     def has_current_limit(self) -> bool:
@@ -139,6 +142,28 @@ class HvAmplifier:
         """Bring the source up at rest. High voltage must be disabled."""
         with self._watchdog.allow_silence():
             self._source.initialize_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
+
+    def predict_rest_s(self) -> float:
+        """Return the duration of the way to rest from the farthest level; NaN if the source cannot predict it."""
+        if not isinstance(self._source, RestTimer):
+            return math.nan
+        furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
+        return self._source.predict_rest_s(furthest_v, self.limits.ramp_v_per_s)
+
+    def check_way_to_rest(self) -> float:
+        """Return the predicted duration of the way to rest in seconds, NaN if unknown.
+
+        Raises:
+            DriveRejectedError: it exceeds the limit.
+        """
+        predicted_s = self.predict_rest_s()
+        if predicted_s > self.limits.way_to_rest_s:
+            raise DriveRejectedError(
+                f"not armed: the way to rest would take {predicted_s:.1f} s, because {self.identity} answers slowly "
+                f"(limit {self.limits.way_to_rest_s:g} s). Connect it by a faster wire (a LAN cable in the place of Wi-Fi or VPN, "
+                "a higher baud rate), or raise way_to_rest_s under [amplifier] in the bench file"
+            )
+        return predicted_s
 
     def start_drive(self, drive: Drive) -> None:
         """Check a drive and start it; a drive that still plays comes to rest first.

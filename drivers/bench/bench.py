@@ -6,6 +6,7 @@ the source is ramped to rest with its output on, and rest is reported only after
 """
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -26,7 +27,14 @@ from drivers.bench.shutdown import (
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive
-from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError, UnsafeError
+from drivers.errors import (
+    AcquisitionError,
+    BenchError,
+    CardInUseError,
+    DriveRejectedError,
+    InstrumentError,
+    UnsafeError,
+)
 from drivers.interfaces import Block, Digitizer, Meter, Scale, Stream
 from drivers.sensors.laser_sensor import LaserSensor
 
@@ -69,6 +77,8 @@ class ArmedBench:
     """Rest as measured before the first drive."""
     final_rest: RestMeasurement | None = None
     """Rest as measured at shutdown; None while live, or if high voltage never came on."""
+    predicted_rest_s: float = math.nan
+    """Predicted duration of the way to rest; NaN if the source cannot predict it."""
     last_block: Block | None = None
     """The last block that the card delivered."""
 
@@ -236,7 +246,10 @@ class Bench:
                 yield armed
             except BaseException as error:
                 failure = error
-                if isinstance(error, InstrumentError) or (isinstance(error, BenchError) and not is_armed):
+                refused = isinstance(error, DriveRejectedError)
+                if isinstance(error, InstrumentError) or (
+                    isinstance(error, BenchError) and not is_armed and not refused
+                ):
                     warn(error)
                 raise
             finally:
@@ -311,6 +324,7 @@ class Bench:
             self.watchdog.disarm()
             armed.initial_rest = rest
             return
+        armed.predicted_rest_s = self.amplifier.check_way_to_rest()
         # Before every run, even if the source rests since the last one: a drive must not surprise the operator, and an
         # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True

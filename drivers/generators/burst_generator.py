@@ -16,7 +16,7 @@ A subclass supplies the commands of one family and what its instruments can do.
 import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -38,6 +38,9 @@ IDLE_AMPLITUDE_VPP = 0.01
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 """Slope at which a level that an earlier program left is ramped to rest before the instrument is configured."""
+
+SLOW_WIRE_ROUND_TRIPS = 7
+"""Replies that the way from a held level to rest waits for when its steps are pipelined."""
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
 """Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
@@ -106,7 +109,7 @@ class BurstGenerator(ABC):
 
     @renamed_parameters(pace_s="step_interval_s")
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
-        self._scpi = ScpiSession(link, f"function generator at {link.name}")
+        self._scpi = ScpiSession(link, f"function generator at {link.name}", clock.now)
         self._clock = clock
         self._step_v = step_v
         self._step_interval_s = step_interval_s
@@ -215,7 +218,7 @@ class BurstGenerator(ABC):
         if not self.CAN_FREEZE_RANGE:
             self._wait_for_burst_end()
             return
-        way = RampDown(self._scpi.link)
+        way = self._ramp_down()
         way.query(
             self._clear_error_queue
         )  # or an old entry of the queue would be taken for the result of the first step
@@ -233,31 +236,50 @@ class BurstGenerator(ABC):
             self._clock.sleep(self._step_interval_s)
         for command in self._abort_commands():
             way.step(command, partial(self._send, command))
+        way.flush()
         left = way.query(self._query_amplitude)
         way.raise_first_error()
         if left is not None:
             self._check_readback(left, IDLE_AMPLITUDE_VPP, IDLE_AMPLITUDE_VPP, "the amplitude in volts peak to peak")
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
-        way = RampDown(self._scpi.link, best_effort=level_v == self._rest_v)
+        way = self._ramp_down(best_effort=level_v == self._rest_v)
         start = way.query(self.idle_level_v)
         if start is None:
             start = self._last_offset_v
         if start is None:
             way.raise_first_error()
             return
-        steps = max(
-            math.ceil(abs(level_v - start) / self._step_v), math.ceil(duration_s / (4 * self._step_interval_s)), 1
-        )
+        steps = self._step_count(abs(level_v - start), duration_s)
         for i in range(1, steps + 1):
             volts = start + (level_v - start) * i / steps
             self._last_offset_v = volts  # before it is sent: if the reply is lost, it must be assumed to be set
             way.step(self._offset_command(volts), partial(self._set_offset, volts))
             self._clock.sleep(duration_s / steps)
+        way.flush()
         reached = way.query(self.idle_level_v)
         way.raise_first_error()
         if reached is not None:
             self._check_readback(reached, level_v, LEVEL_TOLERANCE_V, "the offset in volts")
+
+    def _step_count(self, distance_v: float, duration_s: float) -> int:
+        return max(math.ceil(distance_v / self._step_v), math.ceil(duration_s / (4 * self._step_interval_s)), 1)
+
+    def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
+        ramp_s = distance_v / ramp_v_per_s
+        round_trips = SLOW_WIRE_ROUND_TRIPS
+        if not self._scpi.is_slow:
+            round_trips += self._step_count(distance_v, ramp_s)
+        return ramp_s + round_trips * self._scpi.reply_s
+
+    def _ramp_down(self, best_effort: bool = True) -> RampDown:
+        return RampDown(
+            self._scpi.link,
+            best_effort=best_effort,
+            slow_reply_s=self._scpi.reply_s if self._scpi.is_slow else 0.0,
+            now=self._clock.now,
+            join=self._join_commands,
+        )
 
     def _first_mismatch(self, rest_v: float, low_v: float, high_v: float) -> str:
         """Describe the first setting that is not as expected when armed and at rest; empty if all are."""
@@ -355,6 +377,9 @@ class BurstGenerator(ABC):
             raise InstrumentError(
                 f"{self._scpi.instrument} idles at {seen:.4f} V where the drive begins at {level_v:.4f} V; nothing was sent"
             )
+
+    _join_commands: Callable[[Sequence[str]], str] | None = None
+    """Joins commands to one message, where the instrument takes several."""
 
     # -- commands of one family --------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 from drivers.deprecated import renamed
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
+from drivers.transport.scpi import join_commands
 
 
 @renamed(
@@ -71,6 +72,10 @@ class ScpiBurstGenerator(BurstGenerator):
         source = self.SOURCE_PREFIX
         wide, small = f"{source}VOLT {span_v:.6f}", f"{source}VOLT {IDLE_AMPLITUDE_VPP}"
         self._write_checked(f"{source}VOLT:OFFS {rest_v:.6f}", wide, f"{source}VOLT:RANG:AUTO OFF", small)
+
+    @staticmethod
+    def _join_commands(commands: Sequence[str]) -> str:
+        return join_commands(commands)
 
     def _write_checked(self, *commands: str) -> None:
         for command in commands:

@@ -19,12 +19,14 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dialects import SupplyChannel
 from drivers.transport.safe_ramp_down import RampDown
-from drivers.transport.scpi import Link
+from drivers.transport.scpi import Link, join_commands
 
 STEP_PERIOD_S = 2e-3
+SLOW_WIRE_ROUND_TRIPS = 7
+"""Replies that the way from a held level to rest waits for when its steps are pipelined, without the fall of the output."""
 
 
 class StaircaseThread(threading.Thread):
@@ -99,7 +101,7 @@ class DcSupply:
         fall_time_s: float = 2.0,
         step_v: float = 0.05,
     ) -> None:
-        self._output = SupplyChannel(link, channel)
+        self._output = SupplyChannel(link, channel, clock.now)
         self._name, self.identity = self._output.name, self._output.identity
         self._clock = clock
         self._current_limit_a, self._fall_time_s, self._step_v = current_limit_a, fall_time_s, step_v
@@ -164,16 +166,35 @@ class DcSupply:
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         self._stop_staircase()
-        way = RampDown(self._output.link, best_effort=level_v == self._rest_v)
+        way = RampDown(
+            self._output.link,
+            best_effort=level_v == self._rest_v,
+            slow_reply_s=self._output.slow_reply_s,
+            now=self._clock.now,
+            join=join_commands,
+        )
         start_v = self.idle_level_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)
-        for i in range(1, steps + 1):
-            volts = start_v + (level_v - start_v) * i / steps
-            way.step(self._output.voltage_command(volts), partial(self.set_level, volts))
-            self._level_v = volts
-            self._clock.sleep(duration_s / steps)
+        try:
+            for i in range(1, steps + 1):
+                volts = start_v + (level_v - start_v) * i / steps
+                way.step(self._output.voltage_command(volts), partial(self.set_level, volts))
+                self._level_v = volts
+                self._clock.sleep(duration_s / steps)
+            way.flush()
+        except LinkError:
+            if way.is_pipelined:
+                self._level_v = math.nan  # how many of the steps were carried out is measured before the next ramp
+            raise
         way.raise_first_error()
         self._wait_for_level(level_v)
+
+    def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
+        ramp_s = distance_v / ramp_v_per_s
+        round_trips = SLOW_WIRE_ROUND_TRIPS
+        if not self._output.slow_reply_s:
+            round_trips += max(math.ceil(distance_v / self._step_v), 1)
+        return ramp_s + round_trips * self._output.reply_s
 
     def idle_level_v(self) -> float:
         if math.isnan(self._level_v):

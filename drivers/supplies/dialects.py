@@ -6,6 +6,8 @@ written from memory and are to be confirmed on the first real instrument.
 
 import re
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import InstrumentError, LinkError
@@ -115,10 +117,10 @@ class SupplyChannel:
         InstrumentError: another instrument answers.
     """
 
-    def __init__(self, link: Link, channel: int) -> None:
+    def __init__(self, link: Link, channel: int, now: Callable[[], float] = time.monotonic) -> None:
         self.link, self._channel = link, channel
         self._lock = threading.RLock()
-        self._scpi = ScpiSession(link, f"DC supply at {link.name}")
+        self._scpi = ScpiSession(link, f"DC supply at {link.name}", now)
         self.identity: Identity = self._scpi.identify()
         fits = [d for d in SUPPLY_DIALECTS if re.match(d.model_pattern, self.identity.model, re.IGNORECASE)]
         if not fits:
@@ -137,6 +139,16 @@ class SupplyChannel:
             seen = self._scpi.identify()
         if seen != self.identity:
             raise LinkError(f"{self.link.name} now answers as '{seen}', not '{self.identity}'")
+
+    @property
+    def reply_s(self) -> float:
+        """Median time of a reply."""
+        return self._scpi.reply_s
+
+    @property
+    def slow_reply_s(self) -> float:
+        """Time of a reply if the wire is slow and several commands may be sent without waiting, else 0."""
+        return self._scpi.reply_s if self._scpi.is_slow and self._dialect.accepts_compound_messages else 0.0
 
     def voltage_command(self, volts: float) -> str:
         """Return the command that sets the level, without a query."""

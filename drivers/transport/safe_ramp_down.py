@@ -1,6 +1,7 @@
 """Safe ramp-down: continues despite rejected steps and unreadable replies."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from drivers.deprecated import renamed, renamed_parameters
@@ -8,6 +9,12 @@ from drivers.errors import InstrumentError, LinkError
 from drivers.transport.scpi import Link
 
 T = TypeVar("T")
+
+FIRST_STEPS, PIPELINED_STEPS = 4, 64
+"""Steps up to the first confirmation on a slow wire, and between two later ones."""
+
+WIRE_LIMITED = 1.5
+"""A batch of steps that was confirmed within so many reply times was held up by the wire, not by the instrument."""
 
 
 @renamed(deaf="blind", ask="query", end="raise_first_error")
@@ -17,16 +24,37 @@ class RampDown:
     The instrument confirms each step as long as its replies can be read. After the first unreadable reply nothing more is
     queried and the rest is sent blind: an instrument carries out what it receives, whether or not its reply arrives.
 
+    On a slow wire the steps are pipelined: after the first few, which show whether the time is that of the wire or of the
+    instrument, only every `PIPELINED_STEPS`th one is confirmed, and the caller reads the result back at the end. The instrument
+    carries the steps out one after the other, so that none is larger than commanded.
+
     Args:
         link: the link to the instrument.
         best_effort: whether to continue after an error; a ramp that does not lead to rest raises the first one instead.
+        slow_reply_s: time of a reply if the wire is slow and the ramp may be pipelined, else 0.
+        now: bench time.
+        join: joins commands to one message; None where each needs a message of its own.
     """
 
     @renamed_parameters(stubborn="best_effort")
-    def __init__(self, link: Link, *, best_effort: bool = True) -> None:
+    def __init__(
+        self,
+        link: Link,
+        *,
+        best_effort: bool = True,
+        slow_reply_s: float = 0.0,
+        now: Callable[[], float] = time.monotonic,
+        join: Callable[[Sequence[str]], str] | None = None,
+    ) -> None:
         self._link, self._best_effort = link, best_effort
         self._errors: list[InstrumentError] = []
         self.blind = False
+        self._slow_reply_s, self._now = slow_reply_s if best_effort else 0.0, now
+        self._batch = FIRST_STEPS if self._slow_reply_s else 1
+        # On a socket a message costs nothing, and the caller's pace is kept; elsewhere each message is acknowledged.
+        self._join = None if link.name.upper().endswith("::SOCKET") else join
+        self._unconfirmed = 0
+        self._pending: list[str] = []
 
     def query(self, action: Callable[[], T]) -> T | None:
         """Return what the action returns; None if it failed, or if replies cannot be read any more."""
@@ -42,15 +70,46 @@ class RampDown:
         """Send one step: `send_confirmed` sends and confirms it; `command` is sent if replies cannot be read any more.
 
         Raises:
-            LinkError: the connection is lost, nothing can be sent.
+            LinkError: the connection is lost, nothing can be sent; or a pipelined ramp was not confirmed.
         """
+        if not self.blind and self._unconfirmed < self._batch - 1:
+            self._unconfirmed += 1
+            self._pending.append(command)
+            if self._join is None:
+                self.flush()
+            return
         if not self.blind:
             try:
+                self.flush()
+                begin_s = self._now()
                 send_confirmed()
+                self._unconfirmed = 0
+                if self._slow_reply_s:
+                    wire_limited = self._now() - begin_s <= WIRE_LIMITED * self._slow_reply_s
+                    self._batch = PIPELINED_STEPS if wire_limited else 1
             except InstrumentError as error:
+                if isinstance(error, LinkError) and self.is_pipelined:
+                    raise  # how many of the steps were carried out is unknown: the ramp begins anew at the level that is there
                 self._record_error(error)
         if self.blind:
             self._link.write(command)
+
+    @property
+    def is_pipelined(self) -> bool:
+        return self._slow_reply_s > 0
+
+    def flush(self) -> None:
+        """Send the steps that wait to be joined to one message.
+
+        Raises:
+            LinkError: the connection is lost.
+        """
+        pending, self._pending = self._pending, []
+        if pending and self._join is not None:
+            self._link.write(self._join(pending))
+        else:
+            for command in pending:
+                self._link.write(command)
 
     def raise_first_error(self) -> None:
         """Raise the first error of the ramp, if there was one.

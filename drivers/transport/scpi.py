@@ -5,6 +5,10 @@ a socket), and a rejected setting is known before the next one is sent.
 """
 
 import contextlib
+import statistics
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from drivers.deprecated import renamed
@@ -13,6 +17,11 @@ from drivers.interfaces import Identity
 
 SCPI_INFINITY = 9.9e37
 """How SCPI writes infinity; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
+
+MEASURED_REPLIES = 15
+SLOW_REPLY_S = 0.01
+"""From this reply time on, the steps of a ramp to rest are sent without waiting for the reply to each. A serial or USB line is
+never slow in this sense: its time is that of the bytes."""
 
 
 class Link(Protocol):
@@ -33,13 +42,30 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
+def join_commands(commands: Sequence[str]) -> str:
+    """Return one message of several commands, each from the root of the command tree."""
+    return ";:".join(command.removeprefix(":") for command in commands)
+
+
 @renamed(ask="query", ask_number="query_float", tell="write_checked")
 class ScpiSession:
-    """SCPI queries and confirmed commands over a link. `instrument` names it in errors."""
+    """SCPI queries and confirmed commands over a link. `instrument` names it in errors; `now` is bench time."""
 
-    def __init__(self, link: Link, instrument: str) -> None:
+    def __init__(self, link: Link, instrument: str, now: Callable[[], float] = time.monotonic) -> None:
         self.link = link
         self.instrument = instrument
+        self._now = now
+        self._reply_times_s: deque[float] = deque(maxlen=MEASURED_REPLIES)
+
+    @property
+    def reply_s(self) -> float:
+        """Median time from a query to its reply, of the last ones; 0 before the first."""
+        return statistics.median(self._reply_times_s) if self._reply_times_s else 0.0
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether a ramp to rest must not wait for the reply to each of its steps."""
+        return self.reply_s > SLOW_REPLY_S and not self.link.name.upper().startswith(("ASRL", "USB"))
 
     def query(self, query: str) -> str:
         """Return the reply to a query.
@@ -47,9 +73,12 @@ class ScpiSession:
         Raises:
             LinkError: no reply, or a broken connection; it has been resynchronised if possible.
         """
+        begin_s = self._now()
         try:
             self.link.write(query)
-            return self.link.read().strip()
+            answer = self.link.read().strip()
+            self._reply_times_s.append(self._now() - begin_s)
+            return answer
         except LinkError as error:
             with contextlib.suppress(LinkError):  # if the connection is lost, the first error reports it
                 self.link.clear()

@@ -6,6 +6,7 @@ reopened, a serial line is read until it is quiet, and all others have a device 
 """
 
 import contextlib
+import select
 import socket
 import struct
 import time
@@ -69,6 +70,7 @@ class VisaLink:
     def write(self, message: str) -> None:
         with self._translate_errors():
             session = self._open_session()
+            self._raise_if_closed(0.0)
             if self._is_serial:  # a long waveform needs time at this baud rate
                 session.timeout = 1000 * (self.timeout_s + BITS_PER_BYTE * len(message) / self._baud)
             try:
@@ -80,8 +82,28 @@ class VisaLink:
 
     def read(self) -> str:
         with self._translate_errors():
-            answer: str = self._open_session().read()
+            session = self._open_session()
+            self._raise_if_closed(self.timeout_s)
+            answer: str = session.read()
             return answer
+
+    def _raise_if_closed(self, timeout_s: float) -> None:
+        """Wait for input on a socket; raise LinkError if the other side has closed it, which pyvisa-py takes for silence."""
+        wire: Any = self._wire_session()
+        sock: Any = getattr(wire, "interface", None)
+        pending: Any = getattr(wire, "_pending_buffer", None)
+        if not isinstance(sock, socket.socket) or pending:
+            return
+        readable, _, _ = select.select([sock], [], [], timeout_s)
+        if readable and not sock.recv(1, socket.MSG_PEEK):
+            raise LinkError(f"{self.name} has closed the connection; check the instrument's power and cable")
+
+    def _wire_session(self) -> Any:
+        """Return pyvisa-py's own session; None with another VISA library."""
+        with contextlib.suppress(AttributeError, KeyError, TypeError):
+            library: Any = self._manager.visalib
+            return library.sessions[self._session.session]
+        return None
 
     def clear(self) -> None:
         # pyvisa-py 0.8.1 reads a raw socket until nothing is readable: one that the peer has closed stays readable for
@@ -125,10 +147,8 @@ class VisaLink:
 
     def _disable_nagle(self) -> None:
         """Two messages before an answer wait 44 ms for each other on a socket; pyvisa-py has no setting for that."""
-        with contextlib.suppress(AttributeError, KeyError, OSError, TypeError):
-            library: Any = self._manager.visalib
-            wire = library.sessions[self._session.session].interface
-            wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        with contextlib.suppress(AttributeError, OSError, TypeError):
+            self._wire_session().interface.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
         self._close_session()

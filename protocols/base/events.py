@@ -1,5 +1,6 @@
 """Run events: frozen values, stored in the run file first and then published to the observers."""
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, get_args
 
@@ -37,6 +38,8 @@ class BenchArmed:
 
     kind: ClassVar[str] = "Armed"
     high_voltage: bool = True
+    way_to_rest_s: float = math.nan
+    """Predicted duration of the way to rest from the farthest level; NaN if unknown."""
 
 
 @dataclass(frozen=True, slots=True)

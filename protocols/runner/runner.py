@@ -132,7 +132,7 @@ class Runner:
                 protocol.high_voltage,
                 self._warn_of_live_specimen,
             ) as armed:
-                self._recorder.publish(BenchArmed(protocol.high_voltage))
+                self._recorder.publish(BenchArmed(protocol.high_voltage, armed.predicted_rest_s))
                 try:
                     self._run_entries(armed)
                 finally:

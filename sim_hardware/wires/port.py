@@ -1,6 +1,7 @@
 """Message port of a simulated SCPI instrument, with the faults of its link."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sim_hardware.plant import FaultState
@@ -46,6 +47,10 @@ class MessagePort:
         self._engine = engine
         self._faults = faults
         self._lock = threading.Lock()
+
+    def set_processing(self, process_command: Callable[[], None]) -> None:
+        """Call `process_command` between the commands of a message that set something."""
+        self._engine.process_command = process_command
 
     @property
     def connected(self) -> bool:

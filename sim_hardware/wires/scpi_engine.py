@@ -241,6 +241,8 @@ class ScpiEngine:
 
     def __init__(self, instrument: ScpiInstrument) -> None:
         self._instrument = instrument
+        self.process_command: Callable[[], None] = lambda: None
+        """Called between two commands of one message that set something: an instrument carries them out one after the other."""
         self._errors: deque[tuple[int, str]] = deque()
         self._event_status = 128  # power on
         self._delay_s = 0.0
@@ -264,7 +266,7 @@ class ScpiEngine:
     def execute(self, message: str) -> ScpiResponse | None:
         """Run one message (without its terminator); the joined answers of its queries, or None."""
         self._delay_s = 0.0
-        answers, path = [], ""
+        answers, path, has_set = [], "", False
         message, blocks = extract_blocks(message)
         for part in split_message(message.strip(), ";"):
             if not part:
@@ -278,6 +280,9 @@ class ScpiEngine:
                 header = name[1:] if name.startswith(":") else path + name
                 path = header[: header.rfind(":") + 1]
             arguments = [restore_block(a, blocks) for a in split_message(tail, ",") if a]
+            if has_set and not query:
+                self.process_command()
+            has_set |= not query
             try:
                 answer = self._run(header, query, arguments)
             except ScpiError as error:

@@ -37,6 +37,7 @@ class ScpiTcpServer(Closeable):
         self._partial_lines: dict[socket.socket, bytes] = {}
         self._pending_responses: list[tuple[float, int, socket.socket, bytes]] = []
         self._sequence = itertools.count()
+        self._busy_until_s = 0.0
         self._listener: socket.socket | None = None
         self.port = 0
         self._listen()
@@ -143,6 +144,9 @@ class ScpiTcpServer(Closeable):
             return
         lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
+            # Messages that arrive together are carried out one after the other, as an instrument does.
+            time.sleep(max(self._busy_until_s - time.monotonic(), 0.0))
+            self._busy_until_s = time.monotonic() + self._command_s / self._speed
             reply = self._instrument.handle(line)
             if reply is None:
                 continue

@@ -1,0 +1,148 @@
+"""Slow and cut wires: the way to rest is pipelined, never jumps, is predicted at arming and refused where it is too long."""
+
+import math
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.drive import Drive, Hold, Sine
+from drivers.errors import InstrumentError
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown
+from drivers.transport.scpi import join_commands
+from protocols.base import BenchArmed, EventBus, RunStatus
+from protocols.runner.request import RunRequest
+from protocols.runner.runner import Runner
+from sim_hardware.testing.safe_volts import assert_safe_voltage
+from tests.helpers.level_protocol import Levels
+from tests.helpers.simulated_bench import laboratory
+from tests.helpers.wired_bench import wired
+
+STEP_V = 0.05
+
+
+class Wire:
+    """Notes what is sent."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.sent: list[str] = []
+
+    def write(self, message: str) -> None:
+        self.sent.append(message)
+
+    def read(self) -> str:
+        return ""
+
+    def clear(self) -> None: ...
+
+    def reopen(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("name", "sent"),
+    [
+        ("TCPIP::h::1::SOCKET", ["V 0", "V 1", "V 2", "ok 3", "V 4", "V 5", "V 6", "V 7", "V 8", "V 9"]),
+        ("TCPIP::h::INSTR", ["V 0;:V 1;:V 2", "ok 3", "V 4;:V 5;:V 6;:V 7;:V 8;:V 9"]),
+    ],
+)
+def test_on_a_slow_wire_only_the_first_steps_wait_for_their_reply(name: str, sent: list[str]) -> None:
+    wire = Wire(name)
+    way = RampDown(wire, slow_reply_s=0.1, now=lambda: 0.0, join=join_commands)
+    for i in range(10):
+        way.step(f"V {i}", lambda i=i: wire.write(f"ok {i}"))
+    way.flush()
+    assert wire.sent == sent
+
+
+def test_an_instrument_that_is_slow_itself_confirms_every_step() -> None:
+    """More steps than it carries out in time would be given up by a reply timeout."""
+    wire, now = Wire("TCPIP::h::1::SOCKET"), [0.0]
+
+    def confirm() -> None:
+        now[0] += 0.1 * FIRST_STEPS
+        wire.write("ok")
+
+    way = RampDown(wire, slow_reply_s=0.1, now=lambda: now[0])
+    for _ in range(FIRST_STEPS + 3):
+        way.step("V", confirm)
+    assert wire.sent == ["V"] * (FIRST_STEPS - 1) + ["ok"] * 4
+
+
+def test_a_ramp_that_does_not_lead_to_rest_confirms_every_step_on_any_wire() -> None:
+    wire = Wire("TCPIP::h::1::SOCKET")
+    way = RampDown(wire, best_effort=False, slow_reply_s=0.1)
+    for _ in range(5):
+        way.step("V", lambda: wire.write("ok"))
+    assert wire.sent == ["ok"] * 5
+
+
+def test_a_bench_whose_way_to_rest_takes_too_long_is_not_armed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with laboratory() as lab:
+        monkeypatch.setattr(Keysight33500, "predict_rest_s", lambda *_: 5.3)
+        runner = Runner(RunRequest(Levels(), tmp_path, "T1"), lab.bench, lab.operator)
+        ended = runner.run()
+        report = lab.control.report()
+    assert ended.status is RunStatus.FAILED
+    assert "the way to rest would take 5.3 s" in ended.reason
+    assert "(limit 4 s)" in ended.reason
+    assert "way_to_rest_s under [amplifier]" in ended.reason
+    assert report.live_s == 0, "high voltage was not switched on"
+
+
+def test_the_predicted_way_to_rest_is_stored_with_the_run(tmp_path: Path) -> None:
+    events = []
+    with laboratory() as lab:
+        Runner(
+            RunRequest(Levels(levels_v=(2.2,)), tmp_path, "T1"), lab.bench, lab.operator, EventBus(events.append)
+        ).run()
+    (armed,) = (event for event in events if isinstance(event, BenchArmed))
+    assert 0.5 < armed.way_to_rest_s < 2.0
+
+
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize(
+    ("delay_s", "drive", "limit_s"),
+    [
+        (0.02, Hold(2.02, 60.0), 2.0),
+        (0.02, Hold(5.0, 60.0), 3.0),
+        (0.02, Sine(100.0, 2.5, 2.5, 3000), 2.0),
+        pytest.param(0.3, Hold(5.0, 60.0), 12.0, marks=pytest.mark.deep),
+        pytest.param(0.3, Sine(100.0, 2.5, 2.5, 3000), 12.0, marks=pytest.mark.deep),
+    ],
+)
+def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(delay_s: float, drive: Drive, limit_s: float) -> None:
+    with wired() as lab:
+        amplifier = lab.bench.amplifier
+        amplifier.initialize_at_rest()
+        lab.control.enable_hv()
+        amplifier.start_drive(drive)
+        lab.proxy.delay_s = delay_s
+        for _ in range(15):
+            amplifier._source.idle_level_v()
+        predicted_s, begin_s = amplifier.predict_rest_s(), time.monotonic()
+        amplifier.return_to_rest()
+        took_s = time.monotonic() - begin_s
+        report = lab.control.report()
+    assert took_s < limit_s, "without pipelining: a round trip for each of 50 steps and more"
+    assert math.isfinite(predicted_s)
+    assert report.ends_at_rest
+    assert report.largest_jump_v <= STEP_V + 1e-6
+
+
+def test_a_connection_that_the_other_side_closed_is_noticed_before_a_timeout() -> None:
+    with wired(generator={"timeout_s": 30.0}) as lab:
+        amplifier = lab.bench.amplifier
+        amplifier.initialize_at_rest()
+        lab.control.enable_hv()
+        amplifier.start_drive(Hold(2.2, 60.0))
+        lab.proxy.cut()
+        begin_s = time.monotonic()
+        with pytest.raises(InstrumentError, match="has closed the connection"):
+            amplifier.return_to_rest()
+        amplifier.force_rest()
+        assert time.monotonic() - begin_s < 15.0
+        assert_safe_voltage(lab.control.report())
