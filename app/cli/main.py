@@ -42,6 +42,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "runs": ("app.cli.runs", "list the runs of a folder; find some by specimen, protocol, date, status or words"),
     "export": ("app.cli.runs", "a run as CSV, JSON or MAT files"),
+    "verify": ("app.cli.verify", "run files against their checksums; repair of those that a killed program left"),
     "import": ("app.cli.import_", "old tables and time series as run files: CSV or MAT"),
     "protocols": ("app.cli.run", "list what can be measured, and the parameters of each"),
     "resume": (

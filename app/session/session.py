@@ -199,6 +199,7 @@ class Session:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
+        from protocols.runfile.repair import repair_folder
         from protocols.runner.runner import Runner
 
         self.state = SessionState.RUNNING
@@ -207,6 +208,8 @@ class Session:
             request = load()
             for note in unreported_watchdog_messages(request.folder):
                 self._events.publish(note)
+            for sentence in repair_folder(request.folder):
+                self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
                 with suppress(BenchError):  # the run reports it better

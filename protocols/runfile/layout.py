@@ -93,6 +93,12 @@ def create_file(path: Path, metadata: RunMetadata, point_columns: Mapping[str, t
         working.unlink(missing_ok=True)
 
 
+def creator_of(name: str) -> int | None:
+    """Return the process number in the name of a file that is being created; None for other names."""
+    begin, _, process = name.rpartition(".")
+    return int(process) if name.startswith(".") and begin.endswith(".h5") and process.isdecimal() else None
+
+
 def _create_datasets(
     file: h5py.File, path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]
 ) -> None:

@@ -1,6 +1,5 @@
 """Run file reader: a run that is finished, still being written, or left behind by a crash."""
 
-import os
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -44,9 +43,10 @@ from protocols.runfile.open import (
     reads_run,
     translate_read_errors,
 )
-from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, VERDICT_VERSION
+from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.structure import StructureError, is_run_beside
 from protocols.runfile.trace import RunTrace, read_sensor
+from protocols.runfile.writing_process import writer_is_alive
 
 if TYPE_CHECKING:
     import h5py
@@ -100,10 +100,14 @@ class Run(Closeable):
 
     @property
     def crashed(self) -> bool:
-        """Whether the status is `running` but the writing process is gone (known on the same computer only)."""
-        if self.status is not RunStatus.RUNNING or self._text("host") != socket.gethostname():
+        """Whether the status is `running` but the writing process is gone (known on the same computer, or once repaired)."""
+        if self.status is not RunStatus.RUNNING:
             return False
-        return not _process_is_alive(read_integer(self._entry, "process_id"))
+        if REPAIRED in self._entry:
+            return True
+        if self._text("host") != socket.gethostname():
+            return False
+        return not writer_is_alive(self.path, read_integer(self._entry, "process_id"))
 
     @property
     def state(self) -> str:
@@ -342,15 +346,3 @@ def _curve(group: "h5py.Group") -> ResultCurve:
         columns=columns,
         entry=attribute_integer(group, "entry"),
     )
-
-
-def _process_is_alive(pid: int) -> bool:
-    if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

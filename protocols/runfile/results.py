@@ -10,32 +10,36 @@ from protocols.base import EstimatedQuantity, ResultCurve, Verdict
 from protocols.runfile.checksums import changed_objects, store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group
+from protocols.runfile.transaction import transaction
 
 
 @contextmanager
-def append_results(path: Path, new: bool = False, locking: bool = True) -> Iterator[h5py.File]:
+def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
     """Open a run that has ended for appending; afterwards its checksums are computed anew.
+
+    All changes are applied at once at the end; a kill or an error leaves all or nothing.
 
     Args:
         path: the run file.
         new: whether the run has just ended, so that it has no checksums yet.
-        locking: whether the file is locked, and rejected where another program has it locked.
 
     Raises:
         StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
     """
-    with translate_write_errors("run", path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
-        if changed := changed_objects(file):
+    with (
+        translate_write_errors("run", path),
+        transaction(path) as changed,
+        h5py.File(changed, "r+", libver="latest") as file,
+    ):
+        if different := changed_objects(file):
             raise StorageError(
-                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(changed[:3])}); take "
+                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
                 "another copy of it"
             )
         has_checksums = new or stored_digests(file) is not None
-        try:
-            yield file
-        finally:
-            if has_checksums:
-                store_checksums(file)
+        yield file
+        if has_checksums:
+            store_checksums(file)
 
 
 def append_curves(file: h5py.File, curves: Sequence[ResultCurve]) -> None:

@@ -32,6 +32,9 @@ RECORDING_DTYPE = np.dtype(
 ENTRY_COLUMN = "entry"
 """Column of the points with the plan entry each belongs to."""
 
+REPAIRED = "repaired"
+"""Time at which a crashed run was repaired; absent from all others."""
+
 RESERVE_BYTES = 32_000_000
 """A disk with less free space counts as full: HDF5 cannot recover from a failed write."""
 

@@ -226,7 +226,7 @@ class RunFileWriter:
         verdict: Verdict,
     ) -> str:
         try:
-            with append_results(path, new=True, locking=False) as file:  # a reader must not block the writer
+            with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
                 append_curves(file, curves)
@@ -235,8 +235,9 @@ class RunFileWriter:
             if path == self.path and not self._presence.problem:
                 self.check_presence()
             reason += f"; what was identified could not be stored: {error}"
-            with contextlib.suppress(StorageError), append_results(path, new=True, locking=False) as file:
+            with contextlib.suppress(StorageError), append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+                store_verdict(file, verdict)
         return reason
 
     def _finish_lost(

@@ -1,0 +1,87 @@
+"""The command `verify`: run files against their checksums, and the repair of those that a killed program left."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.cli.options import CommandSyntax, option, switch
+from app.cli.output import print_line
+from app.common import ExitCode, UsageError, path_argument
+from protocols.runfile.errors import StorageError
+from protocols.runfile.open import RunReadError
+from protocols.runfile.repair import repair_run
+from protocols.runfile.verify import FileState, Verification, verify_run
+
+
+@dataclass(frozen=True)
+class VerifyCommand:
+    """Verify run files."""
+
+    paths: Sequence[Path] = option(nargs="+", type=path_argument, metavar="FILE|FOLDER", help="run files, or folders")
+    repair: bool = switch("--repair", "repair files that a killed program left, before they are verified")
+    json: bool = switch("--json", "one JSON list on standard output")
+
+    def execute(self) -> int:
+        found: list[Verification] = []
+        for path, named in _run_files(self.paths):
+            if self.repair:
+                _repair(path)
+            result = verify_run(path)
+            if result.state is FileState.NO_RUN and not named:
+                continue  # a folder may hold other files
+            found.append(result)
+            if not self.json:
+                print_line(f"{result.state}: {path}")
+                for finding in result.findings:
+                    print_line(f"  {finding}")
+        if self.json:
+            records = [{"path": str(r.path), "state": str(r.state), "findings": list(r.findings)} for r in found]
+            print_line(json.dumps(records))
+        else:
+            counts = {state: sum(result.state is state for result in found) for state in FileState}
+            named_counts = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
+            print_line(f"{len(found)} files: {named_counts}" if found else "there are no run files")
+        states = {result.state for result in found}
+        if FileState.DAMAGED in states:
+            return ExitCode.FAILED
+        if FileState.NO_RUN in states:
+            return ExitCode.USAGE
+        return ExitCode.NO_RESULT if FileState.NOT_CHECKABLE in states else ExitCode.DONE
+
+
+def _repair(path: Path) -> None:
+    try:
+        with suppress(RunReadError):  # reported by the verification
+            if message := repair_run(path):
+                sys.stderr.write(f"{message}\n")
+    except StorageError as error:
+        sys.stderr.write(f"{error}\n")
+
+
+def _run_files(paths: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
+    """Yield the run files, and whether each was named itself.
+
+    Raises:
+        UsageError: there is no such file or folder.
+    """
+    for path in paths:
+        if not path.exists():
+            raise UsageError(f"there is no file or folder {path}; give run files, or folders of them")
+        if path.is_dir():
+            yield from ((file, False) for file in sorted(path.rglob("*.h5")) if file.is_file())
+        else:
+            yield path, True
+
+
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "verify": CommandSyntax(
+        VerifyCommand,
+        "Every run file is read whole and compared with its checksums: 'good'; 'damaged', with what and where; or 'not "
+        "checkable', where it is of an older version, still being written, or left by a program that was killed: then what can be checked "
+        "is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is no run, 4 if one is not checkable.",
+        "example: tactor-bench verify runs --repair",
+    )
+}

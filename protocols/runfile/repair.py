@@ -1,0 +1,155 @@
+"""Repair of a run file whose program was killed: every program can open it afterwards, and its checksums are complete."""
+
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from protocols.base import RunStatus
+from protocols.runfile.checksums import store_checksums, stored_digests
+from protocols.runfile.errors import StorageError, os_error_text
+from protocols.runfile.fields import read_integer, read_text
+from protocols.runfile.layout import creator_of
+from protocols.runfile.open import RunReadError, open_run, translate_read_errors
+from protocols.runfile.schema import CHANNELS, REPAIRED
+from protocols.runfile.superblock import Superblock
+from protocols.runfile.transaction import journal_path, replay_journal, transaction
+from protocols.runfile.writing_process import process_is_alive, writer_is_alive
+
+FOREIGN_IDLE_S = 3600.0
+"""A file of another computer counts as left behind if it has not changed for this long."""
+
+
+def repair_folder(folder: Path) -> Iterator[str]:
+    """Repair the run files that killed programs of this computer left in a folder; yield a sentence for each."""
+    try:
+        names = [entry.name for entry in os.scandir(folder)]
+    except OSError:
+        return
+    for name in sorted(names):
+        path = folder / name
+        try:
+            if name.endswith(".h5") and path.is_file() and needs_repair(path):
+                yield repair_run(path)
+            elif (creator := creator_of(name)) is not None and not process_is_alive(creator):
+                path.unlink()  # a run file that was being created
+        except (OSError, StorageError, RunReadError):  # in use, of another computer, damaged, or no run
+            continue
+
+
+def needs_repair(path: Path) -> bool:
+    """Whether a file was not closed, or changes of it were not applied.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    block = Superblock.read(path)
+    return (block is not None and block.is_marked) or journal_path(path).exists()
+
+
+def repair_run(path: Path) -> str:
+    """Repair a run file whose program was killed; return a sentence, or an empty text if nothing had to be done.
+
+    Raises:
+        RunReadError: it is no run, or damaged.
+        StorageError: a program still writes it, or it cannot be changed.
+    """
+    try:
+        with open_run(path) as file, translate_read_errors(path):
+            entry = file["entry"]
+            status, host = read_text(entry, "status"), read_text(entry, "host")
+            pid, complete = read_integer(entry, "process_id"), stored_digests(file) is not None
+            old = "verdict" not in entry  # of a version without checksums
+        block = Superblock.read(path)
+        marked = block is not None and block.is_marked
+        if marked:
+            _check_not_in_use(path, host, pid)
+        replayed = replay_journal(path)
+        if not marked and (complete or old or status == RunStatus.RUNNING):
+            return f"{path}: the results that a killed program had not stored are stored now" if replayed else ""
+        with transaction(path) as changed:
+            if block is not None:
+                changed.write(block.cleared(changed.size).pack())
+                changed.truncate(max(changed.size, block.end))
+            with translate_read_errors(path), h5py.File(changed, "r+", libver="latest") as file:
+                rows, points = _mend(file["entry"])
+                if status == RunStatus.RUNNING and REPAIRED not in file["entry"]:
+                    file["entry"][REPAIRED] = datetime.now(UTC).isoformat(timespec="seconds")
+                store_checksums(file)
+    except OSError as error:
+        raise StorageError(f"{path} cannot be repaired: {os_error_text(error)}") from error
+    return (
+        f"{path} was left behind by a program that was killed; it is repaired and opens in every program: {rows} samples "
+        f"and {points} points are in it"
+    )
+
+
+def _check_not_in_use(path: Path, host: str, pid: int) -> None:
+    if host != socket.gethostname():
+        if time.time() - path.stat().st_mtime < FOREIGN_IDLE_S:
+            raise StorageError(
+                f"{path} is being written on the computer {host}, or was within the last hour; repair it there, or later"
+            )
+    elif writer_is_alive(path, pid):
+        raise StorageError(f"{path} is being written by process {pid}; wait until that run has ended, or end it")
+
+
+def _mend(entry: Any) -> tuple[int, int]:
+    """Make the tables of a broken-off run consistent; return how many samples and points it has."""
+    for table in (entry["trace"], entry["points"], entry):
+        for data in table.values():
+            if isinstance(data, h5py.Dataset) and data.chunks:
+                _mend_last_chunks(data)
+    channels = [entry["trace"][name] for name in CHANNELS]
+    columns = [data for data in entry["points"].values() if data.chunks]
+    for group in (channels, columns):
+        rows = min(data.shape[0] for data in group)
+        for data in group:
+            data.resize(rows, axis=0)
+    _drop_incomplete_event(entry["events"])
+    return channels[0].shape[0], columns[0].shape[0]
+
+
+def _mend_last_chunks(data: Any) -> None:
+    """Compute the checksums of the last two chunks anew if they were being overwritten when the program was killed.
+
+    Rows are only appended, so that an older part of such a chunk equals the newer one.
+    """
+    length = data.chunks[0]
+    last = max(data.shape[0] - 1, 0) // length * length
+    for start in (last - length, last):
+        if start < 0 or not data.shape[0]:
+            continue
+        try:
+            data[start : start + length]
+        except OSError:
+            place = (start, *(0 for _ in data.shape[1:]))
+            _, stored = data.id.read_direct_chunk(place)
+            values = np.frombuffer(stored[:-4], data.dtype).reshape(data.chunks)
+            data.id.write_direct_chunk(place, _with_checksum(values))
+
+
+def _with_checksum(values: np.ndarray) -> bytes:
+    """Return a chunk as HDF5 stores it, with its checksum."""
+    with h5py.File("chunk", "w", driver="core", backing_store=False) as file:
+        chunk = file.create_dataset("chunk", data=values, chunks=values.shape, fletcher32=True)
+        file.flush()
+        return bytes(chunk.id.read_direct_chunk((0,) * values.ndim)[1])
+
+
+def _drop_incomplete_event(events: Any) -> None:
+    """Remove the rows of a last event whose text is not complete."""
+    rows = events.shape[0]
+    kinds = events["kind"] if rows else np.array([], "S1")
+    first = max((i for i in range(rows) if kinds[i] != b"+"), default=0)
+    try:
+        json.loads(b"".join(events[first:rows]["text"].tolist()))
+    except ValueError:
+        events.resize(first, axis=0)
