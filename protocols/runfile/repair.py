@@ -1,5 +1,6 @@
 """Repair of a run file whose program was killed: every program can open it afterwards, and its checksums are complete."""
 
+import importlib
 import json
 import os
 import socket
@@ -22,6 +23,8 @@ from protocols.runfile.schema import CHANNELS, REPAIRED
 from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import journal_path, replay_journal, transaction
 from protocols.runfile.writing_process import process_is_alive, writer_is_alive
+
+fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 FOREIGN_IDLE_S = 3600.0
 """A file of another computer counts as left behind if it has not changed for this long."""
@@ -62,17 +65,19 @@ def repair_run(path: Path) -> str:
         StorageError: a program still writes it, or it cannot be changed.
     """
     try:
+        block = Superblock.read(path)
+        marked = block is not None and block.is_marked
+        if block is not None and not block.is_readable:  # killed between creation and the first sample
+            _clear_mark(path, block)
         with open_run(path) as file, translate_read_errors(path):
             entry = file["entry"]
             status, host = read_text(entry, "status"), read_text(entry, "host")
             pid, complete = read_integer(entry, "process_id"), stored_digests(file) is not None
             old = "verdict" not in entry  # of a version without checksums
-        block = Superblock.read(path)
-        marked = block is not None and block.is_marked
-        if marked:
+        if marked or (status == RunStatus.RUNNING and not complete):
             _check_not_in_use(path, host, pid)
         replayed = replay_journal(path)
-        if not marked and (complete or old or status == RunStatus.RUNNING):
+        if not marked and (complete or old):
             return f"{path}: the results that a killed program had not stored are stored now" if replayed else ""
         with transaction(path) as changed:
             if block is not None:
@@ -89,6 +94,21 @@ def repair_run(path: Path) -> str:
         f"{path} was left behind by a program that was killed; it is repaired and opens in every program: {rows} samples "
         f"and {points} points are in it"
     )
+
+
+def _clear_mark(path: Path, block: Superblock) -> None:
+    """Clear the mark of a file that is complete but was not yet open in SWMR mode.
+
+    Raises:
+        StorageError: a program has the file open.
+    """
+    with path.open("r+b") as file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # HDF5 has it locked in this state
+            except OSError:
+                raise StorageError(f"{path} is open in another program; wait until it has closed the file") from None
+        file.write(block.cleared(path.stat().st_size).pack())
 
 
 def _check_not_in_use(path: Path, host: str, pid: int) -> None:

@@ -12,7 +12,8 @@ _CHECKSUM = struct.Struct("<I")
 SUPERBLOCK_BYTES = _LAYOUT.size + _CHECKSUM.size
 WRITING_VERSION = 3
 """The version that marks a file that is open for writing."""
-WRITE_FLAGS = 0b101
+SWMR_FLAG = 0b100
+WRITE_FLAGS = 0b001 | SWMR_FLAG
 """Open for writing, and open in SWMR mode."""
 
 
@@ -48,6 +49,11 @@ class Superblock:
     def is_marked(self) -> bool:
         """Whether the file is marked as open for writing."""
         return self.version == WRITING_VERSION and bool(self.flags & WRITE_FLAGS)
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether the file can be opened for reading, be it in SWMR mode."""
+        return not self.is_marked or bool(self.flags & SWMR_FLAG)
 
     def cleared(self, size: int) -> Self:
         """Return the superblock of the same file, closed, of at least `size` bytes."""

@@ -1,0 +1,241 @@
+"""Verification and repair of run files: every damage is found, and a killed program leaves nothing that stays broken."""
+
+import os
+import random
+import shutil
+from pathlib import Path
+from unittest import mock
+
+import h5py
+import numpy as np
+import pytest
+
+from app.cli.main import main
+from app.common import ExitCode
+from protocols.base import EstimatedQuantity
+from protocols.runfile.errors import StorageError
+from protocols.runfile.reader import Run
+from protocols.runfile.repair import needs_repair, repair_folder, repair_run
+from protocols.runfile.results import append_estimates, append_results
+from protocols.runfile.superblock import Superblock
+from protocols.runfile.transaction import journal_path
+from protocols.runfile.verify import FileState, verify_run
+from protocols.runfile.writing_process import writer_is_alive
+from tests.helpers.flipped_bits import flips
+from tests.helpers.killed_writers import check, kill_one
+from tests.helpers.run_files import crashed_run, finished_run
+
+OLD_RUNS = Path(__file__).parents[1] / "data" / "format-2" / "runs"
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished_run(tmp_path_factory.mktemp("good"))
+
+
+def chunk_place(path: Path, dataset: str) -> int:
+    with h5py.File(path, "r") as file:
+        return int(file[dataset].id.get_chunk_info(0).byte_offset)
+
+
+def flip(path: Path, place: int, bit: int = 4) -> None:
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def test_a_good_file_is_good_and_its_checksums_follow_what_the_program_appends(good: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(good, tmp_path))
+    assert verify_run(path).state is FileState.GOOD
+    with append_results(path) as file:
+        del file["entry/estimates"]
+        append_estimates(file, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+    assert verify_run(path).state is FileState.GOOD
+    assert main(["verify", str(path)]) == ExitCode.DONE
+
+
+@pytest.mark.parametrize("dataset", ["entry/points/fundamental", "entry/trace/displacement", "entry/events"])
+def test_a_flipped_bit_in_points_samples_or_events_is_found_and_is_one_sentence(
+    dataset: str, good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = Path(shutil.copy(good, tmp_path))
+    flip(path, chunk_place(path, dataset) + 6)
+    (finding,) = verify_run(path).findings
+    assert finding.startswith(f"{dataset}: rows 0 to ")
+    assert finding.endswith("cannot be read, their checksum is wrong")
+    assert main(["verify", str(tmp_path)]) == ExitCode.FAILED
+    assert f"damaged: {path}\n  {finding}" in capsys.readouterr().out
+    commands = {
+        "entry/points/fundamental": ["show", str(path)],
+        "entry/trace/displacement": ["export", str(path), "--part", "raw", "--out", str(tmp_path)],
+        "entry/events": ["export", str(path), "--part", "events", "--out", str(tmp_path)],
+    }
+    assert main(commands[dataset]) != ExitCode.DONE
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "is damaged inside" in said
+
+
+def test_a_text_and_an_attribute_changed_by_another_program_are_named(good: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(good, tmp_path))
+    with h5py.File(path, "r+") as file:
+        del file["entry/specimen"]
+        file["entry/specimen"] = "T8"
+        file["entry/points/phase"].attrs["units"] = "deg"
+        file["entry/trace/sample_rate"][()] = 5001.0
+    found = verify_run(path)
+    assert found.state is FileState.DAMAGED
+    names = {finding.split()[0] for finding in found.findings}
+    assert {"entry/specimen", "entry/points/phase", "entry/trace/sample_rate"} <= names
+    with pytest.raises(StorageError, match="contents differ from its checksums"), append_results(path):
+        pass
+
+
+def test_old_and_unclosed_files_are_not_checkable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for path in [*OLD_RUNS.glob("*.h5")][:2]:
+        shutil.copy(path, tmp_path)
+        assert verify_run(path).state is FileState.NOT_CHECKABLE
+    crashed = crashed_run(tmp_path)
+    (finding,) = verify_run(crashed).findings
+    assert "its program was killed" in finding
+    assert "--repair" in finding
+    assert main(["verify", str(tmp_path)]) == ExitCode.NO_RESULT
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = 1
+    assert main(["verify", str(tmp_path)]) == ExitCode.NO_RESULT  # a folder may hold other files
+    assert main(["verify", str(tmp_path / "other.h5")]) == ExitCode.USAGE
+    capsys.readouterr()
+    assert main(["verify", str(tmp_path / "none.h5")]) == ExitCode.USAGE
+
+
+def test_a_crashed_run_is_repaired_once_and_opens_plainly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = crashed_run(tmp_path)
+    with pytest.raises(OSError, match="already open for write"):
+        h5py.File(path, "r")
+    with Run(path) as run:
+        before = (run.state, run.trace.sample_count, run.point_count, [e.kind for e in run.events()])
+    assert main(["verify", str(path), "--repair"]) == ExitCode.DONE
+    assert "left behind by a program that was killed; it is repaired" in capsys.readouterr().err
+    with h5py.File(path, "r") as file:
+        assert file["entry/trace/drive"].shape == (2000,)
+    with Run(path) as run:
+        assert (run.state, run.trace.sample_count, run.point_count, [e.kind for e in run.events()]) == before
+    assert verify_run(path).state is FileState.GOOD
+    assert repair_run(path) == ""
+    assert list(repair_folder(tmp_path)) == []
+
+
+def test_the_next_start_repairs_what_a_killed_program_left_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = crashed_run(tmp_path)
+    main(["run", "wiring-check", "--speed", "max", "--out", str(tmp_path)])
+    assert f"{path} was left behind by a program that was killed" in " ".join(capsys.readouterr().err.split())
+    with h5py.File(path, "r") as file:
+        assert file["entry/status"][()] == b"running"
+
+
+def test_a_chunk_that_was_being_overwritten_is_mended_without_loss(tmp_path: Path) -> None:
+    """A kill within a write leaves a chunk with its new first part, its old rest, and a checksum that fits neither."""
+    path = crashed_run(tmp_path)
+    with h5py.File(path, "r", swmr=True) as file:
+        before = file["entry/trace/drive"][:]
+        place = int(file["entry/trace/drive"].id.get_chunk_info(0).byte_offset)
+    data = bytearray(path.read_bytes())
+    data[place + 10_000 : place + 10_002] = b"\x7f\x7f"  # rows that were not acknowledged
+    path.write_bytes(data)
+    assert verify_run(path).state is FileState.NOT_CHECKABLE
+    assert "2000 samples and 1 points" in repair_run(path)
+    with h5py.File(path, "r") as file:
+        assert np.array_equal(file["entry/trace/drive"][:], before)
+    assert verify_run(path).state is FileState.GOOD
+
+
+def test_a_file_killed_before_the_first_sample_is_repaired(tmp_path: Path) -> None:
+    path = crashed_run(tmp_path)
+    block = Superblock.read(path)
+    assert block is not None
+    repair_run(path)
+    data = bytearray(path.read_bytes())
+    found = Superblock.read(path)
+    assert found is not None
+    data[:48] = Superblock(3, 1, found.base, found.extension, found.end, found.root).pack()  # not yet in SWMR mode
+    path.write_bytes(data)
+    for swmr in (True, False):
+        with pytest.raises(OSError, match="open"):
+            h5py.File(path, "r", swmr=swmr)
+    assert needs_repair(path)
+    assert list(repair_folder(tmp_path))
+    with h5py.File(path, "r") as file:
+        assert file["entry/status"][()] == b"running"
+
+
+def test_a_file_that_a_program_still_writes_is_left_alone(tmp_path: Path) -> None:
+    path = crashed_run(tmp_path)
+    before = path.read_bytes()
+    with mock.patch("protocols.runfile.repair.writer_is_alive", return_value=True):
+        with pytest.raises(StorageError, match="is being written by process"):
+            repair_run(path)
+        assert list(repair_folder(tmp_path)) == []
+    with (
+        mock.patch("protocols.runfile.repair.socket.gethostname", return_value="elsewhere"),
+        pytest.raises(StorageError, match="is being written on the computer"),
+    ):
+        repair_run(path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="the system does not say which files are open")
+def test_a_process_number_in_use_by_another_program_is_not_the_writer(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"")
+    assert not writer_is_alive(path, os.getppid())
+
+
+def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Path) -> None:
+    path = finished_run(tmp_path)
+    before = path.read_bytes()
+
+    def die(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with (
+        mock.patch("protocols.runfile.transaction._apply", die),
+        pytest.raises(KeyboardInterrupt),
+        append_results(path) as file,
+    ):
+        file["entry/more"] = 1.0
+    assert path.read_bytes() == before
+    journal = journal_path(path).read_bytes()
+    path.write_bytes(before[:100] + bytes(48) + before[148:])  # a part was overwritten
+    assert main(["verify", "--repair", str(path)]) == ExitCode.FAILED
+    path.write_bytes(before)
+    assert verify_run(path).state is FileState.NOT_CHECKABLE
+    (sentence,) = repair_folder(tmp_path)
+    assert "are stored now" in sentence
+    with h5py.File(path, "r") as file:
+        assert file["entry/more"][()] == 1.0
+    assert verify_run(path).state is FileState.GOOD
+    assert list(tmp_path.iterdir()) == [path]
+    after = path.read_bytes()
+    journal_path(path).write_bytes(journal[:-40])  # the program died while it wrote the journal
+    repair_run(path)
+    assert path.read_bytes() == after
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.deep
+def test_flipped_bits_are_found_or_in_unused_space(good: Path, tmp_path: Path) -> None:
+    seed = random.randrange(10**6)
+    missed = [found for found in flips([good], 100, seed, tmp_path) if found[-1] == "missed"]
+    assert not missed, f"seed {seed}"
+
+
+@pytest.mark.deep
+@pytest.mark.skipif(os.name != "posix", reason="needs fork and kill")
+def test_killed_writers_lose_nothing_and_are_repaired_once(tmp_path: Path) -> None:
+    chance = random.Random(seed := random.randrange(10**6))
+    for i in range(15):
+        (folder := tmp_path / str(i)).mkdir()
+        told, _ = kill_one(folder, chance.uniform(0, 1.0))
+        assert check(folder, told), f"seed {seed}"
