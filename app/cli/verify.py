@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.cli.options import CommandSyntax, option, switch
-from app.cli.output import print_line
-from app.common import ExitCode, UsageError, path_argument
+from app.common import ExitCode, UsageError, path_argument, print_line
 from protocols.runfile.errors import StorageError
 from protocols.runfile.open import RunReadError
 from protocols.runfile.repair import repair_run
