@@ -7,6 +7,8 @@ from .bench.bench import ArmedBench as ArmedBench
 from .bench.bench import Bench as Bench
 from .bench.bench import LiveWarning as LiveWarning
 from .bench.bench import channel_skew_s as channel_skew_s
+from .bench.levels import LevelAction as LevelAction
+from .bench.levels import LevelSettings as LevelSettings
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING

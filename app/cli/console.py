@@ -16,6 +16,7 @@ from protocols.base import (
     BlockStored,
     CurveReady,
     InjectedFaultChanged,
+    LevelExceeded,
     LogMessage,
     Outcome,
     PointMeasured,
@@ -96,6 +97,8 @@ class ConsoleObserver:
                 self._print((f"> {prompt.text}", "bold yellow"))
             case PromptAnswered(_, text):
                 self._print(f"  {text}")
+            case LevelExceeded():
+                self._print((f"abort level ({event.action})", "bold yellow"), f": {event.words}")
             case LogMessage(text):
                 self._print(text)
             case InjectedFaultChanged(fault, text, broken):

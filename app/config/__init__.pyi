@@ -3,12 +3,12 @@ from .bench_file import MAX_SPEED as MAX_SPEED
 from .bench_file import BenchConfig as BenchConfig
 from .bench_file import ConfigError as ConfigError
 from .bench_file import load_bench as load_bench
+from .config_table import ConfigTable as ConfigTable
 from .discovery import find_devices as find_devices
 from .driver_registry import DIGITIZERS as DIGITIZERS
 from .driver_registry import load_driver as load_driver
 from .driver_registry import open_generator as open_generator
 from .tables import AmplifierTable as AmplifierTable
-from .tables import ConfigTable as ConfigTable
 from .tables import MeterTable as MeterTable
 from .template import bench_template as bench_template
 from .validation import validation_messages as validation_messages

@@ -10,10 +10,11 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from app.common import parse_toml, truncate_text
+from app.config.config_table import ConfigTable
+from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.tables import (
     AmplifierTable,
     CardTable,
-    ConfigTable,
     GeneratorTable,
     MeterTable,
     SensorTable,
@@ -49,6 +50,8 @@ class BenchConfig(ConfigTable):
         default_factory=dict
     )
     watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
+    specimen: SpecimenTable = Field(default_factory=SpecimenTable)
+    levels: LevelsTable = Field(default_factory=LevelsTable)
     simulation: Annotated[dict[str, Any] | None, "the truth of a simulated bench; a real bench has no such table"] = (
         None
     )

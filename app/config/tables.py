@@ -1,9 +1,4 @@
-"""The tables of a bench file: what each instrument is, how it is wired, and what its calibration is.
-
-A table of a bench file: frozen, units understood, unknown keys refused.
-
-What drives the amplifier, and what else is read: the tables [source], [supply] and [meters] of a bench file.
-"""
+"""Bench file tables of the instruments: what each is, how it is wired, and its calibration."""
 
 from dataclasses import asdict
 from datetime import date
@@ -11,25 +6,13 @@ from functools import partial
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, field_validator, model_validator
 
-from app.common import read_value
 from app.config import driver_registry as drivers
+from app.config.config_table import ConfigTable
 from drivers import DriveLimits, LaserSensor
 from drivers.sensors.laser_sensor import PRESETS
 from model import AmplifierMap
-
-
-class ConfigTable(BaseModel):
-    """Base class of all tables."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _parse_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        return read_value(cls, info.field_name or "", value)
-
 
 SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is refused"
 

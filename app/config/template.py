@@ -44,6 +44,16 @@ delay_s = "0 s"         # from the motion to the voltage
 calibrated = ""         # for example "2026-01-31"
 expires = ""            # after this day every run is flagged
 
+[specimen]
+gap_m = "0.77 mm"       # clear distance from the specimen at rest to the nearest obstacle: the stroke level
+
+[levels]                # beyond each: "off", "warning", "ask" (at rest, the operator decides) or "rest" (the run ends)
+stroke = "ask"
+rate = "ask"
+rate_m_per_s = 2.0
+laser_lost = "ask"
+drive = "rest"          # the drive read back is not the commanded one
+
 [watchdog]              # brings the source to rest if the program dies or hangs while the bench is live
 enabled = true
 own_connection = {own}   # {own_why}

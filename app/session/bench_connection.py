@@ -319,4 +319,5 @@ def _make_bench(
         meters=meters,
         name=config.name,
         watchdog=watchdog,
+        levels=config.levels.settings(config.specimen),
     )

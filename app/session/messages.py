@@ -11,6 +11,7 @@ from protocols.base import (
     BenchArmed,
     CurveReady,
     InjectedFaultChanged,
+    LevelExceeded,
     LogMessage,
     PointMeasured,
     PromptAnswered,
@@ -68,6 +69,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return (Severity.INFO if usable else Severity.WARNING), describe_point(point)
         case CurveReady(curve) if text := format_curve(curve):
             return Severity.INFO, text
+        case LevelExceeded():
+            return (Severity.WARNING if event.action == "warning" else Severity.ERROR), event.words
         case LogMessage(text):
             return Severity.INFO, text
         case InjectedFaultChanged(fault, description, active):

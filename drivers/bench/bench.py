@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.levels import LevelSettings
 from drivers.bench.rest import REST_TOLERANCE_V, RestMeasurement
 from drivers.bench.shutdown import (
     DISPLACEMENT_CHANNEL,
@@ -62,6 +63,16 @@ class HighVoltageSwitch(Protocol):
     def enable(self) -> None: ...
 
 
+class BlockMonitor(Protocol):
+    """Evaluates every block of an armed bench before it is stored; must not raise."""
+
+    def drive_changed(self, drive: Drive | None) -> None:
+        """Note that a drive was started, or that the source returned to rest (None)."""
+
+    def block_read(self, block: Block) -> None:
+        """Evaluate a block."""
+
+
 @dataclass
 class ArmedBench:
     """An armed bench: starts drives and reads blocks. Every block goes to `block_sink` before it is returned."""
@@ -81,6 +92,8 @@ class ArmedBench:
     """Predicted duration of the way to rest; NaN if the source cannot predict it."""
     last_block: Block | None = None
     """The last block that the card delivered."""
+    monitor: BlockMonitor | None = None
+    """Evaluates every block that is read while the bench is armed; not during the shutdown."""
 
     @property
     def rate_hz(self) -> float:
@@ -92,6 +105,8 @@ class ArmedBench:
 
     def start_drive(self, drive: Drive) -> None:
         self.amplifier.start_drive(drive)
+        if self.monitor is not None:
+            self.monitor.drive_changed(drive)
 
     def return_to_verified_rest(self) -> RestMeasurement:
         """Return to rest and verify it by measurement.
@@ -100,6 +115,8 @@ class ArmedBench:
             BenchError: the card does not measure rest; leaving the `with` block then runs the safe shutdown.
         """
         self.amplifier.return_to_rest()
+        if self.monitor is not None:
+            self.monitor.drive_changed(None)
         rest = self.measure_rest()
         if not rest.confirmed:
             raise BenchError(f"the source was told to rest, but {rest.message}")
@@ -138,6 +155,8 @@ class ArmedBench:
         self.last_block = block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
+        if self.monitor is not None:
+            self.monitor.block_read(block)
         return block
 
 
@@ -159,6 +178,7 @@ class Bench:
     meters: Mapping[str, Meter] = field(default_factory=dict)
     name: str = "bench"
     watchdog: Watchdog = field(default_factory=NoWatchdog)
+    levels: LevelSettings = field(default_factory=LevelSettings)
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was switched on since this bench was opened."""
 

@@ -9,6 +9,7 @@ from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
 from .events import Event as Event
 from .events import InjectedFaultChanged as InjectedFaultChanged
+from .events import LevelExceeded as LevelExceeded
 from .events import LogMessage as LogMessage
 from .events import PointMeasured as PointMeasured
 from .events import ProgressUpdated as ProgressUpdated

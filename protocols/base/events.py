@@ -174,6 +174,25 @@ class LogMessage:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelExceeded:
+    """An abort level was exceeded; the points of the entry are flagged, and `action` follows."""
+
+    kind: ClassVar[str] = "LevelExceeded"
+    level: str
+    """Its name in the table [levels] of the bench file."""
+    time_s: float
+    """End of the block in which it was found, seconds since the acquisition started."""
+    channel: str
+    value: float
+    limit: float
+    unit: str
+    """Of value and limit."""
+    action: str
+    """`warning`, `ask` or `rest`."""
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
 class InjectedFaultChanged:
     """A fault of a simulated bench was injected or cleared."""
 
@@ -259,6 +278,7 @@ Event = (
     | PromptShown
     | PromptAnswered
     | LogMessage
+    | LevelExceeded
     | InjectedFaultChanged
     | ShutdownStarted
     | SpecimenMayBeLive

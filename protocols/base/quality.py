@@ -33,7 +33,9 @@ class Quality(IntFlag):
     """The response is less than 5 standard uncertainties."""
     IMPORTED = 512
     """Imported from a table, without raw samples. A fact, not a fault."""
-    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED
+    LEVEL_EXCEEDED = 1024
+    """An abort level of the bench was exceeded in this entry: a warning, the value stays usable."""
+    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED
     """Flags of a usable value."""
 
     @property

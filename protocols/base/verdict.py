@@ -189,6 +189,11 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
     if expired := sum(bool(flag & Quality.CALIBRATION_EXPIRED) for flag in flags):
         remedy = "calibrate the displacement sensor and enter the date under [sensor] in the bench file"
         checks.append(CheckResult("points with an expired sensor calibration", float(expired), "1", None, 0.0, remedy))
+    if exceeded := sum(bool(flag & Quality.LEVEL_EXCEEDED) for flag in flags):
+        remedy = "see the log for the level and its value"
+        checks.append(
+            CheckResult("points in which an abort level was exceeded", float(exceeded), "1", None, 0.0, remedy)
+        )
     return tuple(checks)
 
 

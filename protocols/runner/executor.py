@@ -11,7 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import DRIVE_CHANNEL, ArmedBench, Bench, BenchError, Block, Drive, Hold, Reading, Sine, channel_skew_s
+from drivers import (
+    DRIVE_CHANNEL,
+    ArmedBench,
+    Bench,
+    BenchError,
+    Block,
+    Drive,
+    Hold,
+    LevelAction,
+    Reading,
+    Sine,
+    channel_skew_s,
+)
 from protocols.base import (
     MAX_RECORDING_SCANS,
     STREAMED_RECORDING_SCANS,
@@ -22,6 +34,7 @@ from protocols.base import (
     DetectionResult,
     Detector,
     DriveStarted,
+    LevelExceeded,
     Log,
     LogMessage,
     Operator,
@@ -46,6 +59,7 @@ from protocols.base import (
     recording_too_long_message,
 )
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.levels import LevelExceededError, LevelMonitor, LevelQuestion
 from protocols.runner.publisher import RunRecorder
 from protocols.signals import SettlingDetector
 
@@ -140,21 +154,33 @@ class StepExecutor:
         self._scans_read = 0
         """Scans read from the card."""
         self._rest_v = bench.amplifier.map.rest_v
+        self.levels = LevelMonitor(bench.levels, bench.sensor, self._rest_v, bench.clock)
+        self._question: LevelExceeded | None = None
+        """An exceeded level that the operator has to decide on."""
 
     def attach(self, armed: ArmedBench) -> None:
         """Take the bench whose card now runs."""
         self._armed, self._channels = armed, ChannelCalibration.pair(armed.scales, self._bench.sensor)
+        self.levels.attach(armed.scales, armed.rate_hz, armed.stream.start_time_s)
+        armed.monitor = self.levels
 
     def run_entry(
         self, protocol: Protocol, index: int, entry: PlanEntry, armed: ArmedBench
     ) -> tuple[list[Recording], Repeat | None]:
-        """Execute the steps of an entry; return its recordings, and what to measure again."""
+        """Execute the steps of an entry; return its recordings, and what to measure again.
+
+        Raises:
+            LevelQuestion: an abort level was exceeded, and the operator decides.
+            LevelExceededError: an abort level was exceeded that ends the run.
+        """
+        self.levels.begin_entry()
         recordings: list[Recording] = []
         settled, drive = SettlingResult(True, 0.0), None
         answer: StepResult = None
         with closing(protocol.measure(entry, self._rest_v)) as steps:
             while True:
                 self._check_interrupts()
+                self._raise_question()
                 try:
                     with self._bench.watchdog.allow_silence(
                         ANALYSIS_TIMEOUT_S
@@ -220,6 +246,7 @@ class StepExecutor:
         block = armed.discard_block()
         self._scans_read = block.stop
         self._recorder.notify(BlockDiscarded(block))
+        self._report_levels()
         return block
 
     def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult]) -> StepResult:
@@ -288,6 +315,8 @@ class StepExecutor:
             quality |= Quality.UNSETTLED
         if self._calibration_warning:
             quality |= Quality.CALIBRATION_EXPIRED
+        if self.levels.entry_flagged:
+            quality |= Quality.LEVEL_EXCEEDED
         rows = (start_row, start_row + scans)
         fields: dict[str, Any] = {
             "index": self._recording_count,
@@ -333,8 +362,28 @@ class StepExecutor:
     def _read_block(self, armed: ArmedBench) -> Block:
         block = armed.read_block()
         self._scans_read = block.stop
+        self._report_levels()
         self._check_interrupts()
+        self._raise_question()
         return block
+
+    def _report_levels(self) -> None:
+        """Publish the abort levels that the last block exceeded.
+
+        Raises:
+            LevelExceededError: one of them ends the run.
+        """
+        for event in self.levels.take_events():
+            self._recorder.publish(event)
+            if event.action == LevelAction.REST:
+                raise LevelExceededError(event.words)
+            if event.action == LevelAction.ASK:
+                self._question = self._question or event
+
+    def _raise_question(self) -> None:
+        question, self._question = self._question, None
+        if question is not None:
+            raise LevelQuestion(question)
 
     def _read_stored(self, rows: tuple[int, int], drive: bool) -> Array:
         """Read one channel of these rows of the run file, in volts or metres."""

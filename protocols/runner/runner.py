@@ -18,10 +18,12 @@ from protocols.base import (
     EstimatedQuantity,
     Event,
     EventBus,
+    LevelExceeded,
     LogMessage,
     Operator,
     Outcome,
     PlanEntry,
+    Quality,
     Recording,
     Repeat,
     RestMeasured,
@@ -44,6 +46,7 @@ from protocols.runfile.layout import RunMetadata
 from protocols.runfile.writer import RunFileWriter
 from protocols.runner.executor import StepExecutor
 from protocols.runner.ledger import PlanProgress
+from protocols.runner.levels import LEVEL_ANSWERS, LevelQuestion, level_prompt
 from protocols.runner.operator_actions import OperatorActions
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.request import RunControl, RunRequest
@@ -140,9 +143,12 @@ class Runner:
                         self._recorder.publish_external()
                     self._recorder.notify(ShutdownStarted())
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
-        except RunCancelled:
+        except RunCancelled as error:
             done = f"{len(self._plan_progress.measured)} of {len(self._plan_progress.plan)} points"
-            status, reason = RunStatus.STOPPED, f"stopped by the operator after {done}"
+            status, reason = (
+                RunStatus.STOPPED,
+                f"stopped by the operator after {done}" + (f": {error}" if error.args else ""),
+            )
         except UnsafeError as error:
             status, reason = RunStatus.UNSAFE, str(error)
             if isinstance(error.__cause__, (BenchError, StorageError)):
@@ -207,6 +213,10 @@ class Runner:
                 self._pausable = False
                 self._wait_at_rest(armed)
                 continue
+            except LevelQuestion as question:
+                self._pausable = False
+                self._ask_about_level(armed, question.event)
+                continue
             finally:
                 self._pausable = False
             if redo is not Repeat.THIS:
@@ -224,6 +234,8 @@ class Runner:
             self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
         else:
             self._recorder.publish(self._plan_progress.add_point(index, point))
+            if entry.drives:
+                self._executor.levels.point_measured(Quality(int(getattr(point, "quality", 0))))
             self._add_curves(self._analyze_curves(armed, index, entry, results))
             for warning in self._plan_progress.new_warnings():
                 self._recorder.publish(LogMessage(warning))
@@ -250,6 +262,17 @@ class Runner:
         while self._control.pause.is_set():
             self._check_interrupts()
             self._executor.discard_block(armed)
+        self._recorder.publish(RunResumed())
+
+    def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
+        """Return to rest and let the operator decide whether and how to proceed beyond an abort level."""
+        rest = armed.return_to_verified_rest()
+        self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
+        answer = self._executor.ask_operator(level_prompt(event))
+        if answer == LEVEL_ANSWERS[0]:
+            raise RunCancelled(event.words)
+        if answer == LEVEL_ANSWERS[2]:
+            self._executor.levels.mute(event.level)
         self._recorder.publish(RunResumed())
 
     def _check_drift(self, armed: ArmedBench) -> None:

@@ -1,0 +1,249 @@
+"""Abort levels: stroke, rate, laser, drive and amplifier monitors, evaluated in every block of the acquisition."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import (
+    DISPLACEMENT_CHANNEL,
+    DRIVE_CHANNEL,
+    BenchError,
+    Block,
+    Clock,
+    Drive,
+    LaserSensor,
+    LevelAction,
+    LevelSettings,
+    Scale,
+)
+from protocols.base import Array, LevelExceeded, Prompt, Quality
+from protocols.runner.readback import DriveReadback, drive_text
+
+RATE_WINDOW_S = 2e-4
+"""Time over which the displacement rate is computed: long against the sensor's noise, short against a cycle."""
+
+REST_TOLERANCE_V = 0.05
+"""A block in which the drive stays this close to rest gives the displacement at rest."""
+
+MIN_LATENCY_S, LATENCY_PER_SPEED_S = 0.05, 0.02
+"""Scans older than this after a command may still be in transfer; on a simulated bench at raised speed, times the speed."""
+
+
+LEVEL_ANSWERS = ("stop", "again", "ignore")
+"""Answers to the question after an exceeded level. An unattended simulated operator gives the first."""
+
+
+def level_prompt(event: LevelExceeded) -> Prompt:
+    """Return the question to the operator after an exceeded level."""
+    return Prompt(
+        "abort-level",
+        f"{event.words}. The source is at rest. Stop the run, measure this entry again, or ignore this level for the "
+        "remainder of the run (its points are flagged)?",
+        choices=LEVEL_ANSWERS,
+    )
+
+
+class LevelExceededError(BenchError):
+    """The run ends because an abort level was exceeded."""
+
+
+class LevelQuestion(Exception):
+    """An abort level was exceeded, and the operator decides how to proceed."""
+
+    def __init__(self, event: LevelExceeded) -> None:
+        super().__init__(event.words)
+        self.event = event
+
+
+class LevelMonitor:
+    """Evaluates the abort levels in every block, before it is stored or shown (see drivers.bench.bench.BlockMonitor).
+
+    Stroke, rate, laser and drive are evaluated while a drive is played: hands on the specimen move the laser, too. Each
+    level is reported once per entry of the plan.
+
+    Args:
+        settings: levels and actions of the bench.
+        sensor: displacement sensor.
+        rest_v: rest at the amplifier's input.
+        clock: bench time.
+    """
+
+    def __init__(self, settings: LevelSettings, sensor: LaserSensor, rest_v: float, clock: Clock) -> None:
+        self._settings, self._sensor, self._rest_v, self._clock = settings, sensor, rest_v, clock
+        self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * float(getattr(clock, "speed", 1.0)))
+        self._muted: set[str] = set()
+        self._reported: set[str] = set()
+        self._events: list[LevelExceeded] = []
+        self._drive: Drive | None = None
+        self._readback: DriveReadback | None = None
+        self._fresh_scan = 0
+        self._rest_m = math.nan
+        """Displacement at rest; NaN before it was measured."""
+        self._silent_points = 0
+        """Latest points without response."""
+        self._block_stop = 0
+        self._lost_scans = 0
+        """Latest scans for which the sensor is out of range."""
+
+    @property
+    def entry_flagged(self) -> bool:
+        """Whether a level was exceeded in the present entry."""
+        return bool(self._reported)
+
+    def attach(self, scales: Sequence[Scale], rate_hz: float, start_time_s: float) -> None:
+        """Take the scaling, rate and start of the acquisition."""
+        self._scales, self._rate_hz, self._start_time_s = tuple(scales), rate_hz, start_time_s
+        self._lag = max(round(RATE_WINDOW_S * rate_hz), 1)
+
+    def begin_entry(self) -> None:
+        """Report every level again that is exceeded from now on."""
+        self._reported.clear()
+
+    def mute(self, level: str) -> None:
+        """Treat a level as a warning for the remainder of the run."""
+        self._muted.add(level)
+
+    def take_events(self) -> list[LevelExceeded]:
+        """Return the levels exceeded since the last call, each once per entry."""
+        events, self._events = self._events, []
+        return events
+
+    def drive_changed(self, drive: Drive | None) -> None:
+        """Note that a drive was started, or that the source returned to rest (None)."""
+        scan = round((self._clock.now() - self._start_time_s) * self._rate_hz)
+        self._fresh_scan = scan + math.ceil(self._latency_s * self._rate_hz)
+        previous, self._drive, self._readback = self._drive, drive, None
+        self._lost_scans = 0
+        if drive is not None:
+            self._readback = DriveReadback(
+                drive, scan, self._fresh_scan, self._rate_hz, self._rest_v, self._settings.drive_tolerance, previous
+            )
+
+    def block_read(self, block: Block) -> None:
+        """Evaluate a block."""
+        self._block_stop = block.stop
+        if self._drive is None:
+            self._take_rest(block)
+            return
+        if self._readback is not None and self._is_active("drive", self._settings.drive):
+            self._check_drive(block, self._readback)
+        self._check_displacement(block)
+
+    def point_measured(self, quality: Quality) -> None:
+        """Count consecutive points without response."""
+        self._silent_points = self._silent_points + 1 if Quality.NO_RESPONSE in quality else 0
+        limit = self._settings.no_response_points
+        if self._silent_points >= limit:
+            self._report(
+                "no_response",
+                self._settings.no_response,
+                ("displacement", float(self._silent_points), float(limit), "1"),
+                f"{self._silent_points} points in succession are without response (limit {limit}); check that the tactor is under "
+                "the laser sensor, that no membrane or weight holds it, and that high voltage is on",
+            )
+            self._silent_points = 0
+
+    def _take_rest(self, block: Block) -> None:
+        """Take the displacement at rest from a block that shows nothing but rest."""
+        if block.start < self._fresh_scan:
+            return
+        volts = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
+        seen = self._scales[DISPLACEMENT_CHANNEL].to_volts(block.raw[DISPLACEMENT_CHANNEL])
+        if np.abs(volts - self._rest_v).max() <= REST_TOLERANCE_V and self._sensor.is_valid(seen).all():
+            self._rest_m = float(self._sensor.displacement_m(seen).mean())
+
+    def _check_drive(self, block: Block, readback: DriveReadback) -> None:
+        scale = self._scales[DRIVE_CHANNEL]
+        found = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
+        if found is not None:
+            self._report(
+                "drive",
+                self._settings.drive,
+                ("drive", found.value_v, found.limit_v, "V"),
+                f"the card sees {found.seen} at the amplifier's input where {drive_text(readback.drive)} (largest deviation "
+                f"{found.value_v:.3f} V, limit {found.limit_v:.3f} V); check the cable from the generator to the card "
+                "and to the amplifier, the generator's output, and that no other program or person controls the generator",
+            )
+
+    def _check_displacement(self, block: Block) -> None:
+        raw, settings = block.raw[DISPLACEMENT_CHANNEL], self._settings
+        ends = self._extremes(DISPLACEMENT_CHANNEL, raw)
+        valid: NDArray[np.bool_] | None = None
+        if not self._sensor.is_valid(ends).all():
+            valid = self._sensor.is_valid(self._scales[DISPLACEMENT_CHANNEL].to_volts(raw))
+            if valid.any():
+                ends = self._extremes(DISPLACEMENT_CHANNEL, raw[valid])
+        self._check_laser(block, valid)
+        if valid is not None and not valid.any():
+            return
+        stroke_m = float(np.abs(self._sensor.displacement_m(ends) - self._rest_m).max())
+        if stroke_m > settings.stroke_limit_m:  # not if the displacement at rest is not known
+            self._report(
+                "stroke",
+                settings.stroke,
+                ("displacement", stroke_m, settings.stroke_limit_m, "m"),
+                f"the specimen moved {1e3 * stroke_m:.3f} mm from rest (limit {1e3 * settings.stroke_limit_m:.3g} mm, its gap or "
+                "levels.stroke_m in the bench file); lower the drive, or enter the specimen's true gap",
+            )
+        rate = self._displacement_rate(raw, valid)
+        if rate > settings.rate_m_per_s:
+            self._report(
+                "rate",
+                settings.rate,
+                ("displacement", rate, settings.rate_m_per_s, "m/s"),
+                f"the specimen moved at {rate:.2f} m/s (limit {settings.rate_m_per_s:.3g} m/s, levels.rate_m_per_s in the bench "
+                "file); lower the drive, or raise the level",
+            )
+
+    def _check_laser(self, block: Block, valid: NDArray[np.bool_] | None) -> None:
+        """Count the scans for which the sensor has been out of range without a break."""
+        count = block.raw.shape[1]
+        if valid is None:
+            self._lost_scans = 0
+            return
+        at = np.flatnonzero(valid)
+        if at.size:
+            longest = max(self._lost_scans + int(at[0]), int(np.diff(at, append=count).max()) - 1)
+            self._lost_scans = count - 1 - int(at[-1])
+        else:
+            longest = self._lost_scans = self._lost_scans + count
+        lost_s = longest / self._rate_hz
+        if lost_s > self._settings.laser_lost_s:
+            volts = float(self._scales[DISPLACEMENT_CHANNEL].to_volts(block.raw[DISPLACEMENT_CHANNEL, -1:])[0])
+            self._report(
+                "laser_lost",
+                self._settings.laser_lost,
+                ("displacement", lost_s, self._settings.laser_lost_s, "s"),
+                f"the laser sensor has been out of range for {lost_s:.2f} s under a drive (limit {self._settings.laser_lost_s:g} s; "
+                f"its output is at {volts:.2f} V, valid are {self._sensor.valid_low_v:g} to {self._sensor.valid_high_v:g} V); bring "
+                "the target into the sensor's range",
+            )
+
+    def _displacement_rate(self, raw: NDArray[np.int16], valid: NDArray[np.bool_] | None) -> float:
+        """Return the largest displacement rate in metres per second, by the straight line through the card's polynomial."""
+        lag = self._lag
+        if raw.size <= lag:
+            return 0.0
+        change = np.subtract(raw[lag:], raw[:-lag], dtype=np.int32)
+        if valid is not None:
+            change = change[valid[lag:] & valid[:-lag]]
+        counts = max(int(change.max()), -int(change.min())) if change.size else 0
+        per_count = self._scales[DISPLACEMENT_CHANNEL].coefficients[1] * self._sensor.gain_m_per_v
+        return abs(counts * per_count) * self._rate_hz / lag
+
+    def _extremes(self, channel: int, raw: NDArray[np.int16]) -> Array:
+        """Return lowest and highest volts, (2,)."""
+        return np.sort(self._scales[channel].to_volts(np.array([raw.min(), raw.max()], np.int16)))
+
+    def _is_active(self, level: str, action: LevelAction) -> bool:
+        return action is not LevelAction.OFF and level not in self._reported
+
+    def _report(self, level: str, action: LevelAction, figure: tuple[str, float, float, str], words: str) -> None:
+        if not self._is_active(level, action):
+            return
+        self._reported.add(level)
+        action = LevelAction.WARNING if level in self._muted else action
+        time_s = self._block_stop / self._rate_hz
+        self._events.append(LevelExceeded(level, time_s, *figure, str(action), words[:1].upper() + words[1:]))

@@ -1,0 +1,200 @@
+"""Drive read-back check: compares the drive that the card sees with the commanded one, block by block."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine
+from model import Array
+
+SINE_SAMPLES_PER_CYCLE = 16
+"""Samples per cycle that a fit uses at most."""
+
+MIN_TOLERANCE_V = 0.05
+"""Least tolerance: noise and gain error of the card, offset error of the generator."""
+
+MIN_CHECKED_S = 0.01
+"""A shorter piece of a block is not compared."""
+
+FLAT_V = 0.05
+"""A piece with less swing than this is a constant level."""
+
+COARSE_SAMPLES_LOSS = 0.06
+"""Share of a sweep's amplitude that sampling may miss, at ten samples per cycle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """A drive that is not the commanded one: what the card sees, the largest deviation and its limit, in volts."""
+
+    seen: str
+    value_v: float
+    limit_v: float
+
+
+@dataclass
+class DriveReadback:
+    """Compares blocks with the drive that was started last.
+
+    Until `fresh_scan` the previous drive, its way to rest and the start of the new one may still arrive; there only what
+    none of them can explain counts.
+
+    Args:
+        drive: the commanded drive.
+        start_scan: scan at which it was started.
+        fresh_scan: from here on only the new drive is seen.
+        rate_hz: scans per second.
+        rest_v: rest at the amplifier's input.
+        relative_tolerance: of the drive's amplitude, or of a level's distance from rest.
+        previous: the drive before, if there was one.
+    """
+
+    drive: Drive
+    start_scan: int
+    fresh_scan: int
+    rate_hz: float
+    rest_v: float
+    relative_tolerance: float
+    previous: Drive | None = None
+    _sine_scans: list[Array] = field(default_factory=list)
+    _sine_volts: list[Array] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        span = max(abs(self.drive.high_v - self.rest_v), abs(self.drive.low_v - self.rest_v))
+        if isinstance(self.drive, Sine | LinearSweep | PeriodicSweep):
+            span = self.drive.amplitude_v
+        self.swing_limit_v = max(self.relative_tolerance * span, min(MIN_TOLERANCE_V, 0.5 * span))
+        self.level_limit_v = max(self.relative_tolerance * span, MIN_TOLERANCE_V)
+        self._late_s = (self.fresh_scan - self.start_scan) / self.rate_hz
+
+    def check(
+        self, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
+    ) -> Deviation | None:
+        """Return how the counts `raw` from scan `start` on differ from the drive; None if they agree."""
+        split = min(max(self.fresh_scan - start, 0), raw.size)
+        shortest = MIN_CHECKED_S * self.rate_hz
+        if split > shortest and (found := self._check_transition(raw[:split], to_volts)):
+            return found
+        end_scan = self.start_scan + math.floor((self.drive.duration_s - self._late_s) * self.rate_hz)
+        stop = raw.size if isinstance(self.drive, Hold) else min(end_scan - start, raw.size)
+        if stop - split <= shortest:
+            return None
+        return self._check_drive(start + split, raw[split:stop], to_volts)
+
+    def _deviation(self, low: float, high: float, beyond_v: float) -> Deviation | None:
+        return (
+            Deviation(_range_text(low, high), beyond_v, self.level_limit_v) if beyond_v > self.level_limit_v else None
+        )
+
+    def _check_transition(
+        self, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
+    ) -> Deviation | None:
+        low, high = _extremes(raw, to_volts)
+        drives = [self.drive, *([] if self.previous is None else [self.previous])]
+        least = min(self.rest_v, *(drive.low_v for drive in drives))
+        most = max(self.rest_v, *(drive.high_v for drive in drives))
+        beyond = max(least - low, high - most)
+        if high - low < FLAT_V and all(_swings(drive, raw.size / self.rate_hz) for drive in drives):
+            beyond = max(beyond, abs(0.5 * (low + high) - self.rest_v))
+        return self._deviation(low, high, beyond)
+
+    def _check_drive(
+        self, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
+    ) -> Deviation | None:
+        low, high = _extremes(raw, to_volts)
+        beyond = max(self.drive.low_v - low, high - self.drive.high_v)
+        if beyond > self.level_limit_v:
+            return self._deviation(low, high, beyond)
+        match self.drive:
+            case Hold(level_v):
+                return self._deviation(low, high, max(level_v - low, high - level_v))
+            case Sine():
+                return self._check_sine(self.drive, start, raw, to_volts)
+            case LinearSweep() | PeriodicSweep():
+                return self._check_sweep(self.drive, start, raw.size, low, high)
+        return None
+
+    def _check_sine(
+        self, drive: Sine, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
+    ) -> Deviation | None:
+        """Compare offset, amplitude and remainder of a fitted sine; over several blocks where one holds no whole cycle."""
+        stride = max(math.floor(self.rate_hz / drive.frequency_hz / SINE_SAMPLES_PER_CYCLE), 1)
+        self._sine_scans.append(np.arange(start, start + raw.size, stride, dtype=float))
+        self._sine_volts.append(to_volts(raw[::stride]))
+        scans = np.concatenate(self._sine_scans)
+        if (scans[-1] - scans[0] + stride) * drive.frequency_hz < self.rate_hz:
+            return self._check_slow_sine(drive, scans, self._sine_volts[-1])
+        volts = np.concatenate(self._sine_volts)
+        self._sine_scans, self._sine_volts = [], []
+        phase = 2 * math.pi * drive.frequency_hz / self.rate_hz * (scans - scans[0])
+        columns = np.column_stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
+        (offset, *parts), *_ = np.linalg.lstsq(columns, volts, rcond=None)
+        amplitude = math.hypot(*parts)
+        left = float(np.std(volts - columns @ np.array([offset, *parts])))
+        wrong = [(abs(offset - drive.offset_v), self.level_limit_v)]
+        wrong += [(abs(amplitude - drive.amplitude_v), self.swing_limit_v), (left, self.swing_limit_v)]
+        value_v, limit_v = max(wrong, key=lambda pair: pair[0] / pair[1])
+        if value_v <= limit_v:
+            return None
+        seen = f"{offset:z.3f} V with a sine of {amplitude:.3f} V at {drive.frequency_hz:g} Hz and {left:.3f} V rms of other signals"
+        return Deviation(seen, value_v, limit_v)
+
+    def _check_slow_sine(self, drive: Sine, scans: Array, latest: Array) -> Deviation | None:
+        """Compare the latest piece of a cycle with the range that the sine crosses within the uncertainty of its start."""
+        t = (scans[-latest.size :] - self.start_scan) / self.rate_hz
+        if drive.frequency_hz * self._late_s > 0.1:
+            return None
+        near = drive.volts(np.clip(t + np.linspace(-self._late_s, self._late_s, 5)[:, None], 0.0, drive.duration_s))
+        beyond = float(np.max(np.maximum(near.min(axis=0) - latest, latest - near.max(axis=0))))
+        return self._deviation(float(latest.min()), float(latest.max()), beyond)
+
+    def _check_sweep(
+        self, drive: LinearSweep | PeriodicSweep, start: int, count: int, low: float, high: float
+    ) -> Deviation | None:
+        """Compare the swing with the sweep's, where a whole cycle passes beside the soft ends."""
+        t = (start - self.start_scan + np.array([0.0, count])) / self.rate_hz + [-self._late_s, self._late_s]
+        if isinstance(drive, PeriodicSweep):
+            fade_s, slowest = 2 * drive.fade_s, min(drive.start_hz, drive.stop_hz)
+        else:
+            share = np.clip(t / drive.duration_s, 0.0, 1.0)
+            fade_s, slowest = 0.0, float((drive.start_hz + (drive.stop_hz - drive.start_hz) * share).min())
+        cycles = (count / self.rate_hz - fade_s) * slowest
+        missing = drive.amplitude_v - 0.5 * (high - low)
+        limit_v = (
+            self.swing_limit_v + COARSE_SAMPLES_LOSS * drive.amplitude_v if cycles >= 1.1 else 0.75 * drive.amplitude_v
+        )
+        if cycles < 0.6 or missing <= limit_v:  # 0.6 of a cycle swings by more than a quarter
+            return None
+        return Deviation(_range_text(low, high), missing, limit_v)
+
+
+def _swings(drive: Drive, duration_s: float) -> bool:
+    """Whether a drive passes a whole cycle within this time."""
+    match drive:
+        case Sine(frequency_hz):
+            return frequency_hz * duration_s >= 1
+        case LinearSweep() | PeriodicSweep():
+            return min(drive.start_hz, drive.stop_hz) * duration_s >= 1
+    return False
+
+
+def _extremes(raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]) -> tuple[float, float]:
+    low, high = to_volts(np.array([raw.min(), raw.max()], np.int16))
+    return float(low), float(high)
+
+
+def _range_text(low: float, high: float) -> str:
+    return f"{0.5 * (low + high):z.3f} V" if high - low < FLAT_V else f"{low:z.2f} to {high:z.2f} V"
+
+
+def drive_text(drive: Drive) -> str:
+    """Describe a commanded drive in volts at the amplifier's input."""
+    match drive:
+        case Sine(frequency_hz, amplitude_v, offset_v):
+            return f"a sine of {amplitude_v:g} V around {offset_v:g} V at {frequency_hz:g} Hz is driven"
+        case Hold(level_v):
+            return f"{level_v:g} V are driven"
+    return f"{drive.low_v:g} to {drive.high_v:g} V are driven"

@@ -1,0 +1,270 @@
+"""Abort levels: each acts in the acquisition, is stored and reported, and leaves ordinary runs undisturbed."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine
+from protocols.base import (
+    BlockStored,
+    DriveStarted,
+    LevelExceeded,
+    Outcome,
+    PointMeasured,
+    PromptShown,
+    Quality,
+    RunStatus,
+)
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from protocols.runner.levels import LevelMonitor
+from protocols.runner.readback import DriveReadback
+from sim_hardware.clock import VirtualClock
+from tests.helpers.scripted_protocol import SHORT
+from tests.helpers.simulated_bench import Ran, Trigger, laboratory, run, simulated
+
+REPORTED_WITHIN_S = 0.1
+LONG = SineDwell(frequencies_hz=(100, 120, 140, 160), record_s=0.1, min_cycles=10)
+
+
+def run_with(
+    folder: Path,
+    config: Any = None,
+    levels: dict[str, Any] | None = None,
+    act: Any = None,
+    protocol: Any = LONG,
+    **how: Any,
+) -> tuple[Ran, list[tuple[float, Any]]]:
+    """Run on a bench with blocks of 50 ms; return the run, and every event with its bench time."""
+    timed: list[tuple[float, Any]] = []
+    with laboratory(config) as lab:
+        lab.bench.levels = replace(lab.bench.levels, **(levels or {}))
+        trigger = Trigger(lambda e: isinstance(e, PointMeasured), lambda: act(lab)) if act else lambda _: None
+        ran = run(protocol, folder, lab, lambda e: timed.append((lab.bench.clock.now(), e)), trigger, **how)
+    return ran, timed
+
+
+def exceeded(ran: Ran) -> list[LevelExceeded]:
+    return [event for event in ran.events if isinstance(event, LevelExceeded)]
+
+
+def time_of(timed: list[tuple[float, Any]], kind: type) -> float:
+    return next(t for t, event in timed if isinstance(event, kind))
+
+
+def test_a_lost_laser_brings_the_run_to_rest_and_asks(tmp_path: Path) -> None:
+    ran, timed = run_with(tmp_path, act=lambda lab: lab.control.inject("sensor-out-of-range"))
+    (event,) = exceeded(ran)
+    assert (event.level, event.channel, event.action, event.unit) == ("laser_lost", "displacement", "ask", "s")
+    assert (ran.status, ran.verdict.outcome) == (RunStatus.STOPPED, Outcome.STOPPED)
+    assert "the laser sensor has been out of range" in ran.verdict.reasons[0].lower()
+    assert any(isinstance(e, PromptShown) and "measure this entry again" in e.prompt.text for e in ran.events)
+    assert ran.report.ends_at_rest
+    second_drive = [t for t, e in timed if isinstance(e, DriveStarted)][1]
+    hold_s = LevelSettings().laser_lost_s
+    assert time_of(timed, LevelExceeded) - second_drive < hold_s + 0.05 + REPORTED_WITHIN_S  # 50 ms are the latency
+    with Run(ran.path) as file:
+        stored = next(e for e in file.events() if e.kind == "LevelExceeded")
+        assert stored.fields["limit"] == hold_s < stored.fields["value"]
+        assert stored.fields["words"] in file.verdict.reasons[0]
+
+
+@pytest.mark.parametrize("volts", [5.0])
+def test_a_sharp_specimen_does_not_swing_into_its_spacers(volts: float, tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(100, 150, 156, 158, 160), peak_to_peak_v=volts, record_s=0.1, min_cycles=10)
+    ran, _ = run_with(tmp_path, simulated(tactor={"c0": 2.0}), protocol=protocol)
+    assert exceeded(ran)[0].level == "stroke"
+    assert exceeded(ran)[0].value > exceeded(ran)[0].limit == 0.77e-3
+    assert ran.status == RunStatus.STOPPED
+    assert ran.report.ends_at_rest
+
+
+def test_the_gap_is_a_number_of_the_bench_file(tmp_path: Path) -> None:
+    config = simulated()
+    narrow = config.model_copy(update={"specimen": config.specimen.model_copy(update={"gap_m": 1e-5})})
+    ran, _ = run_with(tmp_path, narrow, protocol=SHORT)
+    assert (exceeded(ran)[0].level, exceeded(ran)[0].limit) == ("stroke", 1e-5)
+
+
+def test_a_warning_flags_the_points_and_makes_the_run_doubtful(tmp_path: Path) -> None:
+    ran, _ = run_with(tmp_path, levels={"stroke": LevelAction.WARNING, "stroke_m": 1e-4}, protocol=SHORT)
+    assert ran.status == RunStatus.COMPLETED
+    flagged = [bool(Quality(p.quality) & Quality.LEVEL_EXCEEDED) for p in ran.points]
+    assert flagged == [True, True]
+    assert all(Quality(p.quality).usable for p in ran.points)
+    assert len(exceeded(ran)) == 2  # once per entry
+    assert ran.verdict.outcome is Outcome.DOUBTFUL
+    assert "abort level" in ran.verdict.reasons[0]
+
+
+def test_a_level_that_is_off_says_nothing(tmp_path: Path) -> None:
+    ran, _ = run_with(tmp_path, levels={"stroke": LevelAction.OFF, "stroke_m": 1e-4}, protocol=SHORT)
+    assert (ran.status, exceeded(ran)) == (RunStatus.COMPLETED, [])
+
+
+def test_a_level_that_ends_the_run_names_it_in_the_verdict(tmp_path: Path) -> None:
+    ran, _ = run_with(tmp_path, levels={"rate": LevelAction.REST, "rate_m_per_s": 0.05}, protocol=SHORT)
+    assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)
+    assert "m/s" in ran.verdict.reasons[0]
+    assert ran.report.ends_at_rest
+
+
+class Answering:
+    """An operator who answers the question about a level."""
+
+    def __init__(self, operator: Any, answer: str) -> None:
+        self._operator, self._answer, self._asked = operator, answer, set[int]()
+
+    def show(self, ask_id: int, prompt: Any) -> None:
+        if prompt.action == "abort-level":
+            self._asked.add(ask_id)
+        else:
+            self._operator.show(ask_id, prompt)
+
+    def answer(self, ask_id: int) -> str | None:
+        return self._answer if ask_id in self._asked else self._operator.answer(ask_id)
+
+
+def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4)
+        ran = run(SHORT, tmp_path, lab, operator=Answering(lab.operator, "ignore"))
+    assert ran.status == RunStatus.COMPLETED
+    assert [event.action for event in exceeded(ran)] == ["ask", "warning", "warning"]
+    assert ran.kinds().count("Paused") == ran.kinds().count("Resumed") == 1
+
+
+@pytest.mark.breaks_the_drive
+@pytest.mark.parametrize("fault", ["drive-cable-off", "output-tripped", "generator-power-off"])
+def test_a_drive_that_is_gone_is_reported_in_the_first_block(fault: str, tmp_path: Path) -> None:
+    broken: list[float] = []
+
+    def breaks(lab: Any) -> None:
+        broken.append(lab.bench.clock.now())
+        lab.control.inject(fault)
+
+    timed: list[tuple[float, Any]] = []
+    with laboratory() as lab:
+        blocks = iter(range(1000))
+        trigger = Trigger(
+            lambda e: (
+                isinstance(e, BlockStored) and any(isinstance(x, DriveStarted) for _, x in timed) and next(blocks) == 8
+            ),
+            lambda: breaks(lab),
+        )
+        ran = run(LONG, tmp_path, lab, lambda e: timed.append((lab.bench.clock.now(), e)), trigger, safe=False)
+    event = exceeded(ran)[0]
+    assert (event.level, event.action) == ("drive", "rest")
+    assert time_of(timed, LevelExceeded) - broken[0] <= REPORTED_WITHIN_S
+    assert ran.status == RunStatus.UNSAFE  # the input is pulled to 0 V
+
+
+@pytest.mark.breaks_the_drive
+@pytest.mark.parametrize("command", ["OUTP OFF", "*RST", "VOLT 0.5", "VOLT:OFFS 2.0", "FREQ 50"])
+def test_a_second_hand_on_the_generator_is_reported_in_the_first_block(command: str, tmp_path: Path) -> None:
+    moved: list[float] = []
+
+    def meddle(lab: Any) -> None:
+        moved.append(lab.bench.clock.now())
+        link = lab.control.link()
+        link.write(command)
+
+    timed: list[tuple[float, Any]] = []
+    with laboratory() as lab:
+        blocks = iter(range(1000))
+        trigger = Trigger(
+            lambda e: (
+                isinstance(e, BlockStored) and any(isinstance(x, DriveStarted) for _, x in timed) and next(blocks) == 8
+            ),
+            lambda: meddle(lab),
+        )
+        ran = run(
+            LONG.model_copy(update={"peak_to_peak_v": 3.0}),
+            tmp_path,
+            lab,
+            lambda e: timed.append((lab.bench.clock.now(), e)),
+            trigger,
+            safe=False,
+        )
+    assert exceeded(ran)[0].level == "drive", ran.reason
+    assert time_of(timed, LevelExceeded) - moved[0] <= REPORTED_WITHIN_S + 0.01
+    assert ran.status in (RunStatus.FAILED, RunStatus.UNSAFE)
+
+
+def test_three_points_without_response_stop_the_run(tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(100, 110, 120, 130, 140), record_s=0.1, min_cycles=10)
+    ran, _ = run_with(tmp_path, act=lambda lab: lab.control.inject("sensor-stuck"), protocol=protocol)
+    assert [event.level for event in exceeded(ran)] == ["no_response"]
+    assert len(ran.points) == 4  # one good one before
+    assert ran.status == RunStatus.STOPPED
+    assert "points in succession are without response" in ran.verdict.reasons[0]
+
+
+RATE_HZ = 5000.0
+VOLTS = Scale((0.0, 2e-4))
+
+
+def deviation(drive: Any, volts: Any, start_s: float = 0.2, previous: Any = None) -> Any:
+    """Check a block of 50 ms that begins `start_s` after the drive was started."""
+    readback = DriveReadback(drive, 0, 250, RATE_HZ, 2.5, 0.1, previous)
+    t = start_s + np.arange(250) / RATE_HZ
+    raw = np.rint(np.broadcast_to(volts(t), t.shape) / 2e-4).astype(np.int16)
+    return readback.check(round(start_s * RATE_HZ), raw, VOLTS.to_volts)
+
+
+SINE, LEVEL = Sine(100, 0.5, 2.5, 1000), Hold(3.0, 5.0)
+SWEEP = LinearSweep(25, 525, 20.0, 0.5, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("drive", "volts", "agrees"),
+    [
+        (SINE, SINE.volts, True),
+        (SINE, lambda t: 0.02 + SINE.volts(t - 0.0123), True),
+        (SINE, lambda t: 0 * t, False),
+        (SINE, lambda t: 2.5 + 0 * t, False),
+        (SINE, lambda t: 2.5 + 0.4 * np.sin(2 * np.pi * 100 * t), False),
+        (SINE, lambda t: 2.7 + 0.3 * np.sin(2 * np.pi * 100 * t), False),
+        (SINE, lambda t: 2.5 + 0.5 * np.sign(np.sin(2 * np.pi * 100 * t)), False),
+        (SINE, lambda t: 2.5 + 0.5 * np.sin(2 * np.pi * 140 * t), False),
+        (LEVEL, lambda t: 3.02 + 0 * t, True),
+        (LEVEL, lambda t: 2.5 + 0 * t, False),
+        (LEVEL, lambda t: 0 * t, False),
+        (SWEEP, SWEEP.volts, True),
+        (SWEEP, lambda t: 2.5 + 0 * t, False),
+        (SWEEP, lambda t: 0 * t, False),
+        (SWEEP, lambda t: 2.5 + 0.5 * (SWEEP.volts(t) - 2.5), False),
+        (Sine(0.5, 2.5, 2.5, 10), lambda t: 0 * t, False),
+        (Sine(0.5, 2.5, 2.5, 10), Sine(0.5, 2.5, 2.5, 10).volts, True),
+    ],
+)
+def test_what_counts_as_the_commanded_drive(drive: Any, volts: Any, agrees: bool) -> None:
+    assert (deviation(drive, volts) is None) is agrees
+
+
+def test_the_end_of_the_previous_drive_and_the_ramp_are_no_deviation() -> None:
+    before = Hold(4.0, 5.0)
+    assert deviation(SINE, lambda t: np.clip(4.0 - 40 * t, 2.5, 4.0), 0.0, before) is None
+    assert deviation(SINE, lambda t: 2.5 + 0 * t, 0.0) is None  # not started yet
+    assert deviation(SINE, lambda t: 0 * t, 0.0) is not None
+    assert deviation(SINE, lambda t: 2.5 + 0 * t, SINE.duration_s + 0.1) is None  # over
+
+
+def test_a_block_of_500_kilosamples_a_second_is_evaluated_in_a_fraction_of_its_duration() -> None:
+    import time
+
+    with laboratory() as lab:
+        monitor = LevelMonitor(LevelSettings(), lab.bench.sensor, 2.5, VirtualClock())
+    rate = 250_000.0
+    monitor.attach((Scale((0.0, 3.2e-4, 1e-14, 1e-19)),) * 2, rate, 0.0)
+    t = np.arange(12_500) / rate
+    counts = np.rint(np.array([Sine(100, 2.5, 2.5, 1000).volts(t), 2 * np.sin(600 * t)]) / 3.2e-4).astype(np.int16)
+    monitor.drive_changed(Sine(100, 2.5, 2.5, 100_000))
+    begin = time.perf_counter()
+    for i in range(100):
+        monitor.block_read(Block(125_000 + 12_500 * i, counts))
+    assert monitor.take_events() == []
+    assert time.perf_counter() - begin < 100 * 0.05 / 4  # about 0.2 ms each were measured
