@@ -69,6 +69,7 @@ class WiringCheck(Protocol):
     title: ClassVar[str] = "Wiring check"
     point_type: ClassVar[type] = WiringPoint
     axes: ClassVar[tuple[str, str]] = ("commanded", "displacement")
+    diagnosed_levels: ClassVar[tuple[str, ...]] = ("laser_lost", "no_response")
 
     level_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "step to either side of rest, and the sine's peak"] = (
         0.1

@@ -120,6 +120,8 @@ class Runner:
         self._executor = StepExecutor(
             bench, self._run_file, operator, self._recorder, self._check_interrupts, self._calibration_warning
         )
+        for level in self._protocol.diagnosed_levels:
+            self._executor.levels.mute(level)
         self._operator_actions = OperatorActions(self._executor, self._protocol.high_voltage)
 
     def run(self) -> RunEnded:

@@ -25,6 +25,7 @@ IN_FILES = {
     "Answered",
     "Noted",
     "FaultSwitched",
+    "LevelExceeded",
     "GoingToRest",
     "MayBeLive",
     "AtRest",

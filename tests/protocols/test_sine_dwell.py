@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from drivers import LevelAction
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
 from protocols.base import LogMessage, Quality, RecordingFinished, SettlingFinished
@@ -122,6 +123,7 @@ def test_a_sensor_out_of_range_is_a_flag_and_never_counts(tmp_path: Path) -> Non
 
 def test_a_clipped_converter_is_a_flag(tmp_path: Path) -> None:
     with laboratory(simulated(sensor={"gain_m_per_v": 2e-5, "range_m": 1e-3, "invalid_v": 12.0})) as lab:
+        lab.bench.levels = replace(lab.bench.levels, stroke=LevelAction.WARNING, rate=LevelAction.WARNING)
         ran = run(SineDwell(frequencies_hz=(150,)), tmp_path, lab)
     assert Quality.CLIPPED in Quality(ran.points[0].quality)
 
@@ -129,6 +131,7 @@ def test_a_clipped_converter_is_a_flag(tmp_path: Path) -> None:
 def test_what_does_not_settle_is_recorded_and_flagged(tmp_path: Path) -> None:
     """Almost undamped, the tactor rings for seconds: half a second of patience is not enough."""
     with laboratory(simulated(tactor={"c0": 1.0})) as lab:
+        lab.bench.levels = replace(lab.bench.levels, stroke=LevelAction.WARNING)
         protocol = SineDwell(frequencies_hz=(120,), settle_limit_s=0.5, record_s=0.2)
         ran = run(protocol, tmp_path, lab)
     assert Quality.UNSETTLED in Quality(ran.points[0].quality)
