@@ -18,6 +18,7 @@ from app.archive import RunState, RunSummary
 from app.campaign.plan import (
     CARRIED_PARAMETERS,
     PAPER_ITEMS,
+    SUFFIX,
     CampaignError,
     CampaignItem,
     CampaignPlan,
@@ -36,6 +37,7 @@ from app.campaign.status import (
 from model import AmplifierMap
 from protocols.base import EstimatedQuantity, Protocol
 from protocols.registry import PROTOCOLS
+from protocols.runfile.names import other_specimen_message
 
 
 class Campaign:
@@ -62,6 +64,7 @@ class Campaign:
         """
         path = campaign_path(folder, specimen)
         if path.exists():
+            cls.open_file(path, specimen)  # raises if it is another specimen's
             raise CampaignError(f"there is a campaign of {specimen} already: {path}; go on with it, or take it away")
         created = datetime.now(UTC).isoformat(timespec="milliseconds")
         kept = [item.as_record() for item in drop_unknown_protocols(items, PROTOCOLS)]
@@ -81,13 +84,16 @@ class Campaign:
 
     @classmethod
     def open_file(cls, path: Path, specimen: str = "") -> Self:
-        """Open the campaign of a file.
+        """Open the campaign of a file, which must be that of `specimen` if it is given.
 
         Raises:
-            CampaignError: there is none, or its file cannot be understood.
+            CampaignError: there is none, it is another specimen's, or its file cannot be understood.
         """
         try:
-            return cls(path, read_record(path))
+            campaign = cls(path, read_record(path))
+            if specimen not in ("", campaign.specimen):
+                raise CampaignError(other_specimen_message(path, SUFFIX, campaign.specimen, specimen))
+            return campaign
         except FileNotFoundError:
             of = f"of {specimen} in {path.parent}" if specimen else f"at {path}"
             raise CampaignError(

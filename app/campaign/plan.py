@@ -3,6 +3,7 @@
 The campaign file is JSON, beside the runs, named for the specimen, and replaced atomically.
 """
 
+import contextlib
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -13,7 +14,7 @@ from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
 
 from app.common import UndoHistory, read_json_file, write_atomic
 from protocols.base import Prompt, visible_values
-from protocols.runfile.schema import safe_name
+from protocols.runfile.names import folded_name, safe_name
 
 SUFFIX = ".campaign.json"
 VERSION = 1
@@ -24,8 +25,13 @@ class CampaignError(Exception):
 
 
 def campaign_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's campaign file, beside its runs."""
-    return folder / f"{safe_name(specimen)}{SUFFIX}"
+    """Return the path of a specimen's campaign file, beside its runs; that of an earlier version if it is the specimen's."""
+    path, earlier = (folder / f"{name(specimen)}{SUFFIX}" for name in (safe_name, folded_name))
+    if earlier != path and not path.exists() and earlier.exists():
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, CampaignError):
+            if read_record(earlier)["specimen"] == specimen:
+                return earlier
+    return path
 
 
 def list_campaigns(folder: Path) -> list[Path]:

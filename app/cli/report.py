@@ -24,8 +24,8 @@ from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_lim
 from app.report.pdf import lay_out_figure, pdf_report
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
+from protocols.runfile.names import safe_name
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
-from protocols.runfile.schema import safe_name
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 One version is active. Versions are never removed: a new one is accepted, or an older one made active again.
 """
 
+import contextlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,10 @@ from app.common import read_json_file, write_atomic
 from model import ParameterError
 from model.identification import Calibration
 from protocols.base import visible_values
-from protocols.runfile.schema import safe_name
+from protocols.runfile.names import folded_name, other_specimen_message, safe_name
 
 FORMAT = "tactor-bench-calibrations"
+SUFFIX = ".calibrations.json"
 
 
 class CalibrationError(Exception):
@@ -44,15 +46,20 @@ class Calibrations:
 
 
 def calibrations_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's calibration file."""
-    return folder / f"{safe_name(specimen)}.calibrations.json"
+    """Return the path of a specimen's calibration file; that of an earlier version if it holds the specimen's."""
+    path, earlier = (folder / f"{name(specimen)}{SUFFIX}" for name in (safe_name, folded_name))
+    if earlier != path and not path.exists() and earlier.exists():
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            if specimen in (each["specimen"] for each in visible_values(read_json_file(earlier))["versions"]):
+                return earlier
+    return path
 
 
 def read_calibrations(folder: Path, specimen: str) -> Calibrations:
     """Read all calibrations of a specimen; empty without a file.
 
     Raises:
-        CalibrationError: the file cannot be read, or is damaged.
+        CalibrationError: the file cannot be read, is damaged, or holds calibrations of another specimen.
     """
     path = calibrations_path(folder, specimen)
     try:
@@ -60,6 +67,8 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
         if record.get("format") != FORMAT:
             raise CalibrationError(f"{path} holds no calibrations of this program; move it away")
         versions = tuple(Calibration.from_record(each) for each in record["versions"])
+        if others := [each.specimen for each in versions if each.specimen != specimen]:
+            raise CalibrationError(other_specimen_message(path, SUFFIX, others[0], specimen))
         return Calibrations(versions, int(record["active"]))
     except FileNotFoundError:
         return Calibrations()

@@ -17,6 +17,7 @@ import numpy as np
 
 from drivers import LaserSensor
 from protocols.base import Outcome, RunStatus, to_jsonable
+from protocols.runfile.names import truncate_utf8
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     ENTRY_COLUMN,
@@ -26,7 +27,6 @@ from protocols.runfile.schema import (
     MAX_SCALING_COEFFICIENTS,
     MAX_TEXT_BYTES,
     RECORDING_DTYPE,
-    truncate_utf8,
 )
 
 RAW_CHUNK = 16_384

@@ -12,6 +12,8 @@ from typing import get_args, get_origin, get_type_hints
 import numpy as np
 from annotated_types import Unit
 
+from protocols.runfile.names import safe_name
+
 FORMAT = "tactor-bench-run"
 FORMAT_VERSION = 3
 """3: the verdict on the run."""
@@ -67,23 +69,6 @@ def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     return found
 
 
-MAX_NAME_BYTES = 100
-"""Limit of the specimen's part of a file name: file names are limited to 255 bytes; the full name is in the file."""
-
-
 def run_path(folder: Path, specimen: str, protocol: str, started_at: datetime) -> Path:
     """Return a path that sorts by time and names specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
     return folder / f"{started_at:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"
-
-
-def safe_name(specimen: str) -> str:
-    """Return the specimen's name with characters allowed in a file name."""
-    return (
-        truncate_utf8("".join(c if c.isalnum() or c in "-." else "-" for c in specimen), MAX_NAME_BYTES).decode()
-        or "unnamed"
-    )
-
-
-def truncate_utf8(text: str, length: int) -> bytes:
-    """Return the text in at most `length` bytes, without a split character."""
-    return text.encode()[:length].decode(errors="ignore").encode()

@@ -22,6 +22,7 @@ from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, Block, Drive, Scale, as
 from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, Verdict, event_record
 from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.layout import RunMetadata, create_file
+from protocols.runfile.names import truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.results import append_curves, append_estimates, append_results, store_verdict
 from protocols.runfile.schema import (
@@ -36,7 +37,6 @@ from protocols.runfile.schema import (
     RESERVE_BYTES,
     point_columns,
     run_path,
-    truncate_utf8,
 )
 
 log = logging.getLogger(__name__)

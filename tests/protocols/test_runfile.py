@@ -267,7 +267,7 @@ def test_a_reader_that_holds_the_file_does_not_keep_the_estimates_out(tmp_path: 
 def test_two_runs_of_one_second_get_two_files(tmp_path: Path) -> None:
     files = [new(tmp_path) for _ in range(3)]
     assert len({file.path for file in files}) == 3
-    assert all("T-1-" in file.path.name for file in files)
+    assert all("T%201%2Fµ" in file.path.name for file in files)
     for file in files:
         file.finish(RunStatus.COMPLETED, "")
 
