@@ -138,3 +138,10 @@ def test_the_paper_orders_k2_before_mu_before_c0_before_c_s() -> None:
         ("dwell", ("wiring",)),
         ("membrane", ("dwell", "wiring")),
     ]
+
+
+def test_run_made_outside_the_campaign_is_stale_where_its_basis_is_newer() -> None:
+    older = {"a": [made("a", 5)], "b": [made("b", 3)]}
+    assert standings(older)[1] == ("stale", "run again")
+    newer = {"a": [made("a", 1)], "b": [made("b", 3)]}
+    assert standings(newer)[1] == ("done", "")

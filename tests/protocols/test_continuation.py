@@ -1,14 +1,16 @@
 """Resumed runs: one run in the file, points measured again, drift in between detected."""
 
+import math
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import pytest
 
 from protocols import registry
 from protocols.base import EntryStarted, LogMessage, PointMeasured, Quality, RunStatus
-from protocols.resume import load_resumable
+from protocols.resume import assess_drift, load_resumable
 from protocols.runfile.reader import Run, RunReadError
 from tests.helpers.level_protocol import LEVELS, Handy, Levels, resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
@@ -75,3 +77,12 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) 
         load_resumable(ran.path)
     with pytest.raises(RunReadError, match="has no point of entry 7"):
         load_resumable(ran.path, repeat_entries=(7,))
+
+
+@pytest.mark.parametrize(("sigmas", "asks"), [(3.9, False), (4.5, True), (30.0, True)])
+def test_a_change_of_more_than_four_standard_errors_is_asked_about(sigmas: float, asks: bool) -> None:
+    error = 0.1 / sigmas / math.sqrt(2)
+    first, second = (SimpleNamespace(displacement=value, displacement_errors=error) for value in (1.0, 1.1))
+    message, question = assess_drift(LEVELS, "2.2 V", first, second)
+    assert "+10.00 %" in message
+    assert (question is not None) is asks

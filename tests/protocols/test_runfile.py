@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -358,3 +358,45 @@ def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:
     assert kept["amplifier"]["rest_v"] == 2.5
     top = {name for name in after if name.count("/") < 2} - {name for name in names if name.count("/") < 2}
     assert top <= {"entry/estimates", "entry/verdict_details", "entry/checksums"}
+
+
+@dataclass(frozen=True)
+class FlaggedSpot:
+    frequency: Annotated[float, Unit("Hz"), "frequency"]
+    height: Annotated[float, Unit("m"), "height"]
+    quality: Annotated[int, Unit("1"), "flags"]
+
+
+def test_superseded_point_keeps_its_other_flags(tmp_path: Path) -> None:
+    file = RunFileWriter.new(tmp_path, replace(HEADER, point_type=FlaggedSpot))
+    file.append_point(FlaggedSpot(1.0, 2.0, int(Quality.UNSETTLED | Quality.SIMULATED)))
+    file.flag_superseded(0)
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run:
+        assert Quality(int(run.points()["quality"][0])) == Quality.UNSETTLED | Quality.SIMULATED | Quality.SUPERSEDED
+
+
+def test_run_of_another_computer_is_not_called_crashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process id means nothing here: it may still be measuring on a shared folder."""
+    file = new(tmp_path)
+    file.close_after_error()
+    monkeypatch.setattr("protocols.runfile.reader._process_is_alive", lambda _: False)
+    with Run(file.path) as run:
+        assert run.crashed
+    monkeypatch.setattr("socket.gethostname", lambda: "another-computer")
+    with Run(file.path) as run:
+        assert not run.crashed
+        assert run.state == "running"
+
+
+def test_columns_of_a_point_that_a_kill_cut_are_of_equal_length(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    for k in range(3):
+        file.append_point(Spot(k, 10.0 * k))
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r+") as plain:
+        plain["entry/points/height"].resize((2,))
+    with Run(file.path) as run:
+        columns = run.points()
+    assert {len(column) for column in columns.values()} == {2}
+    assert (columns["frequency"].tolist(), columns["height"].tolist()) == ([0.0, 1.0], [0.0, 10.0])

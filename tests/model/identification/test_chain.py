@@ -143,3 +143,20 @@ def test_a_peak_between_two_points_is_no_dead_end(seed: int) -> None:
     source = perfect(World(), Noise(), SHARED)
     found = identify_by_paper_chain(resample(source, np.random.default_rng((20261121, seed)))[0])
     assert found.values["m_add"] == pytest.approx(7.73e-3, rel=0.05)
+
+
+def test_static_weight_decides_between_contradicting_runs() -> None:
+    """Loads that say 20 % more stiffness than the masses: the fit follows the one that has the weight."""
+    loads = [
+        replace(run, deflection_m=run.deflection_m / 1.2)
+        for run in only(StaticLoadingObservation).runs
+        if isinstance(run, StaticLoadingObservation)
+    ]
+    data = ObservationSet((*loads, *only(MassResonanceObservation).runs))
+    by_weight = [
+        identify_by_paper_chain(data, PaperChainOptions(n=7, static_weight=weight)).values["k2"]
+        for weight in (0.05, 0.5, 0.95)
+    ]
+    assert by_weight[0] == pytest.approx(7e-3, rel=0.05)
+    assert by_weight[2] > 1.15 * 7e-3
+    assert by_weight[0] < by_weight[1] < by_weight[2]

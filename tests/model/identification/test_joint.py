@@ -301,3 +301,28 @@ def test_bad_input_is_a_sentence(call: object, message: str) -> None:
 def test_nothing_free_is_a_sentence() -> None:
     with pytest.raises(IdentificationError, match="no parameter is free"):
         joint_fit(PERFECT, FitOptions(free=()))
+
+
+def test_robust_weights_are_the_derivative_of_the_chosen_loss() -> None:
+    """soft_l1: rho' = (1 + r^2)^-1/2; cauchy: rho' = (1 + r^2)^-1 (Triggs et al., Bundle adjustment, 2000)."""
+    data = ObservationSet((free_only(Tactor(c0=100.0)),))
+    for loss, power in (("soft_l1", -0.25), ("cauchy", -0.5)):
+        options = FitOptions(n=5, free=("c0",), loss=loss)  # type: ignore[arg-type]
+        fit = joint_fit(data, options)
+        residuals, jacobian = LeastSquaresProblem(data, options).evaluate(fit.theta)
+        assert fit.jacobian == pytest.approx(jacobian * (1 + residuals**2)[:, None] ** power)
+        assert np.abs(residuals).max() > 0.1  # else every loss has the same weights
+
+
+def test_a_start_with_a_large_misfit_is_not_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A converged descent with 25 times the expected cost is a local minimum until the other starts have been tried."""
+    data = ObservationSet((free_only(),))
+    good = joint_fit(data, FitOptions(n=5, free=("c0",)))
+    expected = np.sqrt(max(good.degrees_of_freedom, 1) / len(good.weighted_residuals))
+    costs = iter((5.0, 1.0, 1.0, 1.0))
+    monkeypatch.setattr(
+        "model.identification.joint_least_squares._FitMonitor.fit",
+        lambda *_: replace(good, weighted_residuals=np.full_like(good.weighted_residuals, next(costs) * expected)),
+    )
+    found = joint_fit(data, FitOptions(n=5, free=("c0",)))
+    assert found.weighted_residuals[0] == pytest.approx(expected)

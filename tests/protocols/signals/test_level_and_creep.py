@@ -121,3 +121,13 @@ def test_creep_over_too_little_time_is_refused() -> None:
         fit_creep(np.linspace(1, 2, 100), np.zeros(100))
     with pytest.raises(ValueError, match="must rise from above 0"):
         fit_creep(np.linspace(0, 2, 100), np.zeros(100))
+
+
+def test_the_interval_of_the_shortest_level_covers_the_truth() -> None:
+    """With fewer than four noise components the error of a short record is a matter of luck."""
+    rng = np.random.default_rng(3)
+    estimates = [estimate_level(rng.standard_normal(24), 5000.0, None) for _ in range(1500)]
+    assert {round(estimate.degrees_of_freedom) for estimate in estimates} <= {3, 4}
+    scatter = np.std([estimate.standard_error**2 for estimate in estimates])
+    mean = np.mean([estimate.standard_error**2 for estimate in estimates])
+    assert scatter / mean < 0.85  # chi-square with 4 degrees of freedom: 0.71; with 2: 1

@@ -116,3 +116,17 @@ def test_it_does_not_matter_how_the_samples_are_cut() -> None:
     whole, pieces = detector(), detector()
     assert whole.feed(drive, response)
     assert any(pieces.feed(drive[k : k + 7], response[k : k + 7]) for k in range(0, 3000, 7))
+
+
+def test_noise_of_a_short_record_counts_its_degrees_of_freedom() -> None:
+    """A variance over n, not n - unknowns, would be 6 / 12 of the truth here."""
+    rng = np.random.default_rng(7)
+    clean = signal(12, 600.0, [1.0 + 0j])
+    noise = [fit_sine(clean + 0.1 * rng.standard_normal(12), RATE, 600.0, 2).noise for _ in range(500)]
+    assert np.mean(np.square(noise)) == pytest.approx(0.1**2, rel=0.12)
+
+
+def test_a_response_is_steady_after_three_equal_windows_and_not_after_two() -> None:
+    detector = SettlingDetector(RATE, 100.0, 500, 1.0, 0.01)
+    drive = signal(500, 100.0, [1.0 + 0j])
+    assert [detector.feed(drive, 1e-4 * drive) for _ in range(3)] == [False, False, True]
