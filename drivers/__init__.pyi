@@ -33,6 +33,7 @@ from .errors import CardInUseError as CardInUseError
 from .errors import DriveRejectedError as DriveRejectedError
 from .errors import InstrumentError as InstrumentError
 from .errors import LinkError as LinkError
+from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
 from .generators.arbitrary_waveform import SINE_CYCLE as SINE_CYCLE
 from .generators.arbitrary_waveform import Points as Points
@@ -57,6 +58,7 @@ from .interfaces import Identity as Identity
 from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import Reading as Reading
+from .interfaces import RestartableStream as RestartableStream
 from .interfaces import RestTimer as RestTimer
 from .interfaces import Scale as Scale
 from .interfaces import Source as Source

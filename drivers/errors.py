@@ -20,6 +20,10 @@ class AcquisitionError(InstrumentError):
     """The digitizer lost samples, was unplugged, or cannot do the requested acquisition."""
 
 
+class ScansLostError(AcquisitionError):
+    """The program read too late, and the digitizer's buffer was overwritten; the digitizer itself is well."""
+
+
 class CardInUseError(AcquisitionError):
     """The digitizer is in use by another program that runs."""
 

@@ -79,7 +79,8 @@ class Stream(Protocol):
         """Wait for the next block and return it.
 
         Raises:
-            AcquisitionError: scans were lost (overrun) or the card is gone.
+            ScansLostError: scans were lost (overrun).
+            AcquisitionError: the card is gone.
         """
 
     def __enter__(self) -> Self: ...
@@ -87,6 +88,18 @@ class Stream(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
+
+
+@runtime_checkable
+class RestartableStream(Protocol):
+    """A stream that can continue after it has lost scans."""
+
+    def restart(self) -> None:
+        """Acquire again; the numbers of the scans continue where the time is now.
+
+        Raises:
+            AcquisitionError: the card is gone.
+        """
 
 
 class Digitizer(Protocol):

@@ -237,7 +237,7 @@ class NiStream(Closeable):
     def __init__(
         self, task: Any, block_scans: int, clock: Clock, description: str, close_task: Callable[[], None]
     ) -> None:
-        self._task, self._description, self._next_scan = task, description, 0
+        self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
@@ -259,6 +259,14 @@ class NiStream(Closeable):
         block = Block(self._next_scan, self._raw.copy())
         self._next_scan = block.stop
         return block
+
+    def restart(self) -> None:
+        """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""
+        with translate_errors(self._description):
+            with contextlib.suppress(DaqError):  # it reports once more what has ended the task
+                self._task.stop()
+            self._task.start()
+        self._next_scan = max(round((self._clock.now() - self.start_time_s) * self.rate_hz), self._next_scan)
 
     def close(self) -> None:
         """Stop the card."""

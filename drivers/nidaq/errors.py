@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, RpcError
 
-from drivers.errors import AcquisitionError, CardInUseError, InstrumentError
+from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScansLostError
 
 REMEDIES = {
     -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
@@ -28,6 +28,8 @@ REMEDIES = {
 
 RESERVED = -50103
 REMOTE_RESERVED_REMEDY = "the card is reserved at the gRPC device server by another client, which may have died; close it, or start the server again"
+
+SCANS_LOST = (-200279, -200278, -200361)
 
 
 @contextlib.contextmanager
@@ -57,5 +59,7 @@ def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None
         detail = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
         if error.error_code == RESERVED and remote:
             remedy = REMOTE_RESERVED_REMEDY
+        if error.error_code in SCANS_LOST:
+            raise ScansLostError(f"{device_name}: {remedy} (NI {error.error_code})") from error
         kind = CardInUseError if error.error_code == RESERVED and not remote else AcquisitionError
         raise kind(f"{device_name}: {remedy} (NI {error.error_code}: {detail[:200]})") from error

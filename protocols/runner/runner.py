@@ -10,7 +10,16 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, Bench, BenchError, LiveWarning, UnsafeError
+from drivers import (
+    MANUAL_SHUTDOWN_INSTRUCTIONS,
+    ArmedBench,
+    Bench,
+    BenchError,
+    LiveWarning,
+    RestartableStream,
+    ScansLostError,
+    UnsafeError,
+)
 from protocols.base import (
     BenchArmed,
     CurveReady,
@@ -114,6 +123,8 @@ class Runner:
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
         self._pausable = False
+        self._lost_scans: set[int] = set()
+        """Entries that were measured again because scans were lost."""
         self._calibration_warning = bench.sensor.expiry_warning(datetime.now(UTC).date())
         self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, self._control.external_events)
         self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
@@ -219,8 +230,15 @@ class Runner:
                 self._pausable = False
                 self._ask_about_level(armed, question.event)
                 continue
+            except ScansLostError as error:
+                self._pausable = False
+                self._recover_from_lost_scans(armed, index, error)
+                continue
             finally:
                 self._pausable = False
+            if redo is None and index not in self._lost_scans and any(r.quality & Quality.DROPPED for r in recordings):
+                self._repeat_once(index, "scans are missing")
+                continue
             if redo is not Repeat.THIS:
                 break
         if redo is None:
@@ -257,6 +275,19 @@ class Runner:
         for curve in curves:
             self._plan_progress.add_curve(curve)
             self._recorder.notify(CurveReady(curve))
+
+    def _recover_from_lost_scans(self, armed: ArmedBench, index: int, error: ScansLostError) -> None:
+        """Start the acquisition again and return to rest, so that the entry can be measured again; once per entry."""
+        if index in self._lost_scans or not isinstance(armed.stream, RestartableStream):
+            raise error
+        armed.stream.restart()
+        armed.return_to_verified_rest()
+        self._repeat_once(index, str(error))
+
+    def _repeat_once(self, index: int, reason: str) -> None:
+        self._lost_scans.add(index)
+        label = self._plan_progress.plan[index].label
+        self._recorder.publish(LogMessage(f"{label} is measured again, because scans were lost: {reason}"))
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.return_to_verified_rest()

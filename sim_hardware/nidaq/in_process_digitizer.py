@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale
+from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale, ScansLostError
 from drivers.deprecated import renamed
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
 from sim_hardware.plant import FaultState
@@ -67,7 +67,7 @@ class SimulatedStream(Closeable):
         self.is_open = True
         self._digitizer, self._acquisition = digitizer, acquisition
         self._block_scans, self._buffer_scans = block_scans, buffer_scans
-        self._next_scan = 0
+        self._next_scan = self._first_scan = 0
 
     def read(self) -> Block:
         """The next block; moves the clock to when its last scan has been taken.
@@ -78,18 +78,25 @@ class SimulatedStream(Closeable):
         card, clock, faults = self._digitizer.identity, self._digitizer.clock, self._digitizer.faults
         if not self.is_open:
             raise AcquisitionError(f"{card}: the acquisition has been stopped")
-        late = self._acquisition.available_scans(clock.now()) - self._next_scan
+        position = self._next_scan - self._first_scan
+        late = self._acquisition.available_scans(clock.now()) - position
         if faults.is_active("card-overrun") or late > self._buffer_scans:
-            raise AcquisitionError(
+            raise ScansLostError(
                 f"{card} lost samples: they were read too late and its buffer of {self._buffer_scans} scans was overwritten; "
                 "lower the sample rate or close other programs"
             )
-        clock.sleep(self._acquisition.available_at(self._next_scan + self._block_scans) - clock.now())
+        clock.sleep(self._acquisition.available_at(position + self._block_scans) - clock.now())
         if faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{card} does not answer any more; check its USB cable")
-        block = Block(self._next_scan, self._acquisition.read_raw(self._next_scan, self._block_scans))
+        block = Block(self._next_scan, self._acquisition.read_raw(position, self._block_scans))
         self._next_scan = block.stop
         return block
+
+    def restart(self) -> None:
+        """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""
+        now = self._digitizer.clock.now()
+        self._acquisition = self._digitizer.card.start_acquisition(self.rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), now)
+        self._first_scan = self._next_scan = max(round((now - self.start_time_s) * self.rate_hz), self._next_scan)
 
     def close(self) -> None:
         """Stop the card."""

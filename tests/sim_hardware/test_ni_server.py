@@ -14,7 +14,7 @@ from nidaqmx.stream_readers import AnalogMultiChannelReader, AnalogUnscaledReade
 from nidaqmx.system import System
 
 from drivers.clock import WallClock
-from drivers.errors import AcquisitionError, InstrumentError
+from drivers.errors import AcquisitionError, InstrumentError, ScansLostError
 from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.nidaq.grpc_server import NiGrpcServer
@@ -240,9 +240,14 @@ def test_the_real_driver_reads_blocks(bench, server):
         assert [b.start for b in blocks] == [0, 250, 500, 750]
         assert stream.scales[0] == bench.card.scale
         bench.inject("card-overrun")
-        with pytest.raises(AcquisitionError, match="200279"):
+        with pytest.raises(ScansLostError, match="200279"):
             stream.read()
         bench.clear()
+        lost = blocks[-1].stop
+        stream.restart()
+        first, second = stream.read(), stream.read()
+        assert first.start >= lost
+        assert second.start == first.stop  # the numbers continue where the time is
     bench.inject("card-unplugged")
     with pytest.raises(AcquisitionError, match="USB cable"):
         card.stream(5e3, 250)

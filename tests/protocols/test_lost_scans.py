@@ -1,0 +1,49 @@
+"""Scans lost by a late reader: the entry is measured again once, by itself, and the run goes on to its end."""
+
+from pathlib import Path
+
+import numpy as np
+
+from protocols.base import EntryStarted, LogMessage, RestMeasured, RunStatus, SettlingFinished
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from tests.helpers.simulated_bench import Trigger, laboratory, run
+
+DWELL = SineDwell(frequencies_hz=(100, 200, 150), record_s=0.1, min_cycles=5)
+LATE_S = 15.0
+"""Longer than the card's buffer."""
+
+
+def messages(events: list[object]) -> list[str]:
+    return [event.text for event in events if isinstance(event, LogMessage) and "measured again" in event.text]
+
+
+def test_an_entry_that_lost_scans_is_measured_again_by_itself(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        late = Trigger(
+            lambda event: isinstance(event, SettlingFinished) and len(entries) == 2,
+            lambda: lab.bench.clock.sleep(LATE_S),
+        )
+        entries: list[EntryStarted] = []
+        ran = run(DWELL, tmp_path, lab, lambda e: entries.append(e) if isinstance(e, EntryStarted) else None, late)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    assert [entry.index for entry in entries] == [0, 1, 1, 2]
+    (told,) = messages(ran.events)
+    assert told.startswith("200 Hz")
+    assert "is measured again, because scans were lost" in told
+    assert ran.report.ends_at_rest
+    with Run(ran.path) as file:
+        np.testing.assert_allclose(file.points()["frequency"], (100, 200, 150), atol=0.05)
+        np.testing.assert_allclose(file.points()["drive_amplitude"], file.points()["drive_amplitude"][0], rtol=0.01)
+
+
+def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path: Path) -> None:
+    def late(event: object) -> None:
+        if isinstance(event, SettlingFinished):
+            lab.bench.clock.sleep(LATE_S)
+
+    with laboratory() as lab:
+        ran = run(DWELL, tmp_path, lab, late)
+    assert (ran.status, len(messages(ran.events))) == (RunStatus.FAILED, 1)
+    assert "lost samples" in ran.reason
+    assert any(isinstance(event, RestMeasured) and event.confirmed for event in ran.events)
