@@ -23,6 +23,7 @@ from protocols.base import (
     Protocol,
     RecordingFinished,
     ResultCurve,
+    Verdict,
     usable_mask,
 )
 from protocols.registry import PROTOCOLS
@@ -56,6 +57,7 @@ class LoadedRun:
     state: str
     reason: str
     start_time: str
+    verdict: Verdict
     simulated: bool
     parameters: Mapping[str, Any]
     points: tuple[Any, ...]
@@ -113,6 +115,7 @@ def load_run(path: Path) -> LoadedRun:
             state=run.state,
             reason=run.reason,
             start_time=run.start_time,
+            verdict=run.verdict,
             simulated=run.simulated,
             parameters=run.parameters,
             points=tuple(_load_points(run, kind)),

@@ -22,7 +22,7 @@ from app.cli.options import (
     switch,
 )
 from app.cli.output import print_json
-from app.common import ExitCode, UsageError, display_unit, path_argument, print_line, print_message
+from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
 from protocols.base import CheckResult, PointMeasured, RestMeasured, RunEnded, RunStatus
@@ -40,16 +40,15 @@ class CheckCommand(ProtocolOptions):
     def execute(self) -> int:
         bench = select_bench(self)
         protocol = make_protocol(WiringCheck.name, self.settings)
-        assert isinstance(protocol, WiringCheck)
         events: list[Any] = []
         # The run itself is shown to the operator; only the table is JSON.
         code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)
         points = [event.point for event in events if isinstance(event, PointMeasured)]
-        checks = protocol.checks(points)
-        if checks:
+        ended = next((event for event in events if isinstance(event, RunEnded)), None)
+        checks = ended.verdict.checks if ended is not None else ()
+        if checks and points:
             rest = next((event for event in events if isinstance(event, RestMeasured)), None)
             checks = (*checks, _rest_check(rest, points[0].drive))
-        ended = next((event for event in events if isinstance(event, RunEnded)), None)
         completed = ended is not None and ended.status is RunStatus.COMPLETED
         passed = completed and bool(checks) and all(check.passed for check in checks)
         if self.json:
@@ -95,12 +94,9 @@ def _check_table(checks: Sequence[CheckResult]) -> Table:
     for head in ("", "what", "figure", "limits", "unit"):
         table.add_column(head, justify="right" if head in ("figure", "limits") else "left")
     for check in checks:
-        factor, unit = display_unit(check.unit)
-        low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
-        limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-        word = Text("pass", "green") if check.passed else Text("FAIL", "bold red")
-        figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
-        table.add_row(word, check.name, figure, limits, unit)
+        row = check_row(check)
+        word = Text("pass", "green") if row.passed else Text("FAIL", "bold red")
+        table.add_row(word, row.name, row.figure, row.limits, row.unit)
     return table
 
 

@@ -18,7 +18,9 @@ from .inputs import truncate_text as truncate_text
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
 from .outcomes import OUTCOME_SYMBOLS as OUTCOME_SYMBOLS
+from .outcomes import CheckRow as CheckRow
 from .outcomes import Severity as Severity
+from .outcomes import check_row as check_row
 from .outcomes import outcome_severity as outcome_severity
 from .program_version import version as version
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE

@@ -1,8 +1,11 @@
-"""Severity and symbol of each verdict, as logs, lists and reports show them."""
+"""Severity, symbol and checks of a verdict, as logs, lists, tables and reports show them."""
 
+import math
 from enum import StrEnum
+from typing import NamedTuple
 
-from protocols.base import Outcome
+from app.common.units import display_unit
+from protocols.base import CheckResult, Outcome
 
 
 class Severity(StrEnum):
@@ -39,3 +42,25 @@ OUTCOME_SYMBOLS = {
 def outcome_severity(outcome: Outcome) -> Severity:
     """Return the severity with which an outcome is shown."""
     return SEVERITIES.get(outcome, Severity.ERROR)
+
+
+class CheckRow(NamedTuple):
+    """A check as a row of a table."""
+
+    passed: bool
+    name: str
+    figure: str
+    limits: str
+    unit: str
+    remedy: str
+    """Empty if the check passed."""
+
+
+def check_row(check: CheckResult) -> CheckRow:
+    """Return a check as a row of a table, in display units."""
+    factor, unit = display_unit(check.unit)
+    low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
+    limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
+    figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"
+    name = f"{check.name} ({check.detail})" if check.detail else check.name
+    return CheckRow(check.passed, name, figure, limits, unit, "" if check.passed else check.remedy)

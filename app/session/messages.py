@@ -13,6 +13,7 @@ from protocols.base import (
     InjectedFaultChanged,
     LevelExceeded,
     LogMessage,
+    Outcome,
     PointMeasured,
     PromptAnswered,
     PromptShown,
@@ -26,6 +27,7 @@ from protocols.base import (
     ShutdownStarted,
     SpecimenMayBeLive,
     StreamStarted,
+    Verdict,
     format_with_uncertainty,
 )
 from protocols.registry import PROTOCOLS
@@ -106,6 +108,24 @@ def _describe_dwell_point(point: Any) -> str:
 def protocol_title(protocol: str) -> str:
     """Return the title of a protocol by its name; the name itself if it is unknown."""
     return PROTOCOLS.title(protocol) if protocol in PROTOCOLS else protocol
+
+
+MAX_REASONS = 3
+"""Reasons of a verdict in a notice; all are in the log."""
+
+
+def describe_verdict(verdict: Verdict) -> str:
+    """Return the verdict on a run that ended but is not good, and its reasons, line by line; else an empty text."""
+    match verdict.outcome:
+        case Outcome.NO_RESULT | Outcome.DOUBTFUL:
+            lines = [f"{verdict.outcome}: {verdict.reasons[0]}", *verdict.reasons[1:]]
+        case Outcome.DID_NOT_PASS:
+            lines = [f"{verdict.outcome}: {', '.join(check.name for check in verdict.failed_checks)}", *verdict.reasons]
+        case _:
+            return ""
+    if len(lines) > MAX_REASONS:
+        lines = [*lines[:MAX_REASONS], f"… and {len(lines) - MAX_REASONS} more in the log"]
+    return "\n".join(line[:1].upper() + line[1:] for line in lines)
 
 
 def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:

@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 from app.common import Severity
-from app.session.messages import LogLine, describe_event, protocol_title
+from app.session.messages import LogLine, describe_event, describe_verdict, protocol_title
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     BenchState,
@@ -84,8 +84,9 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
         case RunRequested(title, reads):
             progress = RunProgress(title, 0, 0.0, label=f"reading {reads}" if reads else "")
             view = replace(
-                view, busy=True, progress=progress, problem="", prompt=None, pause_requested=False, paused=False
-            )
+                view, busy=True, progress=progress, problem="", prompt=None, pause_requested=False, paused=False,
+                verdict_message="",
+            )  # fmt: skip
             return view if reads else _without_results(view)
         case RunRejected(reason):
             before = view.outcome or RunEnded(RunStatus.FAILED, reason, "")
@@ -155,8 +156,8 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None)
         case RunEnded():
             return _with_outcome(view, event)
-        case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem:
-            return replace(view, unsafe="", problem="")
+        case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem or view.verdict_message:
+            return replace(view, unsafe="", problem="", verdict_message="")
         case _:
             return view
 
@@ -206,6 +207,7 @@ def _with_outcome(view: WindowState, event: RunEnded) -> WindowState:
         instruments=instruments,
         unsafe=event.reason if unsafe else view.unsafe,
         problem=event.reason if failed else view.problem,
+        verdict_message=describe_verdict(event.verdict),
     )
 
 

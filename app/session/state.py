@@ -143,6 +143,8 @@ class WindowState:
     """The unsafe message, until it is acknowledged."""
     problem: str = ""
     """Reason of the last failure, until it is dismissed or a new run begins."""
+    verdict_message: str = ""
+    """Verdict on a run that is not good, its reasons line by line, until it is dismissed or a new run begins."""
     messages: tuple[LogLine, ...] = ()
     message_count: int = 0
     """Number of messages so far, including dropped ones."""

@@ -66,6 +66,7 @@ class CheckResult:
     name: str
     value: float
     unit: str
+    """Empty where the name says it all."""
     low: float | None
     high: float | None
     remedy: str
@@ -85,7 +86,7 @@ class CheckResult:
 
     @property
     def text(self) -> str:
-        """Name, figure, limits and remedy as a sentence."""
+        """Name, figure, limits and remedy as a sentence; without a unit, name and remedy."""
         figure = f"{self.value:.4g} {self.unit}" if math.isfinite(self.value) else "not measurable"
         if self.unit == "1":
             figure = figure.removesuffix(" 1")
@@ -95,7 +96,8 @@ class CheckResult:
             if limit is not None
         )
         of = f" ({self.detail})" if self.detail else ""
-        return f"{self.name}{of}: {figure}, limit {limits}" + (f"; {self.remedy}" if self.remedy else "")
+        compared = f": {figure}, limit {limits}" if self.unit else ""
+        return f"{self.name}{of}{compared}" + (f"; {self.remedy}" if self.remedy else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +178,9 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
     remedy = _usability_remedy(causes)
     checks = [
         CheckResult(
-            f"usable points of {planned}",
+            f"usable points of {planned}" if usable else f"no usable point of {planned}",
             float(usable),
-            "1",
+            "1" if usable else "",
             float(planned) if usable else 1.0,
             None,
             remedy,

@@ -35,7 +35,7 @@ def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path
     for text in ("gain above rest", "latency beyond", "noise floor", "drive read back", "polarity", "rest confirmed"):
         assert text in out
     assert "FAIL" not in out
-    assert out.count("pass") == 13
+    assert out.count("pass") == 14  # all checks of the verdict, and rest
 
 
 @pytest.mark.parametrize(

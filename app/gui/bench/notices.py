@@ -1,14 +1,15 @@
-"""Notices above the pages: unsafe state, closing, operator prompts and failures."""
+"""Notices above the pages: unsafe state, closing, operator prompts, failures and verdicts."""
 
 import time
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
+from app.common import Severity, outcome_severity
 from app.gui.bench.notice import Notice
 from app.gui.bench.prompt import PromptNotice
 from app.gui.session_controller import SessionController
-from app.gui.widgets import ACTIONS, add_action, add_actions, column, make_button, shortcut_label
+from app.gui.widgets import ACTIONS, add_action, add_actions, column, make_button, set_style_kind, shortcut_label
 from app.session import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
@@ -57,7 +58,13 @@ class NoticeArea(QWidget):
             make_button(shortcut_label("Connect again", "reconnect"), controller.reconnect, name="problem.reconnect"),
             make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="problem.dismiss"),
         )
-        self._notices = (self.unsafe, self.closing, self.prompt, self.problem)
+        self.verdict = Notice(
+            "notices.verdict",
+            "caution",
+            "question",
+            make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="verdict.dismiss"),
+        )
+        self._notices = (self.unsafe, self.closing, self.prompt, self.problem, self.verdict)
         column(*self._notices, parent=self, margins=(10, 0, 10, 0), spacing=6)
         self._shown_at_s, self._no_bench = 0.0, False
         self._answer_action = add_action(parent, ACTIONS["answer"], self._on_enter)
@@ -72,6 +79,11 @@ class NoticeArea(QWidget):
         self.unsafe.show_message(todo, view.unsafe.removeprefix(todo).lstrip(". "))
         self.problem.show_message(f"{view.problem[:1].upper()}{view.problem[1:]}")
         self.problem.buttons[0].setVisible(self._no_bench)
+        heading, *details = view.verdict_message.split("\n")
+        self.verdict.show_message(heading, "\n".join(details))
+        if view.outcome is not None:
+            failed = outcome_severity(view.outcome.verdict.outcome) is Severity.ERROR
+            set_style_kind(self.verdict, "trouble" if failed else "caution")
         self._update_visibility()
 
     def show_prompt(self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None) -> None:
@@ -134,7 +146,7 @@ class NoticeArea(QWidget):
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):
             self.cancel_closing()
-        elif not (self.unsafe.isHidden() and self.problem.isHidden()):
+        elif not (self.unsafe.isHidden() and self.problem.isHidden() and self.verdict.isHidden()):
             self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:

@@ -4,12 +4,13 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
-from app.common import format_duration
+from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.session_controller import SessionController
 from app.gui.widgets import LIGHT, Item, Theme, column, configure, make_button, make_progress_bar, row
 from app.session import BenchState, InstrumentStatus, Lamp, WindowState
+from protocols.base import Outcome
 
 STATE_SYMBOLS = {
     BenchState.CONNECTING: "dots",
@@ -160,7 +161,6 @@ class BenchStatusBar(QWidget):
         self.voltage_sign.set_colors(
             "", self._theme.error if view.bench_state is BenchState.UNSAFE else self._theme.text
         )
-        self.task_sign.set_colors("", self._theme.text)
         self.simulated_label.setVisible(view.simulated)
         self.stop_button.setEnabled(view.busy)
         self.pause_button.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pause_requested else "PAUSE\nF8")
@@ -179,10 +179,10 @@ class BenchStatusBar(QWidget):
         view = self._state
         if view is None:
             return
-        progress, fraction = view.progress, 0.0
+        progress, fraction, color = view.progress, 0.0, self._theme.text
         flagged = f", {view.unusable} not usable" if view.unusable else ""
         if progress is None:
-            ended = "no run yet" if view.outcome is None else str(view.outcome.status)
+            ended = "no run yet" if view.outcome is None else _outcome_text(view.outcome.verdict.outcome)
             title, note = view.bench_name, ended if view.connected else ""
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
@@ -192,9 +192,12 @@ class BenchStatusBar(QWidget):
                 f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
             )
         else:
-            ended = f"{view.outcome.status}, " if view.outcome is not None else ""
             fraction = progress.done / max(progress.entries, 1)
-            title, note = progress.title, f"{ended}{progress.done} of {progress.entries} points{flagged}"
+            title, note = progress.title, f"{progress.done} of {progress.entries} points{flagged}"
+            if view.outcome is not None:
+                title, note = _outcome_text(view.outcome.verdict.outcome), f"{title}, {note}"
+                color = self._theme.severity_color(outcome_severity(view.outcome.verdict.outcome))
+        self.task_sign.set_colors("", color)
         self.task_sign.set_content(title, note)
         self.progress_bar.setValue(round(1000 * fraction))
 
@@ -207,3 +210,8 @@ class BenchStatusBar(QWidget):
             if at < len(instruments):
                 label.show_instrument(instruments[at], self._theme)
                 self._lamp_row.setStretch(at, 6 + len(instruments[at].role) + len(label.text))
+
+
+def _outcome_text(outcome: Outcome) -> str:
+    """Return the verdict with its symbol, to be read from a distance: `⊘ DID NOT PASS`."""
+    return f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}"

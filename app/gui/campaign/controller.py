@@ -159,10 +159,10 @@ class CampaignController(QObject):
         self.queue_active = False
         self.changed.emit()
 
-    def run_ended(self, completed: bool) -> None:
-        """Refresh after a run, and continue the queue if it was completed."""
+    def run_ended(self, has_result: bool) -> None:
+        """Refresh after a run, and continue the queue if it has a result."""
         before, self.running_item = self.running_item, ""
-        self.queue_active = self.queue_active and completed and bool(before)
+        self.queue_active = self.queue_active and has_result and bool(before)
         self.refresh()
         if self.queue_active:
             self._continue_queue(before)

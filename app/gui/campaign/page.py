@@ -16,7 +16,6 @@ from app.gui.plots import LivePane
 from app.gui.widgets import Theme, add_actions, choose_files
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for
 from app.session import WindowState
-from protocols.base import RunStatus
 
 if TYPE_CHECKING:
     from app.campaign import CampaignRunner
@@ -67,7 +66,7 @@ class CampaignPage(QStackedWidget):
         ended, connected = self._busy and not view.busy, self._state is None or self._state.connected
         self._state, self._busy = view, view.busy
         if ended:
-            self.controller.run_ended(view.outcome is not None and view.outcome.status is RunStatus.COMPLETED)
+            self.controller.run_ended(view.outcome is not None and view.outcome.verdict.outcome.has_result)
         elif view.connected and not connected:
             self.controller.refresh()  # now there is a bench to rehearse with
         self._show_campaign()

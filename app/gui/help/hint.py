@@ -4,15 +4,15 @@ from PySide6.QtWidgets import QWidget
 
 from app.gui.widgets import make_button, make_label, row
 from app.session import WindowState
-from protocols.base import RunStatus
+from protocols.base import Outcome
 
 WAITING_TEXT = "The bench is connecting; the measurement then begins by itself."
 RUNNING_TEXT = (
     "The generator plays one frequency after the other, and each point falls on the model's curve. "
     "Esc stops at any time and brings the bench to rest."
 )
-FINISHED_TEXT = "Finished, and the bench is at rest. The run is kept: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 tells every key."
-REASON_END = "The run did not come to its end: {reason}. F5 begins again; F1 tells every key."
+FINISHED_TEXT = "Finished, and the bench is at rest. The run is kept: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 lists every key."
+ENDED_TEXT = "The run ended: {summary}. F5 measures again; F1 lists every key."
 
 
 class FirstRunHint(QWidget):
@@ -41,5 +41,6 @@ class FirstRunHint(QWidget):
         elif view.busy:
             self.label.setText(RUNNING_TEXT)
         elif (ended := view.outcome) is not None:
-            self._run_finished, done = True, ended.status is RunStatus.COMPLETED
-            self.label.setText(FINISHED_TEXT if done else REASON_END.format(reason=ended.reason))
+            self._run_finished = True
+            good = ended.verdict.outcome is Outcome.GOOD
+            self.label.setText(FINISHED_TEXT if good else ENDED_TEXT.format(summary=ended.summary))

@@ -1,4 +1,4 @@
-"""Result plots of a run: response over frequency, the protocol's own points, or whole curves."""
+"""Result plots of a run: response over frequency, the protocol's own points, whole curves, or a table of checks."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -7,6 +7,8 @@ from typing import Any, cast
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
+from app.gui.plots.base import PlotBase
+from app.gui.plots.check_table import CheckTable
 from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
@@ -14,10 +16,11 @@ from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import Theme
 from app.live import OverlayCurve
 from protocols.base import Protocol, ResultCurve, RunEnded
+from protocols.measurements.wiring_check import WiringCheck
 
 
 class ResultPlots(QStackedWidget):
-    """Shows one of three plots; points and curves are created when first used."""
+    """Shows one of three plots, or the checks of a wiring check; points, curves and table are created when first used."""
 
     repeat_requested = Signal(tuple)
 
@@ -49,16 +52,26 @@ class ResultPlots(QStackedWidget):
             plot.show_model_curve(self._model_curve)
         return plot
 
+    @cached_property
+    def checks(self) -> CheckTable:
+        """The table of checks of a wiring check."""
+        table = CheckTable(self._theme)
+        self.addWidget(table)
+        return table
+
     @property
     def _plots(self) -> list[ResponsePlot | PointsPlot | CurvesPlot]:
         """The plots that exist so far."""
-        return [cast("ResponsePlot | PointsPlot | CurvesPlot", self.widget(at)) for at in range(self.count())]
+        widgets = (self.widget(at) for at in range(self.count()))
+        return [cast("ResponsePlot | PointsPlot | CurvesPlot", each) for each in widgets if isinstance(each, PlotBase)]
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
         for plot in self._plots:
             plot.set_theme(theme)
+        if "checks" in vars(self):
+            self.checks.set_theme(theme)
 
     def show_results(
         self,
@@ -82,7 +95,11 @@ class ResultPlots(QStackedWidget):
         for each in self._plots:
             each.show_simulated(simulated)
             each.show_estimates(outcome)
-        self.setCurrentWidget(self.curves if curves and not self._points_selected else plot)
+        if kind is WiringCheck and outcome is not None and outcome.verdict.checks:
+            self.checks.show_verdict(outcome.verdict)
+            self.setCurrentWidget(self.checks)
+        else:
+            self.setCurrentWidget(self.curves if curves and not self._points_selected else plot)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the results."""

@@ -227,10 +227,13 @@ def style_sheet(theme: Theme) -> str:
     QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
     QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
     QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.error}; border-radius: 6px; }}
+    QFrame[kind="caution"] {{ background: {theme.panel}; border: 2px solid {theme.warning}; border-radius: 6px; }}
+    QFrame[kind="caution"] QLabel, QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
+    QFrame[kind="caution"] QLabel[kind=""] {{ color: {theme.warning}; font-weight: bold; }}
+    QFrame[kind="caution"] QLabel[kind="detail"], QFrame[kind="trouble"] QLabel[kind="detail"] {{ font-size: 9pt; }}
     QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel[kind="detail"] {{ font-size: 9pt; font-weight: normal; }}
-    QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
     QFrame[kind="prompt"] QPushButton {{ background: black; color: white; font-size: 13pt; font-weight: bold; padding: 9px 16px; }}
     QFrame[kind="prompt"] QPushButton[kind="stop"] {{ background: #c00018; }}
     QFrame[kind="prompt"] QPushButton:disabled {{ color: #a0a0a0; }}

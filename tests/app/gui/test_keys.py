@@ -12,7 +12,7 @@ from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.tabs import CAMPAIGN, MEASURE
 from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
-from protocols.base import Prompt, PromptShown, RunEnded, RunStatus
+from protocols.base import Outcome, Prompt, PromptShown, RunEnded, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenStage, Stage, find, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
@@ -132,7 +132,7 @@ def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: 
     assert stage.session.runs == [(SineDwell(), tmp_path, "T7")]
     stage.happen(*LIVE)
     assert "Esc stops" in find(window, "hint.text").text()
-    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5"))
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", verdict=Verdict(Outcome.GOOD)))
     assert "Ctrl+4" in find(window, "hint.text").text()
     assert window.central.hint.isVisible()
 

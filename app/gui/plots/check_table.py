@@ -1,0 +1,71 @@
+"""Table of the checks of a verdict: pass or fail, figure, limits and remedy."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QResizeEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
+
+from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
+from app.gui.widgets import Theme, column, configure, make_label
+from protocols.base import Outcome, Verdict
+
+COLUMNS = ("", "what", "figure", "limits", "unit", "what to do")
+RIGHT_ALIGNED = ("figure", "limits")
+
+
+class CheckTable(QWidget):
+    """The checks of a run with the remedies of those that did not pass."""
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._theme, self._verdict = theme, Verdict()
+        self.caption = make_label(kind="caption", name="checks.caption")
+        self.table = configure(
+            QTableWidget(0, len(COLUMNS)),
+            "checks.table",
+            accessibleName="checks",
+            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
+            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+            showGrid=False,
+            wordWrap=True,
+            tabKeyNavigation=False,
+        )
+        self.table.setHorizontalHeaderLabels(COLUMNS)
+        self.table.verticalHeader().hide()
+        header = self.table.horizontalHeader()
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
+        column(self.caption, (self.table, 1), parent=self, margins=(4, 2, 4, 0), spacing=4)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme, verdict, self._verdict = theme, self._verdict, Verdict()
+        self.show_verdict(verdict)
+
+    def show_verdict(self, verdict: Verdict) -> None:
+        """Show the checks of a verdict."""
+        if verdict == self._verdict:
+            return
+        self._verdict = verdict
+        outcome, failed = verdict.outcome, len(verdict.failed_checks)
+        count = f"{failed} of {len(verdict.checks)} checks did not pass" if failed else "all checks passed"
+        head = "" if outcome is Outcome.DID_NOT_PASS else f"{outcome}: "
+        text = f"{head}{count}"
+        color = self._theme.severity_color(outcome_severity(outcome))
+        self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {text[:1].upper()}{text[1:]}")
+        self.caption.setStyleSheet(f"color: {color}")
+        self.table.setRowCount(len(verdict.checks))
+        for at, row in enumerate(map(check_row, verdict.checks)):
+            mark = "✓ pass" if row.passed else "✕ FAIL"
+            for place, text in enumerate((mark, *row[1:])):
+                item = QTableWidgetItem(str(text))
+                if COLUMNS[place] in RIGHT_ALIGNED:
+                    item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                if place == 0 or not row.passed:
+                    item.setForeground(QColor(self._theme.success if row.passed else self._theme.error))
+                self.table.setItem(at, place, item)
+        self.table.resizeRowsToContents()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.table.resizeRowsToContents()
