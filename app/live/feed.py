@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from app.live.minmax_trace import MinMaxTrace
 from drivers import Block, LaserSensor, Scale
@@ -19,6 +20,14 @@ class TimeSpan:
     @property
     def columns(self) -> int:
         return round(COLUMNS * self.buffer_s / self.shown_s)
+
+
+class BlockRange(NamedTuple):
+    """Lowest and highest drive of a block, and its duration."""
+
+    low_v: float
+    high_v: float
+    duration_s: float
 
 
 COLUMNS = 1000
@@ -53,10 +62,10 @@ class LiveFeed:
                 drive.reset(rate_hz)
                 displacement.reset(rate_hz)
 
-    def add_block(self, block: Block) -> None:
-        """Append a block; ignored before `start_stream`, because its scale is not known."""
+    def add_block(self, block: Block) -> BlockRange | None:
+        """Append a block and return the range of its drive; None before `start_stream`: its scale is not known."""
         if not self._channels:
-            return
+            return None
         drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
         displacement_um = 1e6 * displacement_m
         for drive, displacement in self._traces.values():
@@ -65,6 +74,7 @@ class LiveFeed:
         with self._lock:
             self._scans += block.raw.shape[1]
             self._latest_um = float(displacement_um.mean())
+        return BlockRange(float(drive_v.min()), float(drive_v.max()), block.raw.shape[1] / self._rate_hz)
 
     @property
     def latest_um(self) -> float | None:

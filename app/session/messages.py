@@ -114,13 +114,19 @@ MAX_REASONS = 3
 """Reasons of a verdict in a notice; all are in the log."""
 
 
-def describe_verdict(verdict: Verdict) -> str:
-    """Return the verdict on a run that ended but is not good, and its reasons, line by line; else an empty text."""
+def describe_verdict(verdict: Verdict, reasons_shown: bool = False) -> str:
+    """Return the verdict on a run that ended but is not good, and its reasons, line by line; else an empty text.
+
+    Args:
+        verdict: of the run.
+        reasons_shown: the window shows the checks with their remedies: only the outcome and the names follow.
+    """
     match verdict.outcome:
         case Outcome.NO_RESULT | Outcome.DOUBTFUL:
             lines = [f"{verdict.outcome}: {verdict.reasons[0]}", *verdict.reasons[1:]]
         case Outcome.DID_NOT_PASS:
-            lines = [f"{verdict.outcome}: {', '.join(check.name for check in verdict.failed_checks)}", *verdict.reasons]
+            lines = [f"{verdict.outcome}: {', '.join(check.name for check in verdict.failed_checks)}"]
+            lines += () if reasons_shown else verdict.reasons
         case _:
             return ""
     if len(lines) > MAX_REASONS:

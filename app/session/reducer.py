@@ -1,5 +1,6 @@
 """Reducer: the next window state from the last one and an event. Pure."""
 
+import math
 import re
 from dataclasses import replace
 
@@ -7,7 +8,9 @@ from app.common import Severity
 from app.session.messages import LogLine, describe_event, describe_verdict, protocol_title
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
+    ENERGIZED,
     BenchState,
+    DriveSeen,
     InstrumentStatus,
     Lamp,
     OperatorAction,
@@ -40,6 +43,9 @@ from protocols.base import (
 
 MAX_LOG_LINES = 500
 
+CHECKS_SHOWN_OF = "wiring-check"
+"""The protocol whose checks are shown as a table."""
+
 ACTION_MESSAGES = {
     OperatorAction.PAUSE: (Severity.INFO, "Pause was asked"),
     OperatorAction.STOP: (Severity.WARNING, "Stop was asked; the bench goes to rest"),
@@ -60,11 +66,24 @@ def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
         resumed = event is OperatorAction.PAUSE and not after.pause_requested
         message = None if after is view else RESUME_MESSAGE if resumed else ACTION_MESSAGES[event]
     else:
-        message = describe_event(event) if not isinstance(event, RunRequested) else None
+        message = _describe_window_event(after, event)
     if message is None:
         return after
     messages = (*after.messages, LogLine(timed_event.time, *message))[-MAX_LOG_LINES:]
     return replace(after, messages=messages, message_count=after.message_count + 1)
+
+
+def _describe_window_event(view: WindowState, event: WindowEvent) -> tuple[Severity, str] | None:
+    """Return severity and log message of an event other than the operator's; None if it is not logged."""
+    match event:
+        case RunRequested() | OperatorAction():
+            return None
+        case DriveSeen(lost=True) if view.bench_state is BenchState.DRIVE_LOST:
+            return Severity.ERROR, f"The drive is not seen: {view.voltage_text} on the specimen {view.voltage_note}"
+        case DriveSeen():
+            return (Severity.INFO, "The card sees the drive again") if view.bench_state is BenchState.LIVE else None
+        case _:
+            return describe_event(event)
 
 
 def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> WindowState:
@@ -104,7 +123,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             view = replace(
                 _without_results(view), busy=True, bench_state=state, progress=progress, simulated=event.simulated
             )
-            return replace(view, rest=None, drive=None, protocol=event.protocol)
+            return replace(view, rest=None, drive=None, seen_v=None, protocol=event.protocol)
         case PromptShown(_, prompt):
             # The operator switches high voltage on before answering: the specimen is live from now on.
             off = view.bench_state in (BenchState.ARMING, BenchState.HV_OFF)
@@ -112,7 +131,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, prompt=event, bench_state=BenchState.LIVE if live else view.bench_state)
         case PromptAnswered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
             # In a run, rest is measured before the operator is asked to switch off.
-            off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.bench_state is BenchState.LIVE
+            off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.bench_state in ENERGIZED
             return replace(
                 view,
                 prompt=None,
@@ -149,11 +168,16 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
         case ShutdownStarted():
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
-        case SpecimenMayBeLive():
-            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=event.words)
-        case RestMeasured(confirmed):
+        case SpecimenMayBeLive(low_v, high_v, words):
+            seen_v = _finite_range(low_v, high_v) or view.seen_v
+            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=words, seen_v=seen_v)
+        case DriveSeen(lost, low_v, high_v) if view.bench_state in ENERGIZED:
+            state = BenchState.DRIVE_LOST if lost else BenchState.LIVE
+            return replace(view, bench_state=state, seen_v=(low_v, high_v) if lost else None)
+        case RestMeasured(confirmed, measured_v):
             state = BenchState.AT_REST if confirmed else BenchState.UNSAFE
-            return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None)
+            seen_v = None if confirmed else _finite_range(measured_v, measured_v) or view.seen_v
+            return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None, seen_v=seen_v)
         case RunEnded():
             return _with_outcome(view, event)
         case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem or view.verdict_message:
@@ -162,14 +186,19 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return view
 
 
+def _finite_range(low_v: float, high_v: float) -> tuple[float, float] | None:
+    """Return a range of volts; None if the card saw nothing."""
+    return (low_v, high_v) if math.isfinite(low_v) and math.isfinite(high_v) else None
+
+
 def _without_results(view: WindowState) -> WindowState:
     """Clear the results of the previous run."""
     return replace(view, outcome=None, points=(), entries=(), curves=())
 
 
 def _with_live_state(view: WindowState) -> WindowState:
-    # A run that is to stop may still report earlier events.
-    if view.bench_state is BenchState.GOING_TO_REST:
+    # A run that is to stop may still report earlier events, and a drive that is lost is not back with the next entry.
+    if view.bench_state in (BenchState.GOING_TO_REST, BenchState.DRIVE_LOST):
         return view
     return replace(view, bench_state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
 
@@ -206,8 +235,8 @@ def _with_outcome(view: WindowState, event: RunEnded) -> WindowState:
         outcome=event,
         instruments=instruments,
         unsafe=event.reason if unsafe else view.unsafe,
-        problem=event.reason if failed else view.problem,
-        verdict_message=describe_verdict(event.verdict),
+        problem=event.reason if failed else "" if unsafe else view.problem,
+        verdict_message=describe_verdict(event.verdict, reasons_shown=view.protocol == CHECKS_SHOWN_OF),
     )
 
 

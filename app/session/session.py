@@ -8,14 +8,24 @@ import queue
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from drivers import Bench, BenchError
 from drivers.watchdog.log import take_unreported_lines
-from protocols.base import Event, EventBus, LogMessage, Operator, RunEnded, RunStatus
+from protocols.base import (
+    Event,
+    EventBus,
+    LogMessage,
+    Operator,
+    Prompt,
+    PromptAnswered,
+    PromptShown,
+    RunEnded,
+    RunStatus,
+)
 from protocols.runner.request import RunControl, RunRequest
 
 if TYPE_CHECKING:
@@ -103,7 +113,10 @@ class Session:
         operator: Operator,
     ) -> None:
         self._connect, self._operator = connect, operator
-        self._events = EventBus(self._on_run_ended, *observers)
+        self._events = EventBus(self._on_event, *observers)
+        self._restore: Prompt | None = None
+        """Set-up that the next run of another protocol asks for; None if the tactor is under the sensor."""
+        self._restore_id: int | None = None
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[], RunRequest] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
@@ -215,6 +228,7 @@ class Session:
                 with suppress(BenchError):  # the run reports it better
                     connection.operator.clear_specimen()
             operator = connection.operator or self._operator
+            request = self._with_restored_setup(request)
             runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")
@@ -226,10 +240,23 @@ class Session:
             self.path = runner.path
         self.finished.set()
 
-    def _on_run_ended(self, event: SessionEvent) -> None:
-        if isinstance(event, RunEnded):
-            self.state = SessionState.IDLE  # before the observers, which may start the next run
-            self._forward_injected()
+    def _with_restored_setup(self, request: RunRequest) -> RunRequest:
+        """Return the request with a prompt that undoes the set-up of the last run, and note what this one leaves."""
+        left = request.protocol.restore
+        if self._restore is not None and self._restore != left:
+            request = replace(request, prepare=(self._restore, *request.prepare))
+        self._restore = left or self._restore
+        return request
+
+    def _on_event(self, event: SessionEvent) -> None:
+        match event:
+            case RunEnded():
+                self.state = SessionState.IDLE  # before the observers, which may start the next run
+                self._forward_injected()
+            case PromptShown(ask_id, prompt) if prompt == self._restore:
+                self._restore_id = ask_id
+            case PromptAnswered(ask_id) if ask_id == self._restore_id:
+                self._restore = self._restore_id = None
 
     def _forward_injected(self) -> None:
         with suppress(queue.Empty):

@@ -23,6 +23,8 @@ class BenchState(StrEnum):
     """The instruments answer; rest has not been measured yet."""
     ARMING = "arming"
     LIVE = "live"
+    DRIVE_LOST = "drive lost"
+    """The card sees another voltage at the amplifier's input than the drive."""
     PAUSED = "paused"
     """At measured rest, high voltage still on."""
     HV_OFF = "hv off"
@@ -31,6 +33,10 @@ class BenchState(StrEnum):
     AT_REST = "at rest"
     UNSAFE = "unsafe"
     NO_BENCH = "no bench"
+
+
+ENERGIZED = (BenchState.LIVE, BenchState.DRIVE_LOST)
+"""States of a run with high voltage on."""
 
 
 class Lamp(StrEnum):
@@ -94,7 +100,16 @@ class OperatorAction(StrEnum):
     """Open the bench again."""
 
 
-WindowEvent = SessionEvent | RunRequested | OperatorAction
+@dataclass(frozen=True, slots=True)
+class DriveSeen:
+    """The card no longer sees the drive at the amplifier's input, or sees it again; volts of the block."""
+
+    lost: bool
+    low_v: float
+    high_v: float
+
+
+WindowEvent = SessionEvent | RunRequested | OperatorAction | DriveSeen
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +144,8 @@ class WindowState:
     drive: Drive | None = None
     rest: RestMeasured | None = None
     """The last rest measurement; None before the first."""
+    seen_v: tuple[float, float] | None = None
+    """Lowest and highest volts that the card saw last at the amplifier's input, where they are not the drive's."""
     rest_lost: bool = False
     """Rest was not confirmed, and has not been measured since."""
     progress: RunProgress | None = None
@@ -170,7 +187,7 @@ class WindowState:
 
     @property
     def can_pause(self) -> bool:
-        return self.busy and self.bench_state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
+        return self.busy and self.bench_state in (*ENERGIZED, BenchState.HV_OFF, BenchState.PAUSED)
 
     @property
     def voltage_text(self) -> str:
@@ -183,6 +200,9 @@ class WindowState:
                 return "0 V"
             case BenchState.GOING_TO_REST:
                 return "to 0 V"
+            case BenchState.UNSAFE | BenchState.DRIVE_LOST if self.seen_v is not None:
+                low, high = self.amplifier.specimen_v(self.seen_v)
+                return f"about {format_voltage_range(float(low), float(high))}"
             case BenchState.IDLE | BenchState.ARMING:
                 return "not measured"
             case _:
@@ -210,10 +230,9 @@ class WindowState:
                 return "every run measures rest first"
             case BenchState.ARMING:
                 return "rest is not measured yet"
-            case BenchState.UNSAFE if self.rest is not None and self.rest.measured_v == self.rest.measured_v:
-                return (
-                    f"the card sees {round(self.rest.measured_v, 3) + 0.0:.3f} V, rest is {self.amplifier.rest_v:g} V"
-                )
+            case BenchState.UNSAFE | BenchState.DRIVE_LOST if self.seen_v is not None:
+                seen = " … ".join(dict.fromkeys(f"{round(v, 3) + 0.0:.3f}" for v in self.seen_v))
+                return f"if the high voltage is on; the card sees {seen} V, rest is {self.amplifier.rest_v:g} V"
             case BenchState.UNSAFE:
                 return "may carry high voltage"
             case _:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from drivers.deprecated import renamed
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.steps import Repeat, Step
+from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
 
 
@@ -33,6 +33,8 @@ class Protocol(BaseModel, ABC):
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
     diagnosed_levels: ClassVar[tuple[str, ...]] = ()
     """Abort levels whose cause the protocol itself finds and reports: beyond them it is only warned."""
+    restore: ClassVar[Prompt | None] = None
+    """Prompt of the next run of another protocol, where this one leaves something else than the tactor under the sensor."""
 
     sample_rate_hz: float
 

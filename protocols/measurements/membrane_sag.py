@@ -50,6 +50,11 @@ class MembraneSag(Protocol):
     title: ClassVar[str] = "Membrane sag"
     point_type: ClassVar[type] = SagPoint
     axes: ClassVar[tuple[str, str]] = ("repeat", "sag")
+    restore: ClassVar[Prompt | None] = Prompt(
+        "place-tactor",
+        "The membrane is under the sensor. Take it away and put the tactor back under the sensor.",
+        hands_on=True,
+    )
     high_voltage: ClassVar[bool] = False
 
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often the membrane is hung"] = 5

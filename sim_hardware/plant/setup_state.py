@@ -29,6 +29,7 @@ SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "bump-sensor": ("by_m",),
     "place-reference": ("reference_m",),
     "hang-membrane": ("reference_m",),
+    "place-tactor": (),
 }
 """Actions on the sensor and under it. A bump is an accident, not an answer to a prompt."""
 

@@ -10,7 +10,8 @@ import pytest
 from app.session.bench_connection import connect
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
 from drivers.errors import InstrumentError
-from protocols.base import PointMeasured, PromptAnswered, RunEnded, RunStatus
+from protocols.base import PointMeasured, PromptAnswered, PromptShown, RunEnded, RunStatus
+from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun
@@ -175,3 +176,19 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     assert one.finished.wait(30)
     assert one.outcome.status == RunStatus.COMPLETED
     assert one.close(10)
+
+
+def test_after_a_sag_the_next_run_asks_to_put_the_tactor_back(tmp_path: Path) -> None:
+    events: list = []
+    one, laboratories = session(events)
+    one.start()
+    asked = []
+    for protocol in (MembraneSag(repeats=1, settle_s=0.5), MembraneSag(repeats=1, settle_s=0.5), SHORT, SHORT):
+        one.run(RunRequest(protocol, tmp_path, "T1"))
+        assert one.finished.wait(60)
+        assert one.outcome.verdict.outcome.has_result
+        asked.append(sum("put the tactor back" in e.prompt.text for e in events if isinstance(e, PromptShown)))
+        events.clear()
+    assert asked == [0, 0, 1, 0]
+    assert one.close(10)
+    assert_safe_voltage(laboratories[0].control.report())

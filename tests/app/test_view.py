@@ -1,5 +1,6 @@
 """Window state: a function of the events alone; it never claims more than is known."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
@@ -8,6 +9,7 @@ from app.session.reducer import reduce
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     BenchState,
+    DriveSeen,
     Lamp,
     OperatorAction,
     RunProgress,
@@ -23,8 +25,10 @@ from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
+    CheckResult,
     DriveStarted,
     LogMessage,
+    Outcome,
     PointMeasured,
     ProgressUpdated,
     PromptAnswered,
@@ -36,7 +40,9 @@ from protocols.base import (
     RunStatus,
     SettlingFinished,
     ShutdownStarted,
+    SpecimenMayBeLive,
     StreamStarted,
+    Verdict,
 )
 from protocols.measurements.sine_dwell import SinePoint
 
@@ -53,6 +59,9 @@ COMPLETED = RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5")
 STOPPED = RunEnded(RunStatus.STOPPED, "stopped by the operator", "run.h5")
 FAILED = RunEnded(RunStatus.FAILED, "function generator 33511B: no answer; check its cable to the card", "run.h5")
 UNSAFE = RunEnded(RunStatus.UNSAFE, "UNSAFE: switch the high voltage off by hand", "run.h5")
+POLARITY = CheckResult("polarity", -1.0, "1", 1.0, None, "swap the sign", Outcome.DID_NOT_PASS)
+MAY_BE_LIVE = SpecimenMayBeLive(0.0, 5.0, "the specimen may be live")
+DRIVE_GONE = DriveSeen(True, -0.0001, 0.0002)
 LOST = (*LIVE, ShutdownStarted(), NOT_AT_REST, UNSAFE)
 
 
@@ -86,6 +95,9 @@ def view_after(*events: WindowEvent) -> WindowState:
         ((*LIVE, ShutdownStarted()), BenchState.GOING_TO_REST),
         ((*LIVE, ShutdownStarted(), AT_REST), BenchState.AT_REST),
         ((*LIVE, ShutdownStarted(), AT_REST, COMPLETED), BenchState.AT_REST),
+        ((*LIVE, DRIVE_GONE), BenchState.DRIVE_LOST),
+        ((*LIVE, DRIVE_GONE, OperatorAction.STOP), BenchState.GOING_TO_REST),
+        ((*LIVE, OperatorAction.STOP, DRIVE_GONE), BenchState.GOING_TO_REST),
         ((*BEGUN, FAILED), BenchState.IDLE),
         ((*LIVE, ShutdownStarted(), NOT_AT_REST), BenchState.UNSAFE),
         ((*LIVE, ShutdownStarted(), NOT_AT_REST, OperatorAction.STOP), BenchState.UNSAFE),
@@ -116,7 +128,11 @@ def test_the_bench_state_says_what_is_known(events: tuple[WindowEvent, ...], sta
         ((*LIVE, DriveStarted(Hold(5.0, 1.0))), "+1500 V", "held"),
         ((*LIVE, ShutdownStarted()), "to 0 V", "next"),
         ((*LIVE, ShutdownStarted(), AT_REST), "0 V", "rest measured 2.500 V"),
-        (LOST, "unknown", "the card sees 0.000 V"),
+        (LOST, "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
+        ((*LIVE, MAY_BE_LIVE, RestMeasured(False, float("nan"), "blind")), "about −500 … +1500 V", "0.000 … 5.000 V"),
+        ((*LIVE, DRIVE_GONE), "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
+        ((*LIVE, DRIVE_GONE, DriveStarted(SINE)), "about −500 V", "0.000 V"),
+        ((*LIVE, DRIVE_GONE, DriveSeen(False, 0.0, 5.0)), "−500 … +1500 V", "160 Hz"),
         ((*LIVE, RestMeasured(False, float("nan"), "blind")), "unknown", "may carry high voltage"),
     ],
 )
@@ -124,6 +140,33 @@ def test_volts_on_the_specimen_follow_the_drive(events: tuple[WindowEvent, ...],
     view = view_after(*events)
     assert view.voltage_text == volts
     assert note in view.voltage_note
+
+
+VERDICTS = [
+    (Verdict(Outcome.GOOD), "plain-good", ""),
+    (
+        Verdict(Outcome.NO_RESULT, ("no usable point of 18 (18 out of range); bring the target into the range",)),
+        "attention",
+        "No result: no usable point of 18 (18 out of range); bring the target into the range",
+    ),
+    (
+        Verdict(Outcome.DID_NOT_PASS, ("polarity: -1, limit at least 1; swap the sign",), (POLARITY,)),
+        "bad",
+        "Did not pass: polarity\nPolarity: -1, limit at least 1; swap the sign",
+    ),
+    (Verdict(Outcome.DOUBTFUL, tuple("abcde")), "attention", "Doubtful: a\nB\nC\n… and 2 more in the log"),
+]
+
+
+@pytest.mark.parametrize(("verdict", "severity", "notice"), VERDICTS)
+def test_a_verdict_that_is_not_good_stays_until_it_is_dismissed(verdict: Verdict, severity: str, notice: str) -> None:
+    ended = replace(COMPLETED, verdict=verdict)
+    view = view_after(*LIVE, ShutdownStarted(), AT_REST, ended)
+    assert view.verdict_message == notice
+    assert severity.endswith(view.messages[-1].severity)
+    assert view.messages[-1].text.casefold().startswith(verdict.outcome)
+    for dismissed in (OperatorAction.ACKNOWLEDGE, RunRequested("Sine dwell")):
+        assert view_after(*LIVE, ended, dismissed).verdict_message == ""
 
 
 def test_the_unsafe_sentence_stays_until_it_is_acknowledged() -> None:

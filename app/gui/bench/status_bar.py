@@ -17,6 +17,7 @@ STATE_SYMBOLS = {
     BenchState.IDLE: "open",
     BenchState.ARMING: "dots",
     BenchState.LIVE: "bolt",
+    BenchState.DRIVE_LOST: "danger",
     BenchState.PAUSED: "pause",
     BenchState.HV_OFF: "open",
     BenchState.GOING_TO_REST: "down",
@@ -28,7 +29,8 @@ LAMP_SYMBOLS = {Lamp.WAITING: "dots", Lamp.READY: "tick", Lamp.SUSPECT: "questio
 REFERENCE_SIZE = QSize(1280, 80)
 """A window's width, and a sign's height in it, that the style sheet's sizes are meant for."""
 
-STRIPED_STATES = (BenchState.LIVE, BenchState.UNSAFE)
+ALARM_STATES = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
+STRIPED_STATES = (BenchState.LIVE, *ALARM_STATES)
 
 
 class InstrumentLamp(QWidget):
@@ -158,9 +160,7 @@ class BenchStatusBar(QWidget):
             *self._theme.state_colors(view.bench_state), striped=view.bench_state in STRIPED_STATES
         )
         self.voltage_sign.set_content(view.voltage_text, view.voltage_note)
-        self.voltage_sign.set_colors(
-            "", self._theme.error if view.bench_state is BenchState.UNSAFE else self._theme.text
-        )
+        self.voltage_sign.set_colors("", self._theme.error if view.bench_state in ALARM_STATES else self._theme.text)
         self.simulated_label.setVisible(view.simulated)
         self.stop_button.setEnabled(view.busy)
         self.pause_button.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pause_requested else "PAUSE\nF8")

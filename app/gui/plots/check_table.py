@@ -55,7 +55,8 @@ class CheckTable(QWidget):
         self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {text[:1].upper()}{text[1:]}")
         self.caption.setStyleSheet(f"color: {color}")
         self.table.setRowCount(len(verdict.checks))
-        for at, row in enumerate(map(check_row, verdict.checks)):
+        rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # what to remedy comes first
+        for at, row in enumerate(rows):
             mark = "✓ pass" if row.passed else "✕ FAIL"
             for place, text in enumerate((mark, *row[1:])):
                 item = QTableWidgetItem(str(text))

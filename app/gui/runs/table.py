@@ -112,6 +112,8 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "length":
             return format_duration(summary.seconds) if summary.readable else ""
         case "found":
+            if summary.outcome is not Outcome.NOT_JUDGED and not summary.outcome.has_result:
+                return summary.explanation
             return summary.found or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))

@@ -45,7 +45,7 @@ class Theme:
                 return "#ffc400", "#000000"
             case BenchState.AT_REST:
                 return "#1b7a3d", "#ffffff"
-            case BenchState.UNSAFE:
+            case BenchState.UNSAFE | BenchState.DRIVE_LOST:
                 return "#c00018", "#ffffff"
             case _:
                 return ("#3c424a", "#ffffff") if self.dark else ("#5b636d", "#ffffff")
@@ -229,7 +229,8 @@ def style_sheet(theme: Theme) -> str:
     QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.error}; border-radius: 6px; }}
     QFrame[kind="caution"] {{ background: {theme.panel}; border: 2px solid {theme.warning}; border-radius: 6px; }}
     QFrame[kind="caution"] QLabel, QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
-    QFrame[kind="caution"] QLabel[kind=""] {{ color: {theme.warning}; font-weight: bold; }}
+    QFrame[kind="caution"] QLabel {{ color: {theme.warning}; font-weight: bold; }}
+    QFrame[kind="caution"] QLabel[kind="detail"] {{ color: {theme.text}; font-weight: normal; }}
     QFrame[kind="caution"] QLabel[kind="detail"], QFrame[kind="trouble"] QLabel[kind="detail"] {{ font-size: 9pt; }}
     QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}

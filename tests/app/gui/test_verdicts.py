@@ -1,0 +1,98 @@
+"""Verdicts in the window: header, notice, log, table of checks, list and viewer of runs."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+
+from app.gui.runs.table import COLUMNS
+from app.gui.tabs import RUNS
+from app.gui.widgets.theme import DARK, LIGHT, Theme
+from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
+from protocols.measurements.wiring_check import WiringCheck
+from tests.helpers.main_window import Stage, find, until
+from tests.helpers.run_files import finished_run
+from tests.helpers.session_events import AT_REST, LIVE, OPENED
+
+OPTICS = "check the sensor's distance and wiring"
+CHECKS = (
+    CheckResult("noise floor", 5e-7, "m", None, 5e-6, "check the laser", Outcome.DID_NOT_PASS),
+    CheckResult("gain above rest", 3e-8, "m/V", 1e-6, 1e-3, OPTICS, Outcome.DID_NOT_PASS),
+)
+FAILED_CHECK = Verdict(Outcome.DID_NOT_PASS, (CHECKS[1].text,), CHECKS)
+NO_RESULT = Verdict(Outcome.NO_RESULT, ("no usable point of 18 (18 out of range); bring the target into the range",))
+
+
+def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*(begin or LIVE), AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (), verdict))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "header", "color"),
+    [
+        (Verdict(Outcome.GOOD), "✓ GOOD", "success"),
+        (Verdict(Outcome.DOUBTFUL, ("2 of 18 clipped",)), "△ DOUBTFUL", "warning"),
+        (NO_RESULT, "○ NO RESULT", "warning"),
+        (FAILED_CHECK, "⊘ DID NOT PASS", "error"),
+    ],
+)
+@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str, theme: Theme) -> None:
+    stage.window.set_theme(theme)
+    end_with(stage, verdict)
+    sign = find(stage.window, "status.task")
+    assert sign.text == header
+    assert "Sine dwell" in sign.note
+    assert sign._foreground == getattr(theme, color)
+    assert "ompleted" not in stage.window.state.messages[-1].text
+
+
+def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage: Stage) -> None:
+    end_with(stage, NO_RESULT)
+    notice = find(stage.window, "notices.verdict")
+    assert not notice.isHidden()
+    assert notice.property("kind") == "caution"
+    assert "no usable point of 18" in notice.message_label.text()
+    assert "bring the target into the range" in notice.message_label.text()
+    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    assert notice.isHidden()
+
+
+def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
+    begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
+    stage.window.measure_page.run_panel.set_protocol(WiringCheck())
+    end_with(stage, FAILED_CHECK, begin)
+    plots = stage.window.measure_page.plots
+    assert plots.currentWidget() is plots.checks
+    table = plots.checks.table
+    rows = [[table.item(r, c).text() for c in range(table.columnCount())] for r in range(table.rowCount())]
+    assert rows == [
+        ["✕ FAIL", "gain above rest", "0.03", "1 .. 1000", "µm/V", OPTICS],  # what to remedy comes first
+        ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
+    ]
+    assert plots.checks.caption.text() == "⊘ 1 of 2 checks did not pass"
+    assert find(stage.window, "notices.verdict").message_label.text() == "Did not pass: gain above rest"
+    stage.window.start_run()
+    stage.happen(begin)
+    assert plots.currentWidget() is not plots.checks, "the next run shows its points"
+
+
+def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) -> None:
+    for outcome in (Outcome.GOOD, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.NOT_JUDGED):
+        reasons = () if outcome is Outcome.GOOD else (f"{outcome}; a remedy",)
+        finished_run(tmp_path, outcome.replace(" ", "-"), verdict=Verdict(outcome, reasons))
+    stage.window.tabs.setCurrentIndex(RUNS)
+    page = stage.window.tabs.runs
+    until(lambda: page.model.rowCount() == 4, "for the runs")
+    at = COLUMNS.index("verdict")
+    shown = {page.model.index(r, at).data() for r in range(4)}
+    assert shown == {f"{w}, SIMULATED" for w in ("✓ good", "○ no result", "⊘ did not pass", "– not judged")}
+    combo = find(page, "runs.verdict")
+    combo.setCurrentIndex(combo.findData("no result"))
+    assert [run.specimen for run in page.model.summaries] == ["no-result"]
+    page.open_selected()
+    until(lambda: page.viewer.run is not None, "for the run")
+    assert find(page, "run.verdict").text() == "○ no result; a remedy"
