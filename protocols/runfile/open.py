@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from protocols.base import RunStatus, visible_text
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
+from protocols.runfile.heaps import find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
 from protocols.runfile.structure import StructureError, check_structure
 
@@ -173,6 +174,9 @@ def _check_readable(path: Path) -> None:
         raise RunReadError(f"{path} cannot be read: {error.strerror or error}") from error
     if not is_hdf5(path):
         raise RunReadError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
+    with translate_read_errors(path):
+        if (at := find_endless_heap(path)) is not None:
+            raise StructureError(f"the list of its texts at byte {at} has no end")
 
 
 def _bounded_retry_access() -> "h5py.h5p.PropFAID":

@@ -1,0 +1,43 @@
+"""Check of an HDF5 file's global heaps, in which texts are stored: the library reads a damaged one without end."""
+
+import struct
+from pathlib import Path
+
+SIGNATURE = b"GCOL\x01\x00\x00\x00"
+HEADER_BYTES = OBJECT_HEADER_BYTES = 16
+WINDOW_BYTES = 4_000_000
+"""How far from the beginning and the end of a file heaps are looked for: texts are written when a run begins, and after
+its end."""
+
+
+MAX_OBJECTS = 1_000_000
+"""Objects of all heaps together."""
+
+
+def find_endless_heap(path: Path) -> int | None:
+    """Return the place of a global heap that HDF5 would read for ever, None if there is none."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for start in sorted({0, max(size - WINDOW_BYTES, 0)}):
+            file.seek(start)
+            at = _find_in(file.read(WINDOW_BYTES))
+            if at is not None:
+                return start + at
+    return None
+
+
+def _find_in(data: bytes) -> int | None:
+    objects = 0
+    heap = data.find(SIGNATURE)
+    while 0 <= heap <= len(data) - HEADER_BYTES:
+        end = min(heap + struct.unpack_from("<Q", data, heap + 8)[0], len(data))
+        at = heap + HEADER_BYTES
+        while at + OBJECT_HEADER_BYTES <= end:
+            index, _, length = struct.unpack_from("<HH4xQ", data, at)
+            objects += 1
+            # Free space of no length is followed by itself.
+            if (index == 0 and length == 0) or objects > MAX_OBJECTS:
+                return heap
+            at += length if index == 0 else OBJECT_HEADER_BYTES + -(-length // 8) * 8
+        heap = data.find(SIGNATURE, heap + 1)
+    return None
