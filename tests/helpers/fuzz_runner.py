@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import traceback
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -119,6 +120,11 @@ class _Child:
 # -- in the child ---------------------------------------------------------------------------------------------------------
 
 
+def _gives_orders(character: str) -> bool:
+    """Whether a character is a control character, half of one, or changes lines or the direction of reading."""
+    return unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") or "\u202a" <= character <= "\u202e"
+
+
 def problem_of(originals: Any, kind: str, seed: int, folder: Path) -> tuple[str, str]:
     """Run one case; return what is wrong with it, and the sentence by which its file was refused."""
     path = originals.case(kind, seed, folder)
@@ -134,7 +140,7 @@ def problem_of(originals: Any, kind: str, seed: int, folder: Path) -> tuple[str,
     for word in ("Traceback", "error of this program", "MemoryError", "Unable to allocate", "not enough memory"):
         if word in said or word in sentence:
             return f"'{word}' in: {(err.getvalue() or sentence or said)[-2000:]}", sentence
-    if strange := sorted({c for c in said if not c.isprintable() and c not in "\n\t"}):
+    if strange := sorted(filter(_gives_orders, set(said) - {"\n", "\t"})):
         return f"control characters {strange} in: {said[:500]!r}", sentence
     if took > CPU_S:
         return f"it took {took:.1f} s", sentence
