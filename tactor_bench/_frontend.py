@@ -91,6 +91,10 @@ class FrontEnd(ABC):
         if self._session is not None:
             self._session.stop()
 
+    def _abandon_if_hung(self) -> None:
+        if self._session is not None:
+            self._session.abandon_if_hung()
+
     def _lines(self, event: SessionEvent) -> list[str]:
         """Return the lines to show for an event; without progress only what the operator must know."""
         message = describe_event(event)
@@ -126,7 +130,7 @@ class TerminalFrontEnd(FrontEnd):
 
     def wait(self, done: threading.Event) -> None:
         while not done.wait(POLL_S):
-            pass
+            self._abandon_if_hung()
 
     def _observer(self, keys: str = "") -> Callable[[SessionEvent], None]:
         return ConsoleObserver(StderrConsole(), keys, not self._real) if self._progress else self._only_what_matters
@@ -184,6 +188,7 @@ class NotebookFrontEnd(FrontEnd):
 
     def wait(self, done: threading.Event) -> None:
         while not done.is_set():
+            self._abandon_if_hung()
             with contextlib.suppress(queue.Empty):
                 self._take(self._queue.get(timeout=POLL_S))
         self._show_queued()

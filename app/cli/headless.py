@@ -42,7 +42,7 @@ class HeadlessSession:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
-            pass
+            self.session.abandon_if_hung()
 
     @property
     def exit_code(self) -> int:

@@ -9,6 +9,7 @@ import gc
 import logging
 import os
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -58,6 +59,9 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "report": ("app.cli.report", "the report of a specimen: PDF and HTML"),
 }
 """The module that defines each command, and one line of help. A module is imported only for its own commands."""
+
+BENCH_THREAD = "bench"
+"""Name of a session's thread, which lives on here only if it hangs."""
 
 GC_THRESHOLD = 50_000
 """Garbage collection threshold. Python's default of 700 costs a seventh of the start-up time, although imports leave no garbage."""
@@ -154,7 +158,10 @@ def entry() -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
         code = ExitCode.FAILED if code == ExitCode.DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")
-    if runfile is not None and runfile.has_unclosable_file():
+    hangs = any(
+        thread.name == BENCH_THREAD for thread in threading.enumerate()
+    )  # in a driver; its session was given up
+    if hangs or (runfile is not None and runfile.has_unclosable_file()):
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

@@ -170,14 +170,17 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
         case SpecimenMayBeLive(low_v, high_v, words):
             seen_v = _finite_range(low_v, high_v) or view.seen_v
-            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=words, seen_v=seen_v)
+            return replace(
+                view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=words, seen_v=seen_v, may_be_live=True
+            )
         case DriveSeen(lost, low_v, high_v) if view.bench_state in ENERGIZED:
             state = BenchState.DRIVE_LOST if lost else BenchState.LIVE
             return replace(view, bench_state=state, seen_v=(low_v, high_v) if lost else None)
         case RestMeasured(confirmed, measured_v):
             state = BenchState.AT_REST if confirmed else BenchState.UNSAFE
             seen_v = None if confirmed else _finite_range(measured_v, measured_v) or view.seen_v
-            return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None, seen_v=seen_v)
+            view = replace(view, bench_state=state, rest=event, rest_lost=not confirmed, may_be_live=False)
+            return replace(view, drive=None, seen_v=seen_v)
         case RunEnded():
             return _with_outcome(view, event)
         case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem or view.verdict_message:

@@ -4,8 +4,10 @@ Independent of the front end (window, command line, Python API, tests).
 """
 
 import logging
+import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
@@ -13,7 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from drivers import Bench, BenchError
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import (
     Event,
@@ -23,8 +25,10 @@ from protocols.base import (
     Prompt,
     PromptAnswered,
     PromptShown,
+    RestMeasured,
     RunEnded,
     RunStatus,
+    Verdict,
 )
 from protocols.runner.request import RunControl, RunRequest
 
@@ -33,6 +37,14 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger(__name__)
+
+HUNG_AFTER_TAKEOVER_S = 10.0
+"""A stopped run that reports nothing for so long after the watchdog took the source over hangs in a driver."""
+
+HUNG_S = 60.0
+"""The same where the watchdog did not act: longer than any way to rest with a silent instrument."""
+
+HUNG_CONNECTING_S = 10.0
 
 
 class SessionState(StrEnum):
@@ -126,6 +138,10 @@ class Session:
         self.finished = threading.Event()
         """Set when the requested run has ended, or cannot start because there is no bench."""
         self.bench: Bench | None = None
+        self.abandoned = False
+        """Whether the thread hangs in a driver and is no longer waited for; the process must then be ended."""
+        self._stop_requested_s = self._last_event_s = math.inf
+        self._takeover_seen_s = math.inf
 
     def start(self) -> None:
         """Start connecting; returns immediately."""
@@ -152,6 +168,7 @@ class Session:
         self._control.cancel.clear()
         self._control.pause.clear()
         self.outcome = None
+        self._stop_requested_s = self._takeover_seen_s = math.inf
         self.finished.clear()
         self._requests.put(load)
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
@@ -164,7 +181,40 @@ class Session:
 
     def stop(self) -> None:
         """Request the current run to go to rest and end; returns immediately."""
+        self._stop_requested_s = min(self._stop_requested_s, time.monotonic())
         self._control.cancel.set()
+
+    def abandon_if_hung(self) -> None:
+        """Report a stopped session as ended whose thread hangs in a driver's code; called by a front end that waits.
+
+        The watchdog has brought the source to rest by then, or does so when the process ends.
+        """
+        now_s, bench = time.monotonic(), self.bench
+        quiet_s = now_s - max(self._stop_requested_s, self._last_event_s if math.isfinite(self._last_event_s) else 0.0)
+        if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
+            return
+        if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
+            self.abandoned = True
+            self._fail("an instrument's driver hangs while the bench connects; nothing was driven")
+            self.finished.set()
+        if self.state is not SessionState.RUNNING or bench is None:
+            return
+        outcome = bench.watchdog.takeover_outcome
+        if outcome:
+            self._takeover_seen_s = min(self._takeover_seen_s, now_s)
+        after_takeover_s = min(quiet_s, now_s - self._takeover_seen_s)
+        if quiet_s <= HUNG_S and after_takeover_s <= HUNG_AFTER_TAKEOVER_S:
+            return
+        self.abandoned = True
+        hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
+        said = f" The watchdog says: {outcome}." if outcome else ""
+        bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
+        reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{said}"
+        verdict = Verdict.of_status(RunStatus.UNSAFE, reason)
+        self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
+        self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
+        self._events.publish(self.outcome)
+        self.finished.set()
 
     def pause(self) -> None:
         """Request the current run to go to rest and wait; returns immediately."""
@@ -184,7 +234,7 @@ class Session:
         """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`."""
         self.stop()
         self._requests.put(None)
-        if self._thread.is_alive():
+        if self._thread.is_alive() and not self.abandoned:
             self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
@@ -249,6 +299,7 @@ class Session:
         return request
 
     def _on_event(self, event: SessionEvent) -> None:
+        self._last_event_s = time.monotonic()
         match event:
             case RunEnded():
                 self.state = SessionState.IDLE  # before the observers, which may start the next run

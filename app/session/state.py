@@ -146,6 +146,8 @@ class WindowState:
     """The last rest measurement; None before the first."""
     seen_v: tuple[float, float] | None = None
     """Lowest and highest volts that the card saw last at the amplifier's input, where they are not the drive's."""
+    may_be_live: bool = False
+    """The specimen may be live although the program goes to rest; until rest is measured."""
     rest_lost: bool = False
     """Rest was not confirmed, and has not been measured since."""
     progress: RunProgress | None = None
@@ -198,9 +200,9 @@ class WindowState:
                 return format_voltage_range(float(low), float(high))
             case BenchState.LIVE | BenchState.AT_REST | BenchState.PAUSED | BenchState.HV_OFF:
                 return "0 V"
-            case BenchState.GOING_TO_REST:
+            case BenchState.GOING_TO_REST if not self.may_be_live:
                 return "to 0 V"
-            case BenchState.UNSAFE | BenchState.DRIVE_LOST if self.seen_v is not None:
+            case BenchState.UNSAFE | BenchState.DRIVE_LOST | BenchState.GOING_TO_REST if self.seen_v is not None:
                 low, high = self.amplifier.specimen_v(self.seen_v)
                 return f"about {format_voltage_range(float(low), float(high))}"
             case BenchState.IDLE | BenchState.ARMING:
@@ -224,6 +226,8 @@ class WindowState:
                 return f"{'paused; ' * self.paused}rest measured, high voltage off"
             case BenchState.AT_REST if self.rest is not None:
                 return f"on the specimen, rest measured {self.rest.measured_v:.3f} V"
+            case BenchState.GOING_TO_REST if self.may_be_live:
+                return "may be live: switch the high voltage OFF at the amplifier now"
             case BenchState.GOING_TO_REST:
                 return "rest is measured next"
             case BenchState.IDLE:

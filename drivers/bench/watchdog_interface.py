@@ -25,6 +25,10 @@ class Watchdog(Protocol):
     inactive_reason: str
     """Why the bench is not monitored; empty if it is."""
 
+    @property
+    def takeover_outcome(self) -> str:
+        """What came of the watchdog's taking the source over since arming; empty while there was none. Any thread."""
+
     def set_log_folder(self, folder: Path) -> None:
         """Write the log into this folder of runs from now on."""
 
@@ -68,6 +72,7 @@ class NoWatchdog:
 
     def __init__(self, inactive_reason: str = "") -> None:
         self.inactive_reason = inactive_reason
+        self.takeover_outcome = ""
 
     def set_log_folder(self, folder: Path) -> None: ...
 

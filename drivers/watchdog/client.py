@@ -47,6 +47,10 @@ class WatchdogClient:
     def pid(self) -> int:
         return self._child.pid
 
+    @property
+    def takeover_outcome(self) -> str:
+        return self._takeover_outcome if self._takeover_reason else ""
+
     def set_log_folder(self, folder: Path) -> None:
         self._log_folder = folder.resolve()
         self._send(f"log {self._log_folder}")

@@ -53,6 +53,7 @@ STARTED = RunStarted("sine-dwell", "/somewhere/run.h5", 27.0, 18, True)
 SINE = Sine(160.0, 2.5, 2.5, 1000)
 BEGUN = (OPENED, RunRequested("Sine dwell"), STARTED)
 LIVE = (*BEGUN, BenchArmed(), DriveStarted(SINE))
+NO_ANSWER = SpecimenMayBeLive(2.06, 2.06, "The specimen may be live: no answer")
 AT_REST = RestMeasured(True, 2.5, "the card sees 2.500 V")
 NOT_AT_REST = RestMeasured(False, 0.0, "the card sees 0.000 V")
 COMPLETED = RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5")
@@ -133,6 +134,9 @@ def test_the_bench_state_says_what_is_known(events: tuple[WindowEvent, ...], sta
         ((*LIVE, DRIVE_GONE), "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
         ((*LIVE, DRIVE_GONE, DriveStarted(SINE)), "about −500 V", "0.000 V"),
         ((*LIVE, DRIVE_GONE, DriveSeen(False, 0.0, 5.0)), "−500 … +1500 V", "160 Hz"),
+        ((*LIVE, NO_ANSWER), "about −88 V", "switch the high voltage OFF at the amplifier now"),
+        ((*LIVE, NO_ANSWER, AT_REST), "0 V", "rest measured 2.500 V"),
+        ((*LIVE, SpecimenMayBeLive(float("nan"), float("nan"), "no card")), "unknown", "may be live"),
         ((*LIVE, RestMeasured(False, float("nan"), "blind")), "unknown", "may carry high voltage"),
     ],
 )

@@ -1,0 +1,75 @@
+"""A driver that hangs: the watchdog brings the source to rest, and Ctrl-C ends the program all the same."""
+
+import signal
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from app.common.errors import ExitCode
+from app.session.session import BenchFailed, Session, SessionState
+from tests.helpers.program import program, safe
+
+HANGS = """
+import sys, threading
+from drivers.generators.keysight_33500 import Keysight33500
+
+def {method}(*_):
+    threading.Event().wait()
+
+Keysight33500.{method} = {method}
+sys.argv[1:] = ["--bench", "bench.toml", "--out", ".", "run", "sine-dwell", "--set", "frequencies_hz=100"]
+from app.cli.main import entry
+entry()
+"""
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("method", ["start_drive", "stop"])
+def test_ctrl_c_ends_a_program_whose_driver_hangs_after_the_watchdog_brought_the_source_to_rest(
+    method: str, tmp_path: Path
+) -> None:
+    with program(tmp_path, script=HANGS.format(method=method)) as (run, _):
+        run.arm()
+        run.wait_for("high voltage is on")
+        time.sleep(3.0)
+        begin_s = time.monotonic()
+        run.process.send_signal(signal.SIGINT)
+        assert run.end() == ExitCode.UNSAFE, run.text
+        took_s = time.monotonic() - begin_s
+        assert "an instrument's driver hangs" in run.text.lower()
+        assert "switch the high voltage OFF at the amplifier itself" in run.text
+        assert took_s < 40.0
+        deadline = time.monotonic() + 20.0
+        while not run.bench.report().ends_at_rest and time.monotonic() < deadline:
+            time.sleep(0.1)
+        safe(run.bench)
+
+
+def test_a_driver_that_hangs_while_the_bench_connects_does_not_keep_the_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("app.session.session.HUNG_CONNECTING_S", 0.05)
+    over = threading.Event()
+
+    @contextmanager
+    def connect():
+        over.wait()
+        yield
+
+    events: list[object] = []
+    session = Session(connect, [events.append], None)  # type: ignore[arg-type]
+    session.start()
+    session.abandon_if_hung()
+    assert not session.finished.is_set(), "it was not to stop yet"
+    session.stop()
+    time.sleep(0.1)
+    session.abandon_if_hung()
+    assert session.finished.is_set()
+    assert session.state is SessionState.NO_BENCH
+    assert not session.close()
+    assert [type(event) for event in events] == [BenchFailed]
+    over.set()
+    session._thread.join()
