@@ -55,6 +55,7 @@ from .interfaces import Block as Block
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker
 from .interfaces import Identity as Identity
+from .interfaces import InputChannel as InputChannel
 from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
 from .interfaces import Reading as Reading

@@ -56,6 +56,31 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
+class InputChannel:
+    """A further input of the card, beside drive and displacement: value = gain * volts + offset.
+
+    Attributes:
+        name: of its data in run files.
+        terminal: of the card, e.g. `ai2`.
+        unit: of its values.
+        gain: units per volt at the terminal.
+        offset: value at 0 V.
+        kind: `voltage-monitor`, `current-monitor` or `other`; monitors have an abort level.
+    """
+
+    name: str
+    terminal: str
+    unit: str = "V"
+    gain: float = 1.0
+    offset: float = 0.0
+    kind: str = "other"
+
+    def values(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values in `unit`, same shape as `volts`."""
+        return self.gain * volts + self.offset
+
+
+@dataclass(frozen=True, slots=True)
 class Block:
     """Consecutive scans as acquired: `raw` is channels x scans, `start` the index of the first scan in its stream."""
 
@@ -103,7 +128,7 @@ class RestartableStream(Protocol):
 
 
 class Digitizer(Protocol):
-    """Samples several channels together: channel 0 is the drive at the amplifier's input, 1 the displacement."""
+    """Samples several channels together: channel 0 is the drive at the amplifier's input, 1 the displacement; others follow."""
 
     identity: Identity
 

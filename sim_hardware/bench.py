@@ -1,6 +1,6 @@
 """Simulated bench: one clock, voltage history and plant, and the instruments that share them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -112,9 +112,10 @@ class SimulatedBench:
         model = self.parameters.supply.model if self.parameters.source == "supply" else g.model
         return InProcessLink(self.message_port, self.clock, f"generator {model} (simulated)", g.command_s, timeout_s)
 
-    def digitizer(self, buffer_s: float = 10.0) -> SimulatedDigitizer:
-        """Return the card in this process."""
-        return SimulatedDigitizer(self.card, self.clock, self.faults, buffer_s)
+    def digitizer(self, buffer_s: float = 10.0, terminals: Sequence[str] = ("ai0", "ai1")) -> SimulatedDigitizer:
+        """Return the card in this process, with inputs by the names of their terminals."""
+        inputs = [int(terminal.removeprefix("ai")) for terminal in terminals]
+        return SimulatedDigitizer(self.card, self.clock, self.faults, buffer_s, inputs)
 
     def laser_reading_m(self) -> float | None:
         """Return the displacement that the laser sensor displays now; None out of its range."""

@@ -1,8 +1,8 @@
 """A run file as numpy arrays: points, curves, estimates, samples in SI units, log."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +36,7 @@ class Samples:
         drive: what the source played, None for a part of the trace.
         entry: the entry of the protocol's plan it was recorded for, None for a part of the trace.
         sensor_delay_s: how late `displacement_m` is against `drive_v`.
+        channels: further inputs by name in the unit of the bench file, (N,) each, for example `amplifier_voltage`.
     """
 
     time_s: Array
@@ -46,6 +47,7 @@ class Samples:
     drive: Drive | None = None
     entry: int | None = None
     sensor_delay_s: float = 0.0
+    channels: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return self.time_s.size
@@ -144,7 +146,13 @@ class MeasuredRun:
             end = len(rows) if stop_s is None else bisect_left(rows, stop_s, key=lambda row: _scanned_s(trace, row))
             end = max(begin, end)
             time_s = trace.time_s(begin, end) if end > begin else np.empty(0)
-            return Samples(time_s, trace.drive_v(begin, end), trace.displacement_m(begin, end), trace.rate_hz)
+            return Samples(
+                time_s,
+                trace.drive_v(begin, end),
+                trace.displacement_m(begin, end),
+                trace.rate_hz,
+                channels=_channels(trace, begin, end),
+            )
 
         return self._read(read)
 
@@ -160,6 +168,7 @@ class MeasuredRun:
                 recording.drive,
                 recording.entry,
                 recording.sensor_delay_s,
+                _channels(run.trace, *recording.rows),
             )
 
         return self._read(read)
@@ -201,6 +210,10 @@ def open_run(path: str | Path) -> MeasuredRun:
         (array([100., 160.]), 'm')
     """
     return MeasuredRun(path)
+
+
+def _channels(trace: RunTrace, start: int, stop: int) -> dict[str, Array]:
+    return {name: trace.channel_values(name, start, stop) for name in trace.further_channels}
 
 
 def _scanned_s(trace: RunTrace, row: int) -> float:

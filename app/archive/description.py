@@ -24,6 +24,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "imported": run.imported,
         "sample_rate_hz": run.trace.rate_hz,
         "samples": run.trace.sample_count,
+        **({"channels": run.trace.further_channels} if run.trace.further_channels else {}),
         "broken_on_purpose": [broken._asdict() for broken in injected_faults(run)],
         "verdict": to_jsonable(run.verdict),
         "parameters": run.parameters,
@@ -47,6 +48,7 @@ def run_text(run: Run) -> str:
         _import_text(run)
         or f"begun {run.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{format_bytes(run.path.stat().st_size)}",
+        *(f"channel {name}, in {unit}" for name, unit in run.trace.further_channels.items()),
         *_fault_lines(run),
         "",
     ]

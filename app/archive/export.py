@@ -39,6 +39,7 @@ LEADING_COLUMNS = (
 """Columns of points that come first in a table; the run file has no column order."""
 
 RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
+"""Raw columns that every run has; further channels follow."""
 
 
 class ExportError(Exception):
@@ -90,9 +91,9 @@ def _write_csv(run: Run, part: Part, path: Path, progress: Progress) -> None:
         _part_table(run, part).to_csv(path)
         return
     with path.open("w", newline="", encoding="utf-8") as file:
-        file.write(",".join(f"{name} [{unit}]" for name, unit in RAW_COLUMNS) + "\r\n")
+        file.write(",".join(f"{name} [{unit}]" for name, unit in _raw_columns(run)) + "\r\n")
         for columns in _raw_chunks(run, progress):
-            file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
+            file.writelines(",".join(f"{v:.9g}" for v in scan) + "\r\n" for scan in zip(*columns, strict=True))
 
 
 def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
@@ -109,8 +110,10 @@ def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress)
         text = json.dumps(to_jsonable(record), ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
         if "raw" in parts:
-            file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(RAW_COLUMNS)))
-            for at, ((name, _), column_progress) in enumerate(zip(RAW_COLUMNS, progress.split([1, 1, 1]), strict=True)):
+            raw_columns = _raw_columns(run)
+            file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(raw_columns)))
+            shares = progress.split([1] * len(raw_columns))
+            for at, ((name, _), column_progress) in enumerate(zip(raw_columns, shares, strict=True)):
                 file.write(f', "{name}": [')
                 for number, columns in enumerate(_raw_chunks(run, column_progress)):
                     values = (f"{v:.9g}" if v == v else "null" for v in columns[at].tolist())
@@ -147,14 +150,19 @@ def _write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) 
         chunks = list(_raw_chunks(run, progress))
         record["raw"] = {
             name: np.concatenate([chunk[at] for chunk in chunks] or [np.empty(0)])
-            for at, (name, _) in enumerate(RAW_COLUMNS)
+            for at, (name, _) in enumerate(_raw_columns(run))
         }
-        record["raw"]["units"] = dict(RAW_COLUMNS)
+        record["raw"]["units"] = dict(_raw_columns(run))
     savemat(str(path), record, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
 
 
-def _raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield time, drive and displacement of each chunk of scans.
+def _raw_columns(run: Run) -> tuple[tuple[str, str], ...]:
+    """Return names and units of the raw columns."""
+    return (*RAW_COLUMNS, *run.trace.further_channels.items())
+
+
+def _raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, ...]]:
+    """Yield time, drive, displacement and further channels of each chunk of scans.
 
     Raises:
         OperationCancelled: `progress` is cancelled.
@@ -163,7 +171,8 @@ def _raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, Array, Ar
     for start in range(0, samples, ROWS_PER_CHUNK):
         progress.raise_if_cancelled()
         stop = min(start + ROWS_PER_CHUNK, samples)
-        yield trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
+        further = (trace.channel_values(name, start, stop) for name in trace.further_channels)
+        yield trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop), *further
         progress.update(stop / samples)
 
 

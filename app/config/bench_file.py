@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from app.common import parse_toml, truncate_text
+from app.config.channel_table import ChannelTable, check_channels
 from app.config.config_table import ConfigTable
 from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.tables import (
@@ -46,6 +47,7 @@ class BenchConfig(ConfigTable):
     amplifier: AmplifierTable = Field(default_factory=AmplifierTable)
     card: CardTable = Field(default_factory=CardTable)
     sensor: SensorTable = Field(default_factory=SensorTable)
+    channels: Annotated[list[ChannelTable], "further inputs of the card: [[channels]]"] = Field(default_factory=list)
     meters: Annotated[dict[str, MeterTable], "serial sensors by a name of your own: [meters.laser]"] = Field(
         default_factory=dict
     )
@@ -73,6 +75,7 @@ class BenchConfig(ConfigTable):
 
     @model_validator(mode="after")
     def _check_source_kind(self) -> "BenchConfig":
+        check_channels(self.channels, (self.card.drive_channel, self.card.displacement_channel))
         if self.simulated:
             speed = self.simulation_parameters.speed  # raises ValueError if the table is malformed
             if not 1 <= speed <= MAX_SPEED:

@@ -174,7 +174,8 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
                 server = stack.enter_context(ServedBench(virtual)).card.address
                 digitizer = _open_digitizer(config, virtual.clock, server, stack)
             else:
-                server, digitizer = "", virtual.digitizer()
+                further = [each.channel for each in config.channels]
+                server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
             source = open_source(config, virtual.clock, virtual.link, server, stack)
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
@@ -222,11 +223,15 @@ def _open_instruments(
     return BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
 
 
+def _terminals(config: BenchConfig) -> tuple[str, ...]:
+    return config.card.drive_channel, config.card.displacement_channel, *(each.channel for each in config.channels)
+
+
 def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
     card = config.card
     digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
         card.device,
-        (card.drive_channel, card.displacement_channel),
+        _terminals(config),
         clock,
         server=server or None,
         range_v=card.range_v,
@@ -320,4 +325,5 @@ def _make_bench(
         name=config.name,
         watchdog=watchdog,
         levels=config.levels.settings(config.specimen),
+        channels=tuple(table.input_channel for table in config.channels),
     )

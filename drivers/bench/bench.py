@@ -36,7 +36,7 @@ from drivers.errors import (
     InstrumentError,
     UnsafeError,
 )
-from drivers.interfaces import Block, Digitizer, Meter, Scale, Stream
+from drivers.interfaces import Block, Digitizer, InputChannel, Meter, Scale, Stream
 from drivers.sensors.laser_sensor import LaserSensor
 
 __all__ = [
@@ -179,6 +179,8 @@ class Bench:
     name: str = "bench"
     watchdog: Watchdog = field(default_factory=NoWatchdog)
     levels: LevelSettings = field(default_factory=LevelSettings)
+    channels: tuple[InputChannel, ...] = ()
+    """Further inputs of the card, in the order of a block's rows from the third on."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was switched on since this bench was opened."""
 

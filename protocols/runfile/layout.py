@@ -4,7 +4,7 @@ import json
 import os
 import platform
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from drivers import LaserSensor
+from drivers import InputChannel, LaserSensor
 from protocols.base import Outcome, RunStatus, to_jsonable
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.schema import (
@@ -24,6 +24,7 @@ from protocols.runfile.schema import (
     EVENT_DTYPE,
     FORMAT,
     FORMAT_VERSION,
+    FURTHER_CHANNELS,
     MAX_SCALING_COEFFICIENTS,
     MAX_TEXT_BYTES,
     RECORDING_DTYPE,
@@ -50,6 +51,8 @@ class RunMetadata:
     """The resumed run: its points are carried over, its raw data is linked."""
     imported: Mapping[str, Any] = field(default_factory=dict)
     """Source files, hashes and columns of an imported run; empty for a measured one."""
+    channels: Sequence[InputChannel] = ()
+    """Further inputs, in the order of a block's rows from the third on."""
     started_at: datetime | None = None
     """Time of the measurement, if not now."""
 
@@ -135,21 +138,24 @@ def _create_datasets(
     entry["continues"] = earlier
     if earlier:
         entry["earlier"] = h5py.ExternalLink(earlier, "/entry")
-    _create_trace(entry, metadata.sensor)
+    _create_trace(entry, metadata.sensor, metadata.channels)
     _create_points(entry, metadata.axes, point_columns)
     for name, kind in (("events", EVENT_DTYPE), ("blocks", BLOCK_DTYPE), ("recordings", RECORDING_DTYPE)):
         entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True)
     _create_instrument(entry, metadata)
 
 
-def _create_trace(entry: h5py.Group, sensor: LaserSensor) -> None:
+def _create_trace(entry: h5py.Group, sensor: LaserSensor, channels: Sequence[InputChannel]) -> None:
     trace = create_group(entry, "trace", "NXdata", signal="displacement", auxiliary_signals=["drive"])
     trace.create_dataset("sample_rate", data=0.0).attrs["units"] = "Hz"
     # Volts become units as gain * volts + offset; the card's polynomial gives the volts.
     gains = {
         "drive": (1.0, 0.0, "V"),
         "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, "m"),
+        **{channel.name: (channel.gain, channel.offset, channel.unit) for channel in channels},
     }
+    if channels:
+        trace.attrs[FURTHER_CHANNELS] = [channel.name for channel in channels]
     for name, (gain, offset, unit) in gains.items():
         raw = trace.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,), fletcher32=True)
         raw.attrs.update({"units": "counts", "long_name": f"{name} (counts)", "scaled_units": unit})
@@ -164,6 +170,8 @@ def _create_trace(entry: h5py.Group, sensor: LaserSensor) -> None:
         skew.attrs.update({"units": "s", "long_name": "how much later than its scan this channel was converted"})
         card.attrs["units"] = "V"
         card.attrs["long_name"] = "card polynomial: volts = c0 + c1 n + c2 n^2 + c3 n^3"
+    for channel in channels:
+        trace[channel.name].attrs.update({"kind": channel.kind, "terminal": channel.terminal})
 
 
 def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: Mapping[str, tuple[str, str, int]]) -> None:

@@ -19,7 +19,7 @@ from protocols.runfile.errors import StorageError, os_error_text
 from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.layout import creator_of
 from protocols.runfile.open import RunReadError, open_run, translate_read_errors
-from protocols.runfile.schema import CHANNELS, REPAIRED
+from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, REPAIRED
 from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import journal_path, replay_journal, transaction
 from protocols.runfile.writing_process import process_is_alive, writer_is_alive
@@ -127,7 +127,7 @@ def _mend(entry: Any) -> tuple[int, int]:
         for data in table.values():
             if isinstance(data, h5py.Dataset) and data.chunks:
                 _mend_last_chunks(data)
-    channels = [entry["trace"][name] for name in CHANNELS]
+    channels = [entry["trace"][name] for name in (*CHANNELS, *entry["trace"].attrs.get(FURTHER_CHANNELS, ()))]
     columns = [data for data in entry["points"].values() if data.chunks]
     for group in (channels, columns):
         rows = min(data.shape[0] for data in group)

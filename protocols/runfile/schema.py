@@ -41,6 +41,9 @@ RESERVE_BYTES = 32_000_000
 """A disk with less free space counts as full: HDF5 cannot recover from a failed write."""
 
 CHANNELS = ("drive", "displacement")
+FURTHER_CHANNELS = "further_channels"
+"""Attribute of /entry/trace with the names of the further inputs; absent where there are none."""
+MAX_FURTHER_CHANNELS = 64
 MAX_SCALING_COEFFICIENTS = 4
 """Scaling coefficients kept per channel."""
 

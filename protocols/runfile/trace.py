@@ -9,10 +9,16 @@ from numpy.typing import NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from model import Array
-from protocols.base import ChannelCalibration, Quality, Recording, parse_json_object
+from protocols.base import ChannelCalibration, Quality, Recording, parse_json_object, visible_text
 from protocols.runfile.fields import column, read_number, read_text, subgroup, table
 from protocols.runfile.open import reads_run
-from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN, MAX_SCALING_COEFFICIENTS
+from protocols.runfile.schema import (
+    CHANNELS,
+    ENTRY_COLUMN,
+    FURTHER_CHANNELS,
+    MAX_FURTHER_CHANNELS,
+    MAX_SCALING_COEFFICIENTS,
+)
 
 if TYPE_CHECKING:
     import h5py
@@ -65,7 +71,26 @@ class RunTrace:
     @property
     def sample_count(self) -> int:
         """Rows that every channel has."""
-        return min(len(column(self._entry, f"trace/{name}", "i")) for name in CHANNELS)
+        return min(len(column(self._entry, f"trace/{name}", "i")) for name in (*CHANNELS, *self.further_channels))
+
+    @property
+    def further_channels(self) -> dict[str, str]:
+        """Units of the further inputs by name, in the order of the bench file; empty where there are none."""
+        names = self._entry["trace"].attrs.get(FURTHER_CHANNELS, ())
+        if len(names) > MAX_FURTHER_CHANNELS:
+            raise ValueError(f"it names {len(names)} further channels")
+        units = {name: column(self._entry, f"trace/{name}", "i").attrs["scaled_units"] for name in map(str, names)}
+        return {name: visible_text(str(unit)) for name, unit in units.items()}
+
+    def channel_values(self, channel: str, start: int = 0, stop: int | None = None) -> Array:
+        """Return a further input in its unit, rows start..stop, (N,)."""
+        if channel not in self.further_channels:
+            raise ValueError(
+                f"there is no channel {channel}; further channels: {', '.join(self.further_channels) or 'none'}"
+            )
+        gain, offset = column(self._entry, f"trace/{channel}_volts_to_units", "f")[:2]
+        volts = self.channel_scale(channel).to_volts(self.read_raw(channel, start, stop))
+        return np.asarray(gain * volts + offset)
 
     @property
     def duration_s(self) -> float:

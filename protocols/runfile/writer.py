@@ -18,7 +18,7 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, Block, Drive, Scale, as_record
+from drivers import Block, Drive, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, Verdict, event_record
 from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.layout import RunMetadata, create_file
@@ -58,6 +58,7 @@ class RunFileWriter:
             FileExistsError: there is such a file.
         """
         self.path, self._metadata = path, metadata
+        self._channels = (*CHANNELS, *(channel.name for channel in metadata.channels))
         self.row_count = 0
         self._columns = point_columns(metadata.point_type)
         self._point_count = 0
@@ -99,7 +100,7 @@ class RunFileWriter:
         with translate_write_errors("run", self.path):
             trace = self._file["entry/trace"]
             trace["sample_rate"][()] = rate_hz
-            for name, scale in zip(CHANNELS, scales, strict=False):
+            for name, scale in zip(self._channels, scales, strict=False):
                 padded = [*scale.coefficients, *[0.0] * MAX_SCALING_COEFFICIENTS][:MAX_SCALING_COEFFICIENTS]
                 trace[f"{name}_scaling_coefficients"][:] = padded
                 trace[f"{name}_skew"][()] = scale.skew_s
@@ -124,8 +125,8 @@ class RunFileWriter:
                 "kept to close the run in order; free some space or choose another folder. Everything before is in the file"
             )
         with self._appending():
-            for name, channel in zip(CHANNELS, (DRIVE_CHANNEL, DISPLACEMENT_CHANNEL), strict=True):
-                self._append_rows(f"trace/{name}", block.raw[channel])
+            for name, counts in zip(self._channels, block.raw, strict=False):
+                self._append_rows(f"trace/{name}", counts)
             self._append_rows("blocks", np.array([(row, block.start, time_s)], BLOCK_DTYPE))
         self.row_count = row + block.raw.shape[1]
         return row

@@ -154,7 +154,7 @@ class StepExecutor:
         self._scans_read = 0
         """Scans read from the card."""
         self._rest_v = bench.amplifier.map.rest_v
-        self.levels = LevelMonitor(bench.levels, bench.sensor, self._rest_v, bench.clock)
+        self.levels = LevelMonitor(bench.levels, bench.sensor, self._rest_v, bench.clock, bench.channels)
         self._question: LevelExceeded | None = None
         """An exceeded level that the operator has to decide on."""
 

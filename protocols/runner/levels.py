@@ -13,6 +13,7 @@ from drivers import (
     Block,
     Clock,
     Drive,
+    InputChannel,
     LaserSensor,
     LevelAction,
     LevelSettings,
@@ -30,6 +31,9 @@ REST_TOLERANCE_V = 0.05
 MIN_LATENCY_S, LATENCY_PER_SPEED_S = 0.05, 0.02
 """Scans older than this after a command may still be in transfer; on a simulated bench at raised speed, times the speed."""
 
+
+MONITOR_LEVELS = {"voltage-monitor": ("voltage", "voltage_v"), "current-monitor": ("current", "current_a")}
+"""Level and limit, as in `LevelSettings`, by the kind of an input."""
 
 LEVEL_ANSWERS = ("stop", "again", "ignore")
 """Answers to the question after an exceeded level. An unattended simulated operator gives the first."""
@@ -68,10 +72,23 @@ class LevelMonitor:
         sensor: displacement sensor.
         rest_v: rest at the amplifier's input.
         clock: bench time.
+        channels: further inputs, in the order of a block's rows from the third on.
     """
 
-    def __init__(self, settings: LevelSettings, sensor: LaserSensor, rest_v: float, clock: Clock) -> None:
+    def __init__(
+        self,
+        settings: LevelSettings,
+        sensor: LaserSensor,
+        rest_v: float,
+        clock: Clock,
+        channels: Sequence[InputChannel] = (),
+    ) -> None:
         self._settings, self._sensor, self._rest_v, self._clock = settings, sensor, rest_v, clock
+        self._monitors = [
+            (row, channel, *MONITOR_LEVELS[channel.kind])
+            for row, channel in enumerate(channels, DISPLACEMENT_CHANNEL + 1)
+            if channel.kind in MONITOR_LEVELS
+        ]
         self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * float(getattr(clock, "speed", 1.0)))
         self._muted: set[str] = set()
         self._reported: set[str] = set()
@@ -124,6 +141,7 @@ class LevelMonitor:
     def block_read(self, block: Block) -> None:
         """Evaluate a block."""
         self._block_stop = block.stop
+        self._check_monitors(block)
         if self._drive is None:
             self._take_rest(block)
             return
@@ -196,6 +214,19 @@ class LevelMonitor:
                 f"the specimen moved at {rate:.2f} m/s (limit {settings.rate_m_per_s:.3g} m/s, levels.rate_m_per_s in the bench "
                 "file); lower the drive, or raise the level",
             )
+
+    def _check_monitors(self, block: Block) -> None:
+        for row, channel, level, key in self._monitors:
+            limit = float(getattr(self._settings, key))
+            largest = float(np.abs(channel.values(self._extremes(row, block.raw[row]))).max())
+            if largest > limit:
+                self._report(
+                    level,
+                    getattr(self._settings, level),
+                    (channel.name, largest, limit, channel.unit),
+                    f"the channel {channel.name} reads {largest:.4g} {channel.unit} (limit {limit:.4g} {channel.unit}, levels.{key} in the bench "
+                    "file); check the specimen, its cable and the amplifier, lower the drive, or raise the level",
+                )
 
     def _check_laser(self, block: Block, valid: NDArray[np.bool_] | None) -> None:
         """Count the scans for which the sensor has been out of range without a break."""

@@ -87,6 +87,7 @@ def run_metadata(request: RunRequest, bench: Bench) -> RunMetadata:
         bench=bench.configuration,
         simulated=bench.simulated,
         specimen=request.specimen,
+        channels=bench.channels,
         resumed_from=request.resume.path if request.resume else None,
     )
 

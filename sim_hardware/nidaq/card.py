@@ -1,4 +1,4 @@
-"""Simulated 16-bit multifunction card: channel 0 is the amplifier's input, channel 1 the laser sensor.
+"""Simulated 16-bit multifunction card: amplifier's input, laser sensor, and the amplifier's two monitors.
 
 Every sample is a pure function of the simulation parameters, the history, the seed and the sample's index: it does not
 matter in what portions it is read, or when.
@@ -17,7 +17,7 @@ from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, Sim
 
 Counts = NDArray[np.int16]
 
-DRIVE_CHANNEL, SENSOR_CHANNEL = 0, 1
+DRIVE_CHANNEL, SENSOR_CHANNEL, VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL = 0, 1, 2, 3
 FIRST_OUTPUT_READBACK_CHANNEL = 1000
 """From this number on, a channel is an analogue output measured inside the card (`_ao0_vs_aognd`)."""
 TIMEBASE_HZ = 100e6
@@ -121,7 +121,7 @@ class SimulatedCard:
         self.plant = plant
         self.seed = parameters.seed
         self.scale = Scale(parameters.card.coefficients)
-        self._sensor = parameters.sensor
+        self._sensor, self._amplifier = parameters.sensor, parameters.amplifier
         self._laser_view = laser_view
         self._history = history
         self._faults = faults
@@ -133,6 +133,8 @@ class SimulatedCard:
     def start_acquisition(self, rate_hz: float, channels: Sequence[int], now: float) -> Acquisition:
         """Begin an acquisition at bench time `now`. Raises RateRefusedError as `actual_rate`."""
         rate = actual_rate(self.parameters, rate_hz, len(channels))
+        if {VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL} & set(channels):
+            self.plant.keep_specimen_voltage()
         self._acquisition_count += 1
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
 
@@ -146,6 +148,10 @@ class SimulatedCard:
             invalid = (np.abs(w) > s.range_m) | self._faults.was_active("sensor-out-of-range", t)
             volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
             return volts, math.hypot(self.parameters.noise_v, s.noise_m / abs(s.gain_m_per_v))
+        if channel == VOLTAGE_MONITOR_CHANNEL:
+            return self._amplifier.voltage_monitor_v_per_v * self.plant.specimen_voltage(t), self.parameters.noise_v
+        if channel == CURRENT_MONITOR_CHANNEL:
+            return self._amplifier.current_monitor_v_per_a * self.plant.current(t), self.parameters.noise_v
         if channel >= FIRST_OUTPUT_READBACK_CHANNEL:
             return self.outputs[channel - FIRST_OUTPUT_READBACK_CHANNEL].volts(t), self.parameters.noise_v
         return np.zeros(t.size), self.parameters.noise_v

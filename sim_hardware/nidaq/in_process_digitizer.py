@@ -1,5 +1,6 @@
 """Simulated digitizer in this process: a read advances the bench clock as far as needed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale, ScansLostError
@@ -9,20 +10,28 @@ from sim_hardware.plant import FaultState
 
 
 class SimulatedDigitizer:
-    """Drive and displacement from the simulated card.
+    """Drive, displacement and further inputs from the simulated card.
 
     Args:
+        inputs: numbers of the inputs, in order.
         buffer_s: seconds of samples the card keeps for a reader who is late.
     """
 
-    def __init__(self, card: SimulatedCard, clock: Clock, faults: FaultState, buffer_s: float = 10.0) -> None:
+    def __init__(
+        self,
+        card: SimulatedCard,
+        clock: Clock,
+        faults: FaultState,
+        buffer_s: float = 10.0,
+        inputs: Sequence[int] = (DRIVE_CHANNEL, SENSOR_CHANNEL),
+    ) -> None:
         self.identity = Identity("NI", card.parameters.product, f"{card.parameters.serial:X}")
         self.card, self.clock, self.faults = card, clock, faults
-        self._buffer_s = buffer_s
+        self._buffer_s, self._inputs = buffer_s, tuple(inputs)
         self._stream: SimulatedStream | None = None
 
     def stream(self, rate_hz: float, block_scans: int) -> "SimulatedStream":
-        """Begin a continuous acquisition of drive and displacement.
+        """Begin a continuous acquisition.
 
         Raises:
             AcquisitionError: the card is unplugged, in use, or cannot do this rate.
@@ -34,7 +43,7 @@ class SimulatedDigitizer:
         if block_scans < 1:
             raise AcquisitionError(f"{self.identity}: a block needs at least one scan, not {block_scans}")
         try:
-            acquisition = self.card.start_acquisition(rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), self.clock.now())
+            acquisition = self.card.start_acquisition(rate_hz, self._inputs, self.clock.now())
         except SampleRateError as error:
             raise AcquisitionError(f"{self.identity}: {error}; lower the sample rate") from error
         buffer_scans = max(int(self._buffer_s * rate_hz), 2 * block_scans)

@@ -82,15 +82,22 @@ class AmplifierParameters:
         slew_v_per_s: fastest change on the high-voltage side, volts per second.
         open_v: where the input is pulled when the generator's output is open or the cable is off.
         enabled: whether high voltage is on at the start.
+        capacitance_f: of specimen and cable, which the amplifier charges.
+        voltage_monitor_v_per_v: output of its voltage monitor, at the card's ai2.
+        current_monitor_v_per_a: output of its current monitor, at the card's ai3.
     """
 
     map: AmplifierMap = field(default_factory=AmplifierMap)
     slew_v_per_s: float = 2e7
     open_v: float = 0.0
     enabled: bool = False
+    capacitance_f: float = 1.2e-9
+    voltage_monitor_v_per_v: float = 1e-3
+    current_monitor_v_per_a: float = 100.0
 
     def __post_init__(self) -> None:
         _positive("amplifier", slew_v_per_s=self.slew_v_per_s)
+        _not_negative("amplifier", capacitance_f=self.capacitance_f)
 
 
 @dataclass(frozen=True, slots=True)

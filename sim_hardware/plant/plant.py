@@ -70,6 +70,8 @@ class Plant:
         self._amplifier: AmplifierParameters = parameters.amplifier
         self._rate = parameters.plant_rate_hz
         self._ring = np.zeros(max(BLOCK, math.ceil(parameters.window_s * self._rate / BLOCK) * BLOCK))
+        self._specimen_ring: Array | None = None
+        """Volts on the specimen, kept once a monitor is acquired."""
         self._lock = threading.RLock()
         self._steppers: dict[tuple[object, ...], Stepper] = {}
         self._changes = [SetupChange(-math.inf, -math.inf, initial_state(parameters))]
@@ -142,6 +144,27 @@ class Plant:
         Raises:
             ValueError: `t` reaches further back than the plant remembers.
         """
+        return self._interpolated(self._ring, t)
+
+    def keep_specimen_voltage(self) -> None:
+        """Keep the volts on the specimen from now on, for `specimen_voltage`."""
+        with self._lock:
+            if self._specimen_ring is None:
+                self._specimen_ring = np.full(self._ring.size, self._previous_specimen_v)
+
+    def specimen_voltage(self, t: Array) -> Array:
+        """Volts at the amplifier's output at past times `t`, as `displacement`. Raises ValueError as that."""
+        self.keep_specimen_voltage()
+        ring = self._specimen_ring
+        return np.zeros(t.size) if ring is None else self._interpolated(ring, t)
+
+    def current(self, t: Array) -> Array:
+        """Amperes that the amplifier drives into the specimen's capacitance at past times `t`, as `displacement`."""
+        step_s = 1 / self._rate
+        change_v = self.specimen_voltage(t) - self.specimen_voltage(np.maximum(t - step_s, 0.0))
+        return self._amplifier.capacitance_f * change_v / step_s
+
+    def _interpolated(self, ring: Array, t: Array) -> Array:
         if not t.size:
             return np.zeros(0)
         place = np.maximum(t * self._rate, -1.0)
@@ -153,8 +176,8 @@ class Plant:
                 raise ValueError(
                     f"the plant remembers {self._ring.size / self._rate:g} s; {t[0]:.3f} s is further back than that"
                 )
-            low = self._ring.take(below, mode="wrap")
-            high = self._ring.take(below + 1, mode="wrap")
+            low = ring.take(below, mode="wrap")
+            high = ring.take(below + 1, mode="wrap")
         high = low + (place - below) * (high - low)
         return np.where(below < 0, 0.0, high) if below[0] < 0 else high
 
@@ -192,11 +215,12 @@ class Plant:
                 stop = min(stop, round(self._starts[number + 1] * self._rate))
             if (still := self._constant_displacement(change, stepper, stop)) is not None:
                 w = np.full(stop - self._next_step, still)
+                specimen = np.full(w.size, self._previous_specimen_v)
             else:
-                volts = self._bending_voltage(
-                    self._slew_limited(self._next_step, self._requested_voltage(self._next_step, stop, change.state)),
-                    change.state,
+                specimen = self._slew_limited(
+                    self._next_step, self._requested_voltage(self._next_step, stop, change.state)
                 )
+                volts = self._bending_voltage(specimen, change.state)
                 newtons = self._forces(change, self._next_step, stop)
                 w, self._state = stepper.run(
                     volts, self._previous_bending_v, newtons, self._previous_force_n, self._state
@@ -204,8 +228,10 @@ class Plant:
                 self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
             begin = self._next_step % self._ring.size
             head = min(w.size, self._ring.size - begin)
-            self._ring[begin : begin + head] = w[:head]
-            self._ring[: w.size - head] = w[head:]
+            for ring, values in ((self._ring, w), (self._specimen_ring, specimen)):
+                if ring is not None:
+                    ring[begin : begin + head] = values[:head]
+                    ring[: w.size - head] = values[head:]
             self._next_step = stop
 
     def _constant_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> float | None:
