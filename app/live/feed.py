@@ -1,11 +1,12 @@
 """Live feed of samples to the screen: scaled and min/max decimated in the bench thread, block by block."""
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from app.live.minmax_trace import MinMaxTrace
-from drivers import Block, LaserSensor, Scale
+from drivers import Block, InputChannel, LaserSensor, Scale
 from protocols.base import ChannelCalibration
 
 
@@ -41,6 +42,9 @@ class LiveFeed:
         self._traces = {
             span: (MinMaxTrace(span.buffer_s, span.columns), MinMaxTrace(span.buffer_s, span.columns)) for span in SPANS
         }
+        self._inputs: tuple[InputChannel, ...] = ()
+        self._scales: tuple[Scale, ...] = ()
+        self._input_traces: dict[TimeSpan, tuple[MinMaxTrace, ...]] = {}
         self._lock = threading.Lock()
         self._channels: tuple[ChannelCalibration, ...] = ()
         self._rate_hz = 1.0
@@ -53,9 +57,17 @@ class LiveFeed:
         with self._lock:
             return self._scans / self._rate_hz
 
-    def start_stream(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
-        """Start a stream; drops earlier samples."""
+    def start_stream(
+        self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor, inputs: Sequence[InputChannel] = ()
+    ) -> None:
+        """Start a stream; drops earlier samples. `inputs` are the further channels, in the order of a block's rows."""
         with self._lock:
+            self._inputs, self._scales = tuple(inputs), scales[2:]
+            self._input_traces = {
+                span: tuple(MinMaxTrace(span.buffer_s, span.columns) for _ in inputs) for span in SPANS
+            }
+            for trace in (each for traces in self._input_traces.values() for each in traces):
+                trace.reset(rate_hz)
             self._channels = ChannelCalibration.pair(scales, sensor)
             self._rate_hz, self._scans = rate_hz, 0
             for drive, displacement in self._traces.values():
@@ -71,6 +83,10 @@ class LiveFeed:
         for drive, displacement in self._traces.values():
             drive.append(drive_v)
             displacement.append(displacement_um)
+        for at, (channel, scale, raw) in enumerate(zip(self._inputs, self._scales, block.raw[2:], strict=False)):
+            values = channel.values(scale.to_volts(raw))
+            for traces in self._input_traces.values():
+                traces[at].append(values)
         with self._lock:
             self._scans += block.raw.shape[1]
             self._latest_um = float(displacement_um.mean())
@@ -81,6 +97,17 @@ class LiveFeed:
         """Mean displacement of the latest block; None before the first."""
         with self._lock:
             return self._latest_um
+
+    @property
+    def channels(self) -> tuple[tuple[str, str], ...]:
+        """Names and units of the further channels."""
+        with self._lock:
+            return tuple((channel.name, channel.unit) for channel in self._inputs)
+
+    def channel_traces(self, span: TimeSpan) -> tuple[MinMaxTrace, ...]:
+        """Return the further channels over one of `SPANS`."""
+        with self._lock:
+            return self._input_traces.get(span, ())
 
     def traces(self, span: TimeSpan) -> tuple[MinMaxTrace, MinMaxTrace]:
         """Return drive and displacement over one of `SPANS`."""

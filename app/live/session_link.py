@@ -109,8 +109,9 @@ class SessionAdapter:
                 self._put(DriveSeen(self._drive_watch.lost, seen.low_v, seen.high_v))
             return
         if isinstance(event, StreamStarted) and self.session.bench is not None:
-            self.feed.start_stream(event.rate_hz, event.scales, self.session.bench.sensor)
-            self._drive_watch = DriveWatch(self.session.bench.amplifier.map.rest_v)
+            bench = self.session.bench
+            self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
+            self._drive_watch = DriveWatch(bench.amplifier.map.rest_v)
         elif isinstance(event, DriveStarted) and self._drive_watch is not None:
             self._drive_watch.start_drive(event.drive)
         elif isinstance(event, ShutdownStarted):

@@ -15,6 +15,7 @@ from app.gui.plots.base import (
     stable_range,
     trace_pen,
 )
+from app.gui.plots.channel_strips import ChannelStrips
 from app.gui.widgets import Theme, make_choice, make_label, row
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
@@ -41,6 +42,7 @@ class TimePlot(TracePlotBase):
         self._end_s = self._shown_s = 0.0
         self._last_tick_s = time.monotonic()
         self._spans = QButtonGroup(self)
+        self.strips = ChannelStrips(feed, theme)
         self._axis_label = make_label(kind="note", wrap=False)
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
@@ -60,6 +62,7 @@ class TimePlot(TracePlotBase):
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
+        self.strips.set_theme(theme)
 
     @property
     def span(self) -> TimeSpan:
@@ -94,6 +97,7 @@ class TimePlot(TracePlotBase):
             self.frames += 1
             for curve in self.curves:
                 curve.setPos(-self._shown_s, 0)
+            self.strips.draw(self.span, self._shown_s)
 
     def _update_data(self) -> None:
         drive, moved = self._feed.traces(self.span)
@@ -144,6 +148,7 @@ class TimePlot(TracePlotBase):
             self._spans.addButton(make_choice(text, tip, checkable=True), at)
         title = caption_label("Live traces")
         self._add_head(row(title, self._axis_label, None, *self._spans.buttons(), spacing=12))
+        self._layout.addWidget(self.strips)
 
 
 def trigger_time(time_s: Array, drive_v: Array, level_v: float, shown_s: float) -> float:

@@ -1,0 +1,90 @@
+"""Live strips of further input channels: one small plot each, below drive and displacement."""
+
+from typing import Any
+
+import pyqtgraph as pg
+from PySide6.QtWidgets import QWidget
+
+from app.gui.plots.base import (
+    TRACE_AXIS_WIDTH,
+    CornerLabel,
+    curve_color,
+    limit_ticks,
+    stable_range,
+    style_axes,
+    trace_pen,
+)
+from app.gui.widgets import Theme
+from app.live import LiveFeed, TimeSpan
+
+STRIP_HEIGHT = 64
+"""Height of a strip in pixels."""
+
+SHOWN_UNITS = {"A": ("mA", 1e3)}
+"""Displayed unit, and its number per unit of the channel, where the unit is too large for an axis."""
+
+
+class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
+    """The further channels of the acquisition over the displayed span; hidden where there are none."""
+
+    def __init__(self, feed: LiveFeed, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.ci.setContentsMargins(0, 0, 10, 0)
+        self.ci.setSpacing(0)
+        self._feed, self._theme = feed, theme
+        self._shown: tuple[tuple[str, str], ...] = ()
+        self.curves: list[Any] = []
+        self._plots: list[Any] = []
+        self._labels: list[CornerLabel] = []
+        self._ranges: list[tuple[float, float] | None] = []
+        self.setVisible(False)
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        self.setBackground(theme.panel)
+        for at, (plot, curve, label) in enumerate(zip(self._plots, self.curves, self._labels, strict=True)):
+            color = curve_color(at, theme).name()
+            curve.setPen(trace_pen(color))
+            label.set_color(color)
+            for side in ("left", "bottom"):
+                plot.getAxis(side).setPen(pg.mkPen(theme.line))
+                plot.getAxis(side).setTextPen(pg.mkPen(theme.text))
+
+    def draw(self, span: TimeSpan, shown_s: float) -> None:
+        """Draw the channels so that `shown_s`, bench time of the stream, is the right edge."""
+        if self._feed.channels != self._shown:
+            self._rebuild()
+        for at, (plot, curve, trace) in enumerate(
+            zip(self._plots, self.curves, self._feed.channel_traces(span), strict=False)
+        ):
+            time_s, values = trace.decimated_curve()
+            values = SHOWN_UNITS.get(self._shown[at][1], ("", 1.0))[1] * values
+            curve.setData(time_s, values)
+            curve.setPos(-shown_s, 0)
+            plot.setXRange(-span.shown_s, 0, padding=0)
+            if values.size:
+                self._ranges[at] = limits = stable_range(float(values.min()), float(values.max()), self._ranges[at])
+                plot.setYRange(*limits, padding=0)
+
+    def _rebuild(self) -> None:
+        self.clear()
+        self._shown = self._feed.channels
+        self._plots = [self.addPlot(row=row, col=0, enableMenu=False) for row in range(len(self._shown))]
+        self._ranges = [None] * len(self._plots)
+        self.curves, self._labels = [], []
+        for plot, (name, unit) in zip(self._plots, self._shown, strict=True):
+            style_axes(plot, self.font())
+            limit_ticks(plot, self.font())
+            plot.getAxis("left").setWidth(TRACE_AXIS_WIDTH)
+            plot.getAxis("bottom").setStyle(showValues=False)
+            curve = pg.PlotCurveItem(antialias=False, skipFiniteCheck=True)
+            plot.addItem(curve)
+            self.curves.append(curve)
+            self._labels.append(
+                CornerLabel(plot, f"{name} ({SHOWN_UNITS.get(unit, (unit, 1.0))[0]})", self.font(), right=False)
+            )
+        self.setFixedHeight(STRIP_HEIGHT * max(len(self._plots), 1))
+        self.setVisible(bool(self._plots))
+        self.set_theme(self._theme)
