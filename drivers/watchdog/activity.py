@@ -13,7 +13,7 @@ OWN_PAUSE_S = 0.25
 BUSY_PERCENT = 90.0
 """Use of the processors, percent, from which a process may have to wait for one."""
 
-BUSY_EXTRA_S = 1.5
+BUSY_EXTRA_S = 1.0
 """Longest additional silence on a busy computer: also a process that got no processor time counts as hung after that."""
 
 NOT_RUNNING = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
@@ -75,3 +75,9 @@ class ProcessActivity:
             return 1.0
         used_s, self._processor_s = times.user + times.system - self._processor_s, times.user + times.system
         return min(used_s / passed_s, 1.0) if busy and status not in NOT_RUNNING else 1.0
+
+
+def raise_own_priority() -> None:
+    """Run before other programs of a busy computer, where the operating system permits it."""
+    with contextlib.suppress(psutil.Error, OSError):
+        psutil.Process().nice(getattr(psutil, "HIGH_PRIORITY_CLASS", -10))

@@ -23,7 +23,7 @@ from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
 from drivers.transport.lock import lock_as_watchdog
-from drivers.watchdog.activity import ProcessActivity
+from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import append_line
 from drivers.watchdog.origin import describe_copy
@@ -237,6 +237,7 @@ def main() -> NoReturn:
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP", "SIGPIPE", "SIGBREAK"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    raise_own_priority()
     line = sys.stdin.readline()
     if line:
         WatchdogLoop(WatchdogConfig.from_line(line)).run()
