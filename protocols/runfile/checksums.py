@@ -55,7 +55,27 @@ def compute_digests(file: h5py.File) -> dict[str, str]:
 
     The data of a dataset with checksums of its own (Fletcher-32) is left out. A damaged object has an empty digest.
     """
-    return {name: _digest(file, name) for name in object_names(file)}
+    digests: dict[str, str] = {}
+    pending: list[tuple[str, Any]] = [("", file)]
+    while pending:  # each object is looked up once, which takes most of the time
+        path, found = pending.pop()
+        digests[path] = _object_digest(found)
+        try:
+            names = sorted(found) if isinstance(found, h5py.Group) else []
+        except (OSError, RuntimeError, KeyError, ValueError):
+            continue
+        for name in names:
+            inside = f"{path}/{name}" if path else name
+            if inside == CHECKSUMS:
+                continue
+            try:
+                if found.id.links.get_info(name.encode("utf-8", "surrogateescape")).type == h5py.h5l.TYPE_HARD:
+                    pending.append((inside, found[name]))
+                else:
+                    digests[inside] = _link_digest(found.get(name, getlink=True))
+            except (OSError, RuntimeError, KeyError, ValueError):
+                digests[inside] = ""
+    return digests
 
 
 def object_names(file: h5py.File) -> Iterator[str]:
@@ -92,36 +112,42 @@ def pieces(data: Any) -> Iterator[tuple[int, int]]:
         yield start, min(start + step, data.shape[0])
 
 
-def _digest(file: h5py.File, path: str) -> str:
+def _new_digest(*parts: Any) -> "hashlib.blake2b":
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
+    _add(digest, *parts)
+    return digest
 
-    def add(*parts: Any) -> None:
-        for part in parts:
-            data = part if isinstance(part, bytes) else str(part).encode("utf-8", "surrogateescape")
-            digest.update(len(data).to_bytes(8, "little") + data)
 
+def _add(digest: "hashlib.blake2b", *parts: Any) -> None:
+    for part in parts:
+        data = part if isinstance(part, bytes) else str(part).encode("utf-8", "surrogateescape")
+        digest.update(len(data).to_bytes(8, "little") + data)
+
+
+def _link_digest(link: Any) -> str:
+    if isinstance(link, h5py.ExternalLink):
+        return _new_digest("external link", link.filename, link.path).hexdigest()
+    return _new_digest("link", link.path).hexdigest()
+
+
+def _object_digest(found: Any) -> str:
     try:
-        link = file.get(path, getlink=True) if path else None
-        if isinstance(link, h5py.ExternalLink):
-            add("external link", link.filename, link.path)
-            return digest.hexdigest()
-        if isinstance(link, h5py.SoftLink):
-            add("link", link.path)
-            return digest.hexdigest()
-        found = file[path] if path else file
-        add(type(found).__name__)
+        digest = _new_digest(type(found).__name__)
         for name in sorted(found.attrs):
-            kind = found.attrs.get_id(name)
-            add(name, kind.shape, kind.dtype.str, _value_bytes(found.attrs[name]))
+            attribute = found.attrs.get_id(name)
+            value = np.empty(attribute.shape, attribute.dtype)
+            attribute.read(value)
+            _add(digest, name, attribute.shape, attribute.dtype.str, _value_bytes(value))
         if isinstance(found, h5py.Group):
-            add(*(name for name in sorted(found) if f"{path}/{name}" != CHECKSUMS))
-        if isinstance(found, h5py.Dataset):
-            add(found.shape, found.maxshape, found.dtype.descr, found.chunks, found.fletcher32)
+            _add(digest, *(name for name in sorted(found) if f"{found.name}/{name}".strip("/") != CHECKSUMS))
+        elif isinstance(found, h5py.Dataset):
+            kind, chunks, checked = found.dtype, found.chunks, has_chunk_checksums(found)
+            _add(digest, found.shape, found.maxshape, kind.descr, chunks, checked)
             if not found.shape:
-                add(_value_bytes(found[()]))
-            elif not has_chunk_checksums(found):
+                _add(digest, _value_bytes(found[()]))
+            elif not checked:
                 for start, stop in pieces(found):
-                    add(_value_bytes(found[start:stop]))
+                    _add(digest, _value_bytes(found[start:stop]))
     except (OSError, RuntimeError, KeyError, ValueError, TypeError):
         return ""
     return digest.hexdigest()
