@@ -192,7 +192,7 @@ def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
 ) -> None:
     path = crashed_run(folder, "T3")
     with monkeypatch.context() as alive:
-        alive.setattr("protocols.runfile.reader._process_is_alive", lambda _: True)
+        alive.setattr("protocols.runfile.reader.writer_is_alive", lambda *_: True)
         catalogue.scan()
         assert named(catalogue)["T3"].state == "running"
     before = path.stat().st_mtime_ns

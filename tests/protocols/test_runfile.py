@@ -380,7 +380,7 @@ def test_run_of_another_computer_is_not_called_crashed(tmp_path: Path, monkeypat
     """Its process id means nothing here: it may still be measuring on a shared folder."""
     file = new(tmp_path)
     file.close_after_error()
-    monkeypatch.setattr("protocols.runfile.reader._process_is_alive", lambda _: False)
+    monkeypatch.setattr("protocols.runfile.reader.writer_is_alive", lambda *_: False)
     with Run(file.path) as run:
         assert run.crashed
     monkeypatch.setattr("socket.gethostname", lambda: "another-computer")
