@@ -47,6 +47,8 @@ class HeadlessSession:
     @property
     def exit_code(self) -> int:
         """Exit code for the last run."""
+        if self.session.unsafe:
+            return ExitCode.UNSAFE
         outcome = self.session.outcome
         return EXIT_CODES.get(outcome.verdict.outcome, ExitCode.FAILED) if outcome else ExitCode.FAILED
 

@@ -1,7 +1,7 @@
 """Composition root: opens the real or simulated instruments of a bench file."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 from app.config import DIGITIZERS, BenchConfig, MeterTable, load_driver, open_generator
 from app.session.session import BuiltInOperator
 from drivers import (
+    MANUAL_SHUTDOWN_INSTRUCTIONS,
     WATCHDOG_DISABLED_WARNING,
     Bench,
     Clock,
@@ -21,6 +22,7 @@ from drivers import (
     Meter,
     NoWatchdog,
     Source,
+    UnsafeError,
     Watchdog,
 )
 from sim_hardware.operator import BenchControls, SimulatedOperator
@@ -209,11 +211,19 @@ def _open_instruments(
     locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
     card = f"{server or 'this computer'}/{config.card.device}"
     locks.lock_address("the card", card)
-    digitizer = _open_digitizer(config, clock, server, stack)
+    open_link = partial(VisaLink, resource, baud=config.source_connection.baud)
+    try:
+        digitizer = _open_digitizer(config, clock, server, stack)
+    except InstrumentError as error:
+        if config.source.kind != "card-output":
+            with suppress(InstrumentError):  # a source that does not answer either leaves nothing that could be done
+                locks.lock_address("the source", resource)
+                rest_without_card(config, open_source(config, clock, open_link, server, stack), clock, error)
+        raise
     locks.lock_identity("the card", digitizer.identity, card)
     if config.source.kind != "card-output":
         locks.lock_address("the source", resource)
-    source = open_source(config, clock, partial(VisaLink, resource, baud=config.source_connection.baud), server, stack)
+    source = open_source(config, clock, open_link, server, stack)
     if config.source.kind != "card-output":
         locks.lock_identity("the source", source.identity, resource)
     for name, table in config.meters.items():
@@ -225,6 +235,26 @@ def _open_instruments(
 
 def _terminals(config: BenchConfig) -> tuple[str, ...]:
     return config.card.drive_channel, config.card.displacement_channel, *(each.channel for each in config.channels)
+
+
+def rest_without_card(config: BenchConfig, source: Source, clock: Clock, error: Exception) -> None:
+    """Command rest if an earlier program left the source live; return if it did not.
+
+    Raises:
+        UnsafeError: it was left live, and no card can measure its level.
+    """
+    amplifier = HvAmplifier(source, config.amplifier.amplifier_map, config.amplifier.drive_limits, clock)
+    if not amplifier.is_left_live():
+        return
+    outcome = "it was ramped to rest now, which is not measured"
+    try:
+        amplifier.force_rest()
+    except InstrumentError as failure:
+        outcome = f"it did not obey: {failure}"
+    raise UnsafeError(
+        f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. The card cannot be had: {error}. An earlier program left a drive or a level on the "
+        f"source; {outcome}"
+    )
 
 
 def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:

@@ -15,7 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, UnsafeError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import (
     Event,
@@ -138,6 +138,8 @@ class Session:
         self.finished = threading.Event()
         """Set when the requested run has ended, or cannot start because there is no bench."""
         self.bench: Bench | None = None
+        self.unsafe = False
+        """Whether the bench could not be opened and was left live by an earlier program."""
         self.abandoned = False
         """Whether the thread hangs in a driver and is no longer waited for; the process must then be ended."""
         self._stop_requested_s = self._last_event_s = math.inf
@@ -248,6 +250,7 @@ class Session:
                 while (load := self._requests.get()) is not None:
                     self._run(connected, load)
         except BenchError as error:
+            self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
         except Exception as error:
             log.exception("the session failed by an error of this program")

@@ -100,3 +100,24 @@ def test_where_the_card_cannot_be_had_a_level_that_was_left_is_ramped_down_and_t
         assert "The specimen may be live: the card cannot be had: " in second.text
         assert "UNSAFE: rest could not be confirmed" in second.text
         safe(bench)
+
+
+@pytest.mark.deep
+def test_without_its_server_at_the_next_start_a_level_that_was_left_is_ramped_down_and_the_program_is_unsafe(
+    tmp_path: Path,
+) -> None:
+    with program(tmp_path, *SETTINGS, watchdog="silence_s = 5") as (first, served):
+        first.arm()
+        assert first.end() == ExitCode.DONE, first.text
+        bench = first.bench
+        hold_level(served, 1.18)
+        bench.inject("grpc-gone")
+        second = start(bench, tmp_path, *SETTINGS)
+        try:
+            assert second.end() == ExitCode.UNSAFE, second.text
+        finally:
+            second.close()
+            bench.clear()
+        assert "UNSAFE: rest could not be confirmed" in second.text
+        assert "An earlier program left a drive or a level on the source; it was ramped to rest now" in second.text
+        safe(bench)
