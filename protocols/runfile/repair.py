@@ -124,7 +124,9 @@ def _check_not_in_use(path: Path, host: str, pid: int) -> None:
 def _mend(entry: Any) -> tuple[int, int]:
     """Make the tables of a broken-off run consistent; return how many samples and points it has."""
     for table in (entry["trace"], entry["points"], entry):
-        for data in table.values():
+        for name in table:
+            # The link to the run that this one continues is not followed.
+            data = table[name] if isinstance(table.get(name, getlink=True), h5py.HardLink) else None
             if isinstance(data, h5py.Dataset) and data.chunks:
                 _mend_last_chunks(data)
     channels = [entry["trace"][name] for name in (*CHANNELS, *entry["trace"].attrs.get(FURTHER_CHANNELS, ()))]

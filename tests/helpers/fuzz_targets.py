@@ -211,7 +211,7 @@ class Originals:
         shutil.copy(original, path)
         try:
             TARGETS[kind].damage(path, rng)
-        except (OSError, ValueError, KeyError, RuntimeError, TypeError):
+        except (OSError, ValueError, LookupError, RuntimeError, TypeError):
             path.write_bytes(damaged_bytes(original.read_bytes(), rng))  # h5py cannot do this damage
         return path
 
