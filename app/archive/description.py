@@ -122,7 +122,7 @@ class InjectedFault(NamedTuple):
     @property
     def description(self) -> str:
         until = "to its end" if self.until_s is None else f"to {self.until_s:.2f} s"
-        return f"BROKEN ON PURPOSE, {self.from_s:.2f} s {until}: {self.words} ({self.fault})"
+        return f"FAULT INJECTED, {self.from_s:.2f} s {until}: {self.words} ({self.fault})"
 
 
 def injected_faults(run: Run) -> list[InjectedFault]:

@@ -52,7 +52,7 @@ def read_notes(path: Path) -> Notes:
         return Notes()
     except (OSError, ValueError) as error:
         raise NotesError(
-            f"the notes {path} cannot be read ({error}); mend the file or take it away, the run itself is untouched"
+            f"the notes {path} cannot be read ({error}); correct the file or take it away, the run itself is untouched"
         ) from None
 
 

@@ -101,7 +101,7 @@ class Campaign:
             ) from None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise CampaignError(
-                f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); mend the file, or take it "
+                f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); correct the file, or take it "
                 "away and begin anew. The runs themselves are untouched"
             ) from None
 

@@ -47,7 +47,7 @@ def next_action_reason(state: ItemState) -> str:
         case NextAction.REPEAT:
             return f"The last run {first_clause(state.reason).replace('unsafe: UNSAFE', 'ended UNSAFE')}."
         case _:
-            rests = f"; what it rests on, {needs}, is done" if needs else ""
+            rests = f"; it depends on {needs}, which is done" if needs else ""
             return f"It is the first in the list that is not measured yet{rests}."
 
 
@@ -122,7 +122,7 @@ def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextSt
     row = summary.item(running)
     if row is None:
         return NextStep("A run of the Measure page is going on", "The campaign goes on when it has ended.")
-    follows = "What needs no hands follows by itself." if queue else ""
+    follows = "Measurements without manual steps follow automatically." if queue else ""
     return NextStep(
         f"Measuring {row.name}: {row.state.title}", follows, "", (CampaignAction.HALT_QUEUE,) if queue else (), row.name
     )
@@ -134,10 +134,10 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     found = (
         ";  ".join(estimates[:MAX_ESTIMATES]) + more
         if estimates
-        else "It tells no parameter; its points are in the run file."
+        else "It determines no parameter; its points are in the run file."
     )
     rest = [other.name for other in summary.items if item.name in other.state.item.needs]
-    why = f"What will rest on it: {_join_names(rest)}." if rest else "Nothing else rests on it."
+    why = f"Depends on it: {_join_names(rest)}." if rest else "Nothing else depends on it."
     goes = (CampaignAction.ACCEPT, CampaignAction.REJECT) + (
         (CampaignAction.RUN,) if summary.next_item is not None else ()
     )
@@ -199,10 +199,12 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
         DetailSection(
             f"Known of {specimen} from all runs that count, by the paper's chain", _estimate_lines(estimates)
         ),
-        DetailSection("Carried on into it", tuple(map(format_named_estimate, summary.accepted_estimates))),
+        DetailSection(
+            "Carried over from earlier measurements", tuple(map(format_named_estimate, summary.accepted_estimates))
+        ),
         DetailSection("Will take", (format_rehearsal(summary.rehearsal),) if summary.rehearsal is not None else ()),
         DetailSection("Set up first", tuple(prompt.text for prompt in item.prepare)),
-        DetailSection("Rests on", (", ".join(item.needs),) if item.needs else ()),
+        DetailSection("Depends on", (", ".join(item.needs),) if item.needs else ()),
         DetailSection("Settings that differ from the protocol's", settings),
     )
     return tuple(section for section in sections if section.lines)

@@ -102,7 +102,7 @@ class ConsoleObserver:
             case LogMessage(text):
                 self._print(text)
             case InjectedFaultChanged(fault, text, broken):
-                self._print((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {text} ({fault})")
+                self._print((f"fault {'injected' if broken else 'cleared'}", "bold yellow"), f": {text} ({fault})")
             case PointMeasured(_, point):
                 self._print(format_point(point))
             case CurveReady(curve) if text := format_curve(curve):

@@ -108,7 +108,9 @@ def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list
             text = f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."
             figures.insert(0, Paragraph(text))
         sections.append(ReportSection("The paper's figures from this specimen", figures))
-        sections.append(ReportSection("How well the model tells the points", tables.agreement_blocks(summary, plots)))
+        sections.append(
+            ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
+        )
     if summary.perception_margins or summary.latency is not None:
         sections.append(ReportSection("What is felt, and how soon", tables.perception_blocks(summary)))
     sources: list[Block] = [

@@ -159,7 +159,7 @@ def _limit_outcomes(
     if limit.low is not None or limit.high is not None:
         asked = _limit_text(limit, FIGURES_OF_MERIT[name].unit)
         if merit is None:
-            yield LimitOutcome(name, asked, found, "cannot tell", "these runs do not tell it")
+            yield LimitOutcome(name, asked, found, "cannot tell", "not determined by these runs")
         else:
             half_interval = COVERAGE_FACTOR_95 * merit.standard_error
             low, high = (-inf if limit.low is None else limit.low), (inf if limit.high is None else limit.high)
@@ -167,7 +167,7 @@ def _limit_outcomes(
     if (share := limit.within_golden) is not None:
         asked = f"within {100 * share:g} % of {limits.golden}"
         if merit is None or golden is None or golden.value == 0:
-            why = "these runs do not tell it" if merit is None else f"the runs of {limits.golden} do not tell it"
+            why = "not determined by these runs" if merit is None else f"not determined by the runs of {limits.golden}"
             yield LimitOutcome(name, asked, found, "cannot tell", why)
         else:
             ratio = merit.value / golden.value - 1

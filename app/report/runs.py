@@ -12,6 +12,7 @@ from app.identification import run_observations, shape_count_of_run
 from model import AmplifierMap, ParameterError
 from model.identification import FitOptions, Observation
 from protocols import Quality
+from protocols.base import Outcome
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
@@ -62,6 +63,11 @@ class ReportRun:
         return self.summary.state == RunState.IMPORTED
 
     @property
+    def without_result(self) -> bool:
+        """Whether the verdict on it is that nothing usable was measured, or that a check failed."""
+        return self.summary.outcome in (Outcome.NO_RESULT, Outcome.DID_NOT_PASS)
+
+    @property
     def identifiable(self) -> bool:
         """Whether its points are part of the identification."""
         return bool(self.observations) and not self.exclusion_reason
@@ -92,7 +98,8 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
     continued_in = {run.continues: run.name for run in runs if run.continues is not None}
     first = {run.sha256: run.name for run in reversed(runs)}
     real = any(run.observations and not run.summary.simulated for run in runs)
-    maps = [run.amplifier for run in runs if run.observations and not (real and run.summary.simulated)]
+    used = [run for run in runs if run.observations and not ((real and run.summary.simulated) or run.without_result)]
+    maps = [run.amplifier for run in used or runs]
 
     def exclusion_reason(run: ReportRun) -> str:
         if (later := continued_in.get(run.path.resolve())) is not None:
@@ -101,6 +108,8 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
             return f"it is a copy of {first[run.sha256]}"
         if real and run.summary.simulated:
             return "it is simulated, and there are real runs"
+        if run.without_result:
+            return f"{run.summary.verdict_text}: {run.summary.explanation}"
         if run.amplifier != maps[-1]:
             return "its amplifier was configured differently from that of the newest run"
         return ""

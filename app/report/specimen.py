@@ -198,7 +198,7 @@ def fit_specimen(
     n = max((run.shape_count for run in counting), default=FitOptions.n)
     paper_model = SpecimenModel(Tactor(), Membrane(), amplifier, None, n)
     if not counting:
-        return replace(paper_model, problem="no run tells anything about the model"), None
+        return replace(paper_model, problem="no run constrains the model"), None
     observations = None
     try:
         observations = ObservationSet(tuple(each for run in counting for each in run.observations))

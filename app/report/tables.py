@@ -26,13 +26,14 @@ from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_descripti
 from model import Membrane, Tactor
 from model.identification import SPECIMEN_PARAMETERS
 from model.response import THRESHOLD_M
+from protocols.base import Outcome
 
 EMPTY_CELL = "–"
 MAX_FINDINGS = 10
 """Findings that are listed."""
 ITEM_NAMES = {item.protocol: item.name for item in PAPER_ITEMS}
 """Names of protocols in a campaign, which are shorter."""
-VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "cannot be told"}
+VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 
@@ -70,7 +71,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
     if summary.perception_margins:
         blocks.append(Paragraph(_margin_text(summary.perception_margins)))
     elif found is not None:
-        text = "No statement on threshold and latency: these runs do not tell the free response whole."
+        text = "No statement on threshold and latency: the free response is not determined by these runs."
         blocks.append(Paragraph(text))
     if (step := summary.latency) is not None and (latency := step.latency) is not None:
         felt_after = typeset_measurement(latency.value, latency.standard_error, "s")
@@ -91,6 +92,13 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         for run in runs
         if run.exclusion_reason
     ]
+    for run in runs:
+        if run.without_result and not run.exclusion_reason:
+            blocks.append(
+                Paragraph(f"{run.name} is not used: {run.summary.verdict}: {run.summary.explanation}.", "bad")
+            )
+        elif run.summary.outcome is Outcome.DOUBTFUL:
+            blocks.append(Paragraph(f"{run.name} is doubtful: {run.summary.explanation}."))
     return blocks
 
 
@@ -279,13 +287,13 @@ def _format_value(value: float, unit: str) -> str:
 
 def quality_table(runs: Sequence[ReportRun]) -> Table:
     """Return the table of runs with their points and quality flags."""
-    heads = ("run", "protocol", "begun (UTC)", "ended", "kind", "points", "not usable", "flags")
+    heads = ("run", "protocol", "begun (UTC)", "verdict", "kind", "points", "not usable", "flags")
     rows = [
         (
             run.name,
             run.summary.protocol,
             run.summary.start_time[:16].replace("T", " "),
-            run.summary.state,
+            run.summary.verdict_text,
             ", ".join(["simulated"] * run.summary.simulated + ["imported"] * run.imported),
             str(run.summary.points),
             str(run.summary.points - run.usable_count),
@@ -356,7 +364,14 @@ def report_record(
             for m in summary.figures_of_merit.values()
         ],
         "runs": [
-            {"file": run.name, "points": run.summary.points, "usable": run.usable_count, "sha256": run.sha256}
+            {
+                "file": run.name,
+                "points": run.summary.points,
+                "usable": run.usable_count,
+                "verdict": run.summary.verdict,
+                "verdict_reasons": run.summary.verdict_reasons,
+                "sha256": run.sha256,
+            }
             for run in runs
         ],
         "fingerprint": fingerprint,

@@ -114,5 +114,5 @@ class FaultPlan:
 
     def _controls(self) -> "BenchControls":
         if self._connection is None or self._connection.control is None:
-            raise UsageError("only an open simulated bench can be broken on purpose")
+            raise UsageError("faults can be injected into an open simulated bench only")
         return self._connection.control

@@ -76,7 +76,7 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case LogMessage(text):
             return Severity.INFO, text
         case InjectedFaultChanged(fault, description, active):
-            return Severity.WARNING, f"{'Broken on purpose' if active else 'Mended'}: {description} ({fault})"
+            return Severity.WARNING, f"Fault {'injected' if active else 'cleared'}: {description} ({fault})"
         case PromptShown(_, prompt):
             return Severity.WARNING, f"Asked: {prompt.text}"
         case PromptAnswered(_, choice):

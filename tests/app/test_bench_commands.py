@@ -75,9 +75,9 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
         assert from_s == pytest.approx(3.0, abs=0.15)
     output = " ".join(capsys.readouterr().err.split())
     assert "lost samples" in output
-    assert f"broken on purpose: {FAULT_DESCRIPTIONS['card-overrun']}" in output
+    assert f"fault injected: {FAULT_DESCRIPTIONS['card-overrun']}" in output
     assert main(["show", str(path)]) == ExitCode.DONE
-    assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
+    assert f"FAULT INJECTED, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
         capsys.readouterr().out
     )
     assert main(["show", str(path), "--json"]) == ExitCode.DONE
@@ -117,7 +117,7 @@ def test_a_plan_reaches_the_hands_of_an_open_bench_for_the_window() -> None:
         assert lab.control.active_faults() == ("sensor-stuck",)
         plan.clear()
         assert lab.control.active_faults() == ()
-    with pytest.raises(Exception, match="only an open simulated bench can be broken"):
+    with pytest.raises(Exception, match="faults can be injected into an open simulated bench only"):
         plan.inject("sensor-stuck")
 
 

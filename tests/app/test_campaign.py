@@ -201,7 +201,9 @@ def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 )
 def test_a_file_that_is_no_campaign_is_a_sentence(text: str, tmp_path: Path) -> None:
     campaign_path(tmp_path, "T1").write_text(text)
-    with pytest.raises(CampaignError, match=r"cannot be understood .* mend the file|a newer version of this program"):
+    with pytest.raises(
+        CampaignError, match=r"cannot be understood .* correct the file|a newer version of this program"
+    ):
         Campaign.open(tmp_path, "T1")
 
 

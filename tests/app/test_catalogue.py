@@ -146,11 +146,11 @@ def test_notes_are_not_written_into_the_run(folder: Path) -> None:
 def test_notes_that_cannot_be_understood_are_never_overwritten(catalogue: Catalogue, folder: Path) -> None:
     run = folder / named(catalogue)["T7"].path
     notes_path(run).write_text("{ half a")
-    with pytest.raises(NotesError, match="mend the file or take it away"):
+    with pytest.raises(NotesError, match="correct the file or take it away"):
         write_notes(run, Notes(("good",)))
     assert notes_path(run).read_text() == "{ half a"
     catalogue.scan()
-    assert "mend the file" in named(catalogue)["T7"].note
+    assert "correct the file" in named(catalogue)["T7"].note
 
 
 def test_each_kind_of_trouble_is_shown_for_what_it_is(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ BAD: dict[str, tuple[str, list[str], str]] = {
     "unknown table": ("a [Hz],colour [um]\n100,760\n", FULL, "of no measurement known here; say what they are: --as"),
     "unclear amplitude": ("frequency [Hz],amplitude_um\n100,760\n", FULL, '--column "peak_to_peak=amplitude_um"'),
     "twice": ("frequency [Hz],f [Hz],pp [um]\n100,100,760\n", FULL, "may both be the frequency; say which"),
-    "no drive": (GOOD, [], 'nothing tells how large the drive was; say it, max - min at the amplifier\'s input: --set "peak_to_peak_v=5 V"'),
+    "no drive": (GOOD, [], 'the size of the drive is not given; say it, max - min at the amplifier\'s input: --set "peak_to_peak_v=5 V"'),
     "drive too large": ("frequency [Hz],pp [um],drive pp [V]\n100,760,2000\n", [], "line 2: a drive of 2000 V, max - min, leaves the amplifier's range"),
     "not a number": ("frequency [Hz],pp [um]\n100,760\n150,about 9\n", FULL, "line 3, column 'pp [um]': 'about 9' is no number"),
     "thousands": ("frequency [Hz];pp [um]\n100;1.154,2\n", FULL, "'1.154,2' is no number; write it without thousands separators"),

@@ -288,7 +288,7 @@ def _check_required(
                 for name in meant
             )
             raise TableImportError(
-                f"{table.path}, column '{cells.heading}': the name does not tell which it is; say {which}"
+                f"{table.path}, column '{cells.heading}': the name does not say which it is; say {which}"
             )
     for group in kind.required:
         if not any(name in columns for name in group):

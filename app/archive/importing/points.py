@@ -150,7 +150,7 @@ def _complete_dwell(
     if "drive_amplitude" not in values:
         if "peak_to_peak_v" not in options.settings:
             raise TableImportError(
-                f"{table.path}: nothing tells how large the drive was; say it, max - min at the amplifier's input: "
+                f"{table.path}: the size of the drive is not given; say it, max - min at the amplifier's input: "
                 '--set "peak_to_peak_v=5 V", or name its column: --column drive_peak_to_peak=NAME'
             )
         values["drive_amplitude"] = np.full(rows, options.settings["peak_to_peak_v"] / 2)

@@ -86,7 +86,7 @@ class ImportTable:
         except ValueError:
             hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
             raise TableImportError(
-                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is no number; {hint}, or mend the line"
+                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is no number; {hint}, or correct the line"
             ) from None
 
     def cell_location(self, row: int, column: TableColumn) -> str:

@@ -103,7 +103,7 @@ def table_values(
     for name in ("frequency", "resonance", "mass"):
         if name in values:
             wrong = values[name] < 0 if name == "mass" else values[name] <= 0
-            fault = f"{{}} is no {name}; it must be positive. Take the line out, or mend it"
+            fault = f"{{}} is no {name}; it must be positive. Take the line out, or correct it"
             refuse_cells(table, mapping.columns[name], wrong, fault)
     return values, cautions
 
@@ -235,7 +235,7 @@ def add_uncertainties(kind: TableKind, values: dict[str, Array], options: Import
     measured = [name for name in kind.measured_columns if name in values]
     if measured and not any(np.any(values.get(f"{name}_errors", np.zeros(1)) > 0) for name in measured):
         warnings.append(
-            f"nothing tells how certain the values are: the run can be looked at and compared, but not identified; "
+            f"the uncertainty of the values is not given: the run can be looked at and compared, but not identified; "
             f"say it with --uncertainty {measured[0]}='1 %', or a column '{measured[0]}_errors'"
         )
 

@@ -38,13 +38,13 @@ class FaultPanel(QWidget):
         """Active faults as reported by the bench."""
         self.corner = QWidget()
         self.open_button = configure(QPushButton(), "faults.toggle", kind="choice", checkable=True)
-        name_button(self.open_button, "faults.toggle", "Break something …")
+        name_button(self.open_button, "faults.toggle", "Inject a fault …")
         self.open_button.toggled.connect(self._set_open)
         self.band = configure(QFrame(), "faults.active", kind="broken")
         self.band_label = configure(QLabel(), "faults.active-label", wordWrap=True)
         self.message_label = configure(QLabel(), "faults.message", kind="fault")
         self.clear_button = make_button(
-            shortcut_label("Mend all", "faults.clear"),
+            shortcut_label("Clear all faults", "faults.clear"),
             lambda: self._switch_fault("", active=False),
             name="faults.clear",
         )
@@ -52,7 +52,7 @@ class FaultPanel(QWidget):
             name: configure(
                 QCheckBox(f"{description[0].upper()}{description[1:]}"),
                 f"faults.{name}",
-                toolTip=f"{name}: break it, or mend it. At a command line: run ... --fault {name}@5",
+                toolTip=f"{name}: inject or clear it. At a command line: run ... --fault {name}@5",
                 accessibleName=f"break: {description}",
                 # rather cut off than a wider window
                 sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred),
@@ -103,7 +103,7 @@ class FaultPanel(QWidget):
     def _show_faults(self, active: tuple[str, ...]) -> None:
         self.active_faults = active
         self.message_label.setText("")
-        self.band_label.setText(f"BROKEN ON PURPOSE:  {';  '.join(FAULT_DESCRIPTIONS[name] for name in active)}")
+        self.band_label.setText(f"FAULT INJECTED:  {';  '.join(FAULT_DESCRIPTIONS[name] for name in active)}")
         self._update_visibility()
 
     def _on_error(self, error: Exception) -> None:

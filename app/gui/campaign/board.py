@@ -39,7 +39,7 @@ ACTION_BUTTON_LABELS = {
     "accept": "Accept   (Enter)",
     "reject": shortcut_label("Reject", "campaign.item.reject"),
     "run": shortcut_label("Run", "run"),
-    "run without hands": shortcut_label("Run what needs no hands", "campaign.queue"),
+    "run without hands": shortcut_label("Run all measurements without manual steps", "campaign.queue"),
     "halt the queue": shortcut_label("Only this one", "campaign.queue"),
 }
 """Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""

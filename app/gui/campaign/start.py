@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 from app.gui.widgets import STRETCH, StatusLine, configure, make_button, make_label, make_panel, row, shortcut_label
 
 CAMPAIGN_INTRODUCTION = (
-    "A campaign is all measurements of one specimen in the paper's order, each after what it rests on. "
+    "A campaign is all measurements of one specimen in the paper's order, each after the measurements it depends on. "
     "It can be stopped at any time: how it stands is read from the run files."
 )
 PATH_ROLE = Qt.ItemDataRole.UserRole

@@ -60,7 +60,7 @@ class ExploreToolbar(QObject):
         self.ranges[0].setChecked(True)
         self.keep_button = make_choice("Keep curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
-        self.overlay_button = make_choice("Lay a run over …", f"{tooltip('explore.overlay')}, or drop files here")
+        self.overlay_button = make_choice("Overlay a run …", f"{tooltip('explore.overlay')}, or drop files here")
         self.fit_button = make_choice("Fit these", tooltip("explore.fit"))
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()

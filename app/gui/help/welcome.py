@@ -24,7 +24,7 @@ DEMO_TEXT = (
     "break. The points arrive on the model's curve, and the run is kept as a file in the folder {folder}."
 )
 SETUP_STEPS = (
-    ("tactor-bench devices", "tells what is connected to this computer."),
+    ("tactor-bench devices", "lists what is connected to this computer."),
     ("tactor-bench bench new my-bench.toml", "writes a first bench file from it, with a comment on every line."),
     (
         "tactor-bench check --bench my-bench.toml",
@@ -37,7 +37,7 @@ SAFETY_TEXT = (
 )
 PAGES_TEXT = (
     "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) carries a specimen through all of them.  "
-    "Explore (Ctrl+3) plays with the model.  Runs (Ctrl+4) holds every run.  F1 tells every key."
+    "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  F1 lists every key."
 )
 
 

@@ -14,7 +14,7 @@ from app.live import EstimateUpdate
 from protocols.base import format_with_uncertainty
 
 MAX_ROWS = 3
-TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequencies will."
+TOO_FEW = "Not enough points yet to separate the parameters; points at other frequencies will."
 
 
 class ErrorHistoryPlot(QWidget):
@@ -90,7 +90,7 @@ class EstimatesPanel(QWidget):
             return
         self._update = update
         count = pluralize(update.points, "usable point")
-        self.caption.setText(f"What {count} tell{'s' if update.points == 1 else ''}")
+        self.caption.setText(f"From {count}")
         estimates = update.estimates[:MAX_ROWS]
         for at, row in enumerate(self.rows):
             for widget in row:

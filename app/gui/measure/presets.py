@@ -78,9 +78,11 @@ class PresetStore:
         except FileNotFoundError:
             return {}
         except (OSError, ValueError) as error:
-            raise PresetError(f"the presets {self.path} cannot be read: {error}; mend or remove that file") from error
+            raise PresetError(
+                f"the presets {self.path} cannot be read: {error}; correct or remove that file"
+            ) from error
         if not isinstance(known, dict) or not all(isinstance(v, dict) for v in known.values()):
-            raise PresetError(f"the presets {self.path} are no presets of this program; mend or remove that file")
+            raise PresetError(f"the presets {self.path} are no presets of this program; correct or remove that file")
         return known
 
     def _write(self, presets: dict[str, dict[str, dict[str, Any]]]) -> None:

@@ -144,7 +144,7 @@ class TimePlot(TracePlotBase):
         for at, span in enumerate(SPANS):
             tip = f"Show the last {span.shown_s:g} s"
             tip += ", the cycles of the drive lined up like an oscilloscope's" if span.triggered else ""
-            text = f"{span.shown_s:g} s" + (" standing" if span.triggered else "")
+            text = f"{span.shown_s:g} s" + (", triggered" if span.triggered else "")
             self._spans.addButton(make_choice(text, tip, checkable=True), at)
         title = caption_label("Live traces")
         self._add_head(row(title, self._axis_label, None, *self._spans.buttons(), spacing=12))

@@ -58,7 +58,7 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     assert window.adapter.faults.active_faults() == ("generator-power-off",)
     assert faults.band.isVisible()
     assert FAULT_DESCRIPTIONS["generator-power-off"] in faults.band_label.text()
-    assert any("Broken on purpose: the generator loses mains" in m.text for m in window.state.messages)
+    assert any("Fault injected: the generator loses mains" in m.text for m in window.state.messages)
     press(window, Qt.Key.Key_F9)
     assert not faults.list.isVisible()
     assert faults.band.isVisible(), "what is broken stays in sight"
@@ -73,26 +73,31 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     window: MainWindow, tmp_path: Path
 ) -> None:
     def told() -> list[str]:
-        return [m.text[:6] for m in window.state.messages if m.text.startswith(("Broken", "Mended"))]
+        return [
+            m.text.split(":")[0]
+            for m in window.state.messages
+            if m.text.startswith(("Fault injected", "Fault cleared"))
+        ]
 
+    on, off = "Fault injected", "Fault cleared"
     faults = window.faults
     assert faults is not None
     faults.fault_boxes["sensor-stuck"].click()
     # It is also reported without a run.
-    until(lambda: any("Broken on purpose: the laser" in m.text for m in window.state.messages), "for the bench's word")
+    until(lambda: any("Fault injected: the laser" in m.text for m in window.state.messages), "for the bench's word")
     press(window, Qt.Key.Key_F5)
     until(lambda: window.state.points, "for a point")
     faults.clear_button.click()
     until(lambda: not faults.active_faults, "for the repair")
     faults.fault_boxes["clock-drift"].click()
     until(lambda: faults.active_faults, "for the second fault")
-    until(lambda: told() == ["Broken", "Broken", "Mended", "Broken"], "for the log")
+    until(lambda: told() == [on, on, off, on], "for the log")
     assert window.state.busy, "it is told while the run goes on"
     window.controller.stop()
     until(lambda: not window.state.busy, "for the end")
     faults.clear_button.click()
     # The bench acts before its message arrives: wait for the last message.
-    labels = ["Broken", "Broken", "Mended", "Broken", "Mended"]
+    labels = [on, on, off, on, off]
     until(lambda: told() == labels, "for the repair after the run to be told")
     (path,) = tmp_path.glob("*.h5")
     with Run(path) as run:

@@ -126,7 +126,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     assert not find(panel, "measure.rehearsal").isVisible()
     for at, point in enumerate(measured()):
         stage.happen(PointMeasured(at, point, at))
-    until(lambda: panel.estimates_panel.caption.text() == "What 8 usable points tell", "for the fit")
+    until(lambda: panel.estimates_panel.caption.text() == "From 8 usable points", "for the fit")
     assert panel.estimates_panel.isVisible()
     (mass, value, shrinking), *_ = panel.estimates_panel.rows
     assert mass.text() == "added mass"

@@ -320,7 +320,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
         assert (run.specimen, run.state, run.simulated) == ("T7", "imported", False)
         np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
     assert find(page, "runs.message").text().startswith("fig4.csv: 1 run of T7 imported\n")
-    assert "nothing tells how certain the values are" in find(page, "runs.message").text()
+    assert "the uncertainty of the values is not given" in find(page, "runs.message").text()
     until(lambda: len(page.model.summaries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
     page.transfers.import_tables([table])

@@ -25,8 +25,9 @@ from app.report.specimen import SpecimenModel
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from protocols.base import Quality
+from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
+from protocols.runfile.results import store_verdict
 from tests.helpers.report_specimen import TRUTH, blocks_of
 from tests.helpers.simulated_bench import laboratory, run
 
@@ -181,6 +182,30 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     assert sum(bool(r.observations) and not r.exclusion_reason for r in runs) == 2
 
 
+def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(copy: Path) -> None:
+    dwell, steps = next(copy.glob("*sine-dwell.h5")), next(copy.glob("*voltage-steps.h5"))
+    for path, outcome, reason in (
+        (dwell, Outcome.NO_RESULT, "no usable point of 5; look under the laser"),
+        (steps, Outcome.DOUBTFUL, "2 of 4 clipped; choose a larger range"),
+    ):
+        with h5py.File(path, "r+") as file:
+            store_verdict(file, Verdict(outcome, (reason,)))
+    report, known, _ = build_report(copy, "T1")
+    said = texts(report)
+    assert (
+        f"{dwell.name} is left out of the identification: no result: no usable point of 5; look under the laser" in said
+    )
+    assert f"{steps.name} is doubtful: 2 of 4 clipped; choose a larger range" in said
+    (table,) = [t for t in blocks_of(report, Table) if t.title.startswith("Runs and the quality")]
+    assert {row[0]: row[3] for row in table.rows} == {dwell.name: "no result", steps.name: "doubtful"}
+    assert known.identification is not None
+    assert len(known.identification.observations.runs) == 1
+    assert {run["file"]: run["verdict"] for run in report.record["runs"]} == {
+        dwell.name: "no result",
+        steps.name: "doubtful",
+    }
+
+
 def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
     first = next(copy.glob("*sine-dwell.h5"))
     (copy / "backup").mkdir()
@@ -251,7 +276,7 @@ def test_a_specimen_whose_runs_tell_nothing_of_the_model_still_has_its_report(tm
     with laboratory() as lab:
         run(WiringCheck(record_s=0.5, wait_s=0.2), tmp_path, lab)
     report, known, _ = build_report(tmp_path, "T1")
-    assert "Nothing is identified: no run tells anything about the model" in texts(report)
+    assert "Nothing is identified: no run constrains the model" in texts(report)
     assert not blocks_of(report, ReportPlot)
     assert not known.identified_names
 
