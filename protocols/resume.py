@@ -14,7 +14,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from model import AmplifierMap
-from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, ResultCurve, RunStatus, extend_plan
+from protocols.base import (
+    PlanEntry,
+    Prompt,
+    Protocol,
+    Quality,
+    Recording,
+    ReferenceModel,
+    ResultCurve,
+    RunStatus,
+    extend_plan,
+)
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -43,6 +53,8 @@ class ResumableRun:
     protocol: Protocol
     specimen: str
     resume_state: ResumeState
+    reference: ReferenceModel | None = None
+    """Model of the free specimen that the run was compared with."""
 
 
 def protocol_of_run(run: Run, run_name: str) -> Protocol:
@@ -94,7 +106,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         curves = run.curves() or _recompute_curves(run, protocol, plan)
         kept = tuple(curve for curve in curves if curve.entry in points)
         continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
-        return ResumableRun(path, protocol, run.specimen, continuation)
+        return ResumableRun(path, protocol, run.specimen, continuation, run.reference)
 
 
 FLAGGED_ENTRIES = "flagged"

@@ -1,6 +1,7 @@
 """Simulated bench: one clock, voltage history and plant, and the instruments that share them."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,12 +20,14 @@ from sim_hardware.plant import (
     LaserView,
     Plant,
     Segment,
+    SetupState,
     SimulationParameters,
     VoltageHistory,
     VoltageReport,
     apply_action,
     check_action,
     make_voltage_report,
+    with_membrane_left_on,
 )
 from sim_hardware.supplies.dialects import make_supply_engine
 from sim_hardware.supplies.supply import SimulatedSupply
@@ -143,7 +146,7 @@ class SimulatedBench:
         check_action(action, values)
         done_s = now_s = self.clock.now()
         if action in SPECIMEN_ACTIONS:
-            how = partial(apply_action, action=action, values=values, parameters=self.parameters)
+            how = partial(self._changed_setup, action=action, values=values)
             if how(self.plant.setup_state) == self.plant.setup_state:
                 return done_s
             if self.history.high_voltage_on:
@@ -160,6 +163,12 @@ class SimulatedBench:
             )
         self.laser_view.apply_action(now_s, action, values)
         return done_s
+
+    def _changed_setup(self, state: SetupState, action: str, values: Mapping[str, float]) -> SetupState:
+        changed = apply_action(state, action, values, self.parameters)
+        if self.faults.is_active("membrane-left-on"):
+            return with_membrane_left_on(changed, state, self.parameters)
+        return changed
 
     def add_fault_listener(self, listener: Callable[[], None]) -> None:
         """Call `listener` after every change of the active faults."""
@@ -194,6 +203,12 @@ class SimulatedBench:
                 self._cable.set_connected(connected=not active)
             case "output-tripped" if active:
                 self.generator.apply_settings(on=False)
+            case "membrane-left-on" if active:
+                self.plant.schedule_change(
+                    self.clock, lambda state: with_membrane_left_on(state, state, self.parameters)
+                )
+            case "membrane-left-on":
+                self.plant.schedule_change(self.clock, lambda state: replace(state, skin=self.parameters.skin))
             case "clock-drift":
                 self.generator.detune_clock(50.0 if active else -50.0)
 

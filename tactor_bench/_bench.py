@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from app.cli.headless import refuse_without_operator
 from app.common import UsageError
 from app.config import BenchConfig
+from app.identification import reference_model
 from app.session import (
     UNATTENDED_BLOCK_S,
     BenchFailed,
@@ -55,7 +57,7 @@ class BenchSession(Closeable):
     def __init__(
         self, config: BenchConfig, speed: float | None, folder: Path, specimen: str, *, progress: bool
     ) -> None:
-        self.folder, self.specimen = folder, specimen
+        self.folder, self.specimen, self._config = folder, specimen, config
         self.name, self.simulated, self.identities = config.name, config.simulated, dict[str, str]()
         self._failure = ""
         self._connected = threading.Event()
@@ -105,10 +107,12 @@ class BenchSession(Closeable):
             **more: further parameters of the protocol: numbers in SI, or texts with a unit (`peak_to_peak_v="4 V"`).
 
         Returns:
-            The run; its `status` is `completed`, without `check` also `failed` or `stopped`.
+            The run. `run.verdict` states what it is worth: its `outcome` is `good` or `doubtful`, without `check` also
+            `no result`, `did not pass`, `stopped` or `failed`; `reasons` and `checks` say why.
 
         Raises:
-            ValueError: an unknown protocol or parameter, or a value out of range; nothing has moved.
+            ValueError: an unknown protocol or parameter, or a value out of range; or a real bench without a terminal or a
+                notebook to answer the prompts in. Nothing has moved.
             RunFailedError: the run gave no result, or its file could not be created; the bench is at rest.
             UnsafeError: rest could not be confirmed. The sentence says what to do by hand, now.
             BenchError: the bench has been closed or lost, or another thread's run is in progress.
@@ -121,6 +125,11 @@ class BenchSession(Closeable):
             array([0.00076, 0.00116, 0.00112])
         """
         request = _protocol(protocol, {**(parameters or {}), **more})
+        if not self.simulated and not self._front.operator_reachable:
+            try:
+                refuse_without_operator(self._config, request)
+            except UsageError as refusal:
+                raise ValueError(str(refusal)) from None
         if not self._running.acquire(blocking=False):
             raise BenchError(f"{self.name}: another run is in progress; wait for its end")
         try:
@@ -154,7 +163,7 @@ class BenchSession(Closeable):
         self._rejected = self._at_rest = False
         session = self._session
         with self._front.running(session):
-            session.run(RunRequest(protocol, folder, specimen))
+            session.run(RunRequest(protocol, folder, specimen, reference=reference_model(folder, specimen)))
             try:
                 if self._front.stopped_by is not None:  # before there was a run to be stopped
                     session.stop()

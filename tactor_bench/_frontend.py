@@ -13,7 +13,14 @@ from typing import Any
 
 from app.cli.console import STILL_ON, ConsoleObserver, StderrConsole
 from app.cli.headless import handling_stop_signals
-from app.cli.prompts import KEY_HELP, ConsoleOperator, answer_instructions, can_poll_keyboard, match_answer
+from app.cli.prompts import (
+    KEY_HELP,
+    ConsoleOperator,
+    answer_instructions,
+    can_poll_keyboard,
+    match_answer,
+    operator_reachable,
+)
 from app.common import Severity, format_duration
 from app.session import BenchOpened, Session, SessionEvent, describe_event
 from protocols.base import (
@@ -55,6 +62,11 @@ class FrontEnd(ABC):
         """Take an event, in the session's thread."""
         if isinstance(event, BenchOpened):
             self._real = not event.simulated
+
+    @property
+    def operator_reachable(self) -> bool:
+        """Whether prompts can be answered here."""
+        return True
 
     @abstractmethod
     def showing(self) -> AbstractContextManager[None]:
@@ -112,6 +124,10 @@ class TerminalFrontEnd(FrontEnd):
         super().__init__(progress=progress)
         self.operator: ConsoleOperator = ConsoleOperator()
         self._shown: Callable[[SessionEvent], None] = self._observer()
+
+    @property
+    def operator_reachable(self) -> bool:
+        return operator_reachable()
 
     def observe(self, event: SessionEvent) -> None:
         super().observe(event)

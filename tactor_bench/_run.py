@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers import Drive
 from model import Array
-from protocols.base import Quality, Recording
+from protocols.base import Outcome, Quality, Recording, Verdict
 from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
 from protocols.runfile.trace import RunTrace
@@ -89,13 +89,46 @@ class MeasuredRun:
 
     def __repr__(self) -> str:
         simulated = ", SIMULATED" if self.simulated else ""
-        return f"<{self.title}, {self.start_time:%Y-%m-%d %H:%M}, {self.status}{simulated}>"
+        return f"<{self.title}, {self.start_time:%Y-%m-%d %H:%M}, {self._outcome}{simulated}>"
+
+    @property
+    def _outcome(self) -> str:
+        """The verdict; for a run that is not judged, how it ended as well."""
+        outcome = self.verdict.outcome
+        return f"{self.status}, {outcome}" if outcome is Outcome.NOT_JUDGED else str(outcome)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def judge(self, store: bool = False) -> Verdict:
+        """Judge the run by its points and the checks of this version; `verdict` is the result afterwards.
+
+        For runs of earlier versions and imported runs, which are not judged until then. A calibration of the specimen in the
+        same folder is what a free tactor is compared with.
+
+        Args:
+            store: whether to write the verdict into the file, in place of an earlier one.
+
+        Raises:
+            RunReadError: the run is still being written, is damaged, or of a protocol that is not known here.
+            OSError: the verdict cannot be written.
+
+        Example:
+            >>> open_run("old.h5").judge().outcome  # doctest: +SKIP
+            <Outcome.GOOD: 'good'>
+        """
+        from app.identification import reference_model
+        from protocols.judgement import judge_file
+        from protocols.runfile.errors import StorageError
+
+        try:
+            self.verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)
+        except StorageError as error:
+            raise OSError(str(error)) from error
+        return self.verdict
 
     def close(self) -> None:
         """Give the kept arrays free."""

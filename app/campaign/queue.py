@@ -8,6 +8,7 @@ from pathlib import Path
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem
 from app.campaign.status import ItemState, ItemStatus, NextAction
+from app.identification import reference_model
 from app.session import RunRejected, SessionEvent
 from drivers import Bench, BenchError
 from model import Tactor
@@ -48,7 +49,8 @@ class CampaignRunner:
             request = RunRequest.resuming(state.run, folder)
         else:
             request = RunRequest(self.campaign.protocol_for(item), folder, specimen)
-        return replace(request, specimen=specimen, prepare=item.prepare, item=item.name)
+        reference = reference_model(folder, specimen)
+        return replace(request, specimen=specimen, prepare=item.prepare, item=item.name, reference=reference)
 
     def submit(self, session: RunStarter, request: RunRequest) -> None:
         """Submit a run to the session and return immediately."""

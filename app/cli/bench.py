@@ -25,14 +25,14 @@ from app.cli.output import print_json
 from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
-from protocols.base import CheckResult, PointMeasured, RestMeasured, RunEnded, RunStatus
+from protocols.base import CheckResult, Outcome, PointMeasured, RestMeasured, RunEnded, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
 @dataclass(frozen=True)
 class CheckCommand(ProtocolOptions):
-    """Run the wiring check; the exit code is 0 if all passed, 1 if not or if the run failed, 3 UNSAFE."""
+    """Run the wiring check; the exit code is 0 if all passed, else that of the verdict."""
 
     faults: Sequence[str] = faults_option()
     json: bool = switch("--json", "the table as one JSON object on standard output, SI units")
@@ -45,15 +45,18 @@ class CheckCommand(ProtocolOptions):
         code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)
         points = [event.point for event in events if isinstance(event, PointMeasured)]
         ended = next((event for event in events if isinstance(event, RunEnded)), None)
-        checks = ended.verdict.checks if ended is not None else ()
+        verdict = ended.verdict if ended else Verdict(Outcome.FAILED, ("the bench could not be opened",))
+        checks = verdict.checks
         if checks and points:
             rest = next((event for event in events if isinstance(event, RestMeasured)), None)
             checks = (*checks, _rest_check(rest, points[0].drive))
-        completed = ended is not None and ended.status is RunStatus.COMPLETED
-        passed = completed and bool(checks) and all(check.passed for check in checks)
+        passed = verdict.outcome.has_result and not any(
+            check.consequence is Outcome.DID_NOT_PASS for check in checks if not check.passed
+        )
         if self.json:
             record = {
                 "passed": passed,
+                "verdict": verdict.outcome,
                 "status": ended.status if ended else "failed",
                 "reason": ended.reason if ended else "the bench could not be opened",
                 "file": str(path) if path else None,
@@ -80,13 +83,14 @@ class CheckCommand(ProtocolOptions):
                     Console(stderr=True, markup=False).print(
                         f"{check.name}: {check.remedy}", highlight=False, soft_wrap=True
                     )
-        return code if not completed else (ExitCode.DONE if passed else ExitCode.FAILED)
+        return code if passed or code != ExitCode.DONE else ExitCode.FAILED
 
 
 def _rest_check(rest: RestMeasured | None, initial_v: float) -> CheckResult:
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
     low, high = initial_v - REST_REPEATABILITY_V, initial_v + REST_REPEATABILITY_V
-    return CheckResult("rest confirmed at the end", measured_v, "V", low, high, "see the run's own sentence above")
+    remedy = "see the run's own sentence above"
+    return CheckResult("rest confirmed at the end", measured_v, "V", low, high, remedy, Outcome.DID_NOT_PASS)
 
 
 def _check_table(checks: Sequence[CheckResult]) -> Table:
@@ -181,7 +185,7 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
     "check": CommandSyntax(
         CheckCommand,
         "The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with "
-        "its limits. Exit code 0 all passed, 1 something did not, 3 UNSAFE.",
+        "its limits. Exit code 0 all passed, 1 something did not or the run failed, 3 UNSAFE, 4 no result.",
         "example: tactor-bench check --bench bench1.toml --set level_v='50 mV'",
     ),
     "devices": CommandSyntax(

@@ -18,7 +18,7 @@ from app.campaign import (
     next_item_after,
     rehearse_campaign,
 )
-from app.cli.headless import headless_session, select_bench
+from app.cli.headless import headless_session, refuse_unreachable_operator, select_bench
 from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
 from app.cli.output import print_json
 from app.common import ExitCode, format_bytes, format_duration, print_line, print_message, usage_errors
@@ -94,12 +94,17 @@ class RunItemCommand(CampaignCommand):
         check_bench_kind(known, bench.config.simulated)
         line: ItemState | None = first_item(known, self.item, self.hands_free, self.verb == "resume")
         runner, go_on = CampaignRunner(known), self.all or self.hands_free
+        if line is not None:
+            request = runner.prepare(line)
+            refuse_unreachable_operator(bench, request.protocol, request.prepare)
         with headless_session(bench, self.json, [runner], self.faults) as front:
             while line is not None:
                 if not self.json:
                     action = ACTION_LABELS[line.next_action].lower()
                     print_message(f"campaign of {known.specimen}: {action} {line.item.name} ({line.title})")
-                runner.start(front.session, line)
+                request = runner.prepare(line)
+                refuse_unreachable_operator(bench, request.protocol, request.prepare)
+                runner.submit(front.session, request)
                 front.wait()
                 if front.exit_code != ExitCode.DONE or front.interrupted.is_set() or not go_on:
                     break

@@ -10,10 +10,12 @@ from types import FrameType
 from typing import Any
 
 from app.cli.options import BenchOptions
+from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, print_message
 from app.config import BenchConfig
+from app.identification import reference_model
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
-from protocols.base import Outcome, Protocol
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Outcome, Prompt, Protocol
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest
 
@@ -24,6 +26,11 @@ EXIT_CODES = {
     Outcome.UNSAFE: ExitCode.UNSAFE,
 }
 """Exit codes by verdict; all others are `ExitCode.FAILED`."""
+
+
+def exit_code_of(outcome: Outcome) -> ExitCode:
+    """Return the exit code of a verdict."""
+    return EXIT_CODES.get(outcome, ExitCode.FAILED)
 
 
 @dataclass
@@ -50,7 +57,7 @@ class HeadlessSession:
         if self.session.unsafe:
             return ExitCode.UNSAFE
         outcome = self.session.outcome
-        return EXIT_CODES.get(outcome.verdict.outcome, ExitCode.FAILED) if outcome else ExitCode.FAILED
+        return exit_code_of(outcome.verdict.outcome) if outcome else ExitCode.FAILED
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,8 @@ def load_all_protocols() -> None:
 
 def run_request(options: BenchOptions, protocol: Protocol) -> RunRequest:
     """Return the request to run a protocol with the folder and the specimen of the options."""
-    return RunRequest(protocol, options.out or Path("runs"), options.specimen or "unnamed")
+    folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
+    return RunRequest(protocol, folder, specimen, reference=reference_model(folder, specimen))
 
 
 def run_headless(
@@ -115,10 +123,55 @@ def run_headless(
     The `observers` receive every event besides the terminal; `planned_faults` are faults of a simulated bench,
     `NAME@SECONDS`.
     """
+    check_planned_faults(bench, planned_faults)
+    refuse_unreachable_operator(bench, request.protocol, request.prepare)
     with headless_session(bench, as_json, observers, planned_faults) as front:
         front.session.run(request)
         front.wait()
     return front.exit_code, front.session.path if front.session.outcome else None
+
+
+MAX_PROMPTS_NAMED = 4
+"""Prompts that a refusal names; it counts the others."""
+
+
+def check_planned_faults(bench: SelectedBench, planned_faults: Sequence[str]) -> None:
+    """Raise UsageError if faults are planned for a real bench."""
+    if planned_faults and not bench.config.simulated:
+        raise UsageError(f"--fault is for a simulated bench; {bench.name} is a real one")
+
+
+def refuse_unreachable_operator(bench: SelectedBench, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
+    """Refuse a run whose prompts nobody can answer, before anything moves.
+
+    Raises:
+        UsageError: standard input is no terminal, the bench is real, and the run has prompts; they are named.
+    """
+    if bench.config.simulated or operator_reachable():
+        return
+    refuse_without_operator(bench.config, protocol, prepare)
+
+
+def refuse_without_operator(config: BenchConfig, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
+    """Raise UsageError that names the prompts of a run on a real bench."""
+    texts = [prompt.text for prompt in prompts_of_run(protocol, config.amplifier.rest_v, prepare)]
+    named = "; ".join(f"'{text}'" for text in texts[:MAX_PROMPTS_NAMED])
+    more = f"; and {len(texts) - MAX_PROMPTS_NAMED} more" if len(texts) > MAX_PROMPTS_NAMED else ""
+    raise UsageError(
+        f"{protocol.title} on {config.name} needs an operator, and standard input is not a terminal, so nobody can answer: "
+        f"{named}{more}. Nothing was moved. Start it at a terminal (over the network: ssh -t, or tmux), or in the window"
+    )
+
+
+def prompts_of_run(protocol: Protocol, rest_v: float, prepare: Sequence[Prompt] = ()) -> list[Prompt]:
+    """Return the prompts known in advance: high voltage, preparation, and the first of each set-up."""
+    setups = [entry.setup for entry in protocol.plan(rest_v) if entry.setup is not None]
+    switches = [DISABLE_HIGH_VOLTAGE, *([ENABLE_HIGH_VOLTAGE] if protocol.high_voltage else [])]
+    found: list[Prompt] = []
+    for prompt in (*switches, *prepare, *setups):
+        if prompt not in found:
+            found.append(prompt)
+    return found
 
 
 @contextmanager
@@ -133,8 +186,7 @@ def headless_session(
     Raises:
         UsageError: faults were planned for a real bench.
     """
-    if planned_faults and not bench.config.simulated:
-        raise UsageError(f"--fault is for a simulated bench; {bench.name} is a real one")
+    check_planned_faults(bench, planned_faults)
     from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
     from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
     from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault

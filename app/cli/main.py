@@ -1,6 +1,6 @@
 """Entry point of the command line `tactor-bench`.
 
-Exit codes: 0 done, 1 the run failed, 2 asked wrongly, 3 UNSAFE: rest could not be confirmed.
+The exit codes are in docs/reference/exit-codes.md.
 """
 
 import argparse
@@ -27,6 +27,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
     "show": ("app.cli.run", "tell what a run file holds"),
+    "judge": ("app.cli.judge", "what runs are worth, by their points: for runs of earlier versions and imports"),
     "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
     "devices": ("app.cli.bench", "find what is connected: VISA instruments, NI cards, serial ports"),
     "bench": ("app.cli.bench", "write a first bench file"),
@@ -62,6 +63,12 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 
 BENCH_THREAD = "bench"
 """Name of a session's thread, which lives on here only if it hangs."""
+
+EXIT_CODE_HELP = (
+    "0 done (a run: good or doubtful), 1 did not pass, stopped or failed, 2 asked wrongly (nothing was moved), "
+    "3 UNSAFE: rest could not be confirmed, 4 no result: nothing usable was measured"
+)
+"""As the table in docs/reference/exit-codes.md."""
 
 GC_THRESHOLD = 50_000
 """Garbage collection threshold. Python's default of 700 costs a seventh of the start-up time, although imports leave no garbage."""
@@ -173,8 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog=PROGRAM,
         description="Drive, measure, model and identify macro-fiber-composite tactors.",
-        epilog="Without a command the window opens. Exit codes: 0 done, 1 the run failed, 2 asked wrongly, "
-        "3 UNSAFE: rest could not be confirmed.",
+        epilog=f"Without a command the window opens. Exit codes: {EXIT_CODE_HELP}.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="the program's version")
     add_options(parser, BenchOptions)

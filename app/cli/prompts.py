@@ -32,6 +32,7 @@ class ConsoleOperator:
         self._answers: dict[int, str] = {}
         self._pending: tuple[int, Prompt] | None = None
         self._listening = False
+        self._run: Session | None = None
         self._input_lock = threading.Lock()
         """Held while a line is read and handled, and while a prompt is shown: no line falls between the two."""
 
@@ -56,6 +57,7 @@ class ConsoleOperator:
     @contextlib.contextmanager
     def listening(self, run: Session) -> Iterator[None]:
         """Let the operator at this terminal pause the run."""
+        self._run = run
         if not can_poll_keyboard():
             yield
             return
@@ -116,7 +118,9 @@ class ConsoleOperator:
                 self._answers[ask_id] = meant
                 return
             _print(f"that is no answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
-        _print("standard input has ended, so nobody can answer here: the run waits until it is stopped")
+        _print(f"standard input has ended, so nobody can answer '{prompt.text}': the run is stopped")
+        if self._run is not None:
+            self._run.stop()
 
 
 def _print(text: str) -> None:
@@ -129,6 +133,14 @@ def can_poll_keyboard() -> bool:
     try:
         return os.name != "nt" and sys.stdin.isatty() and sys.stdin.fileno() >= 0
     except (AttributeError, OSError, ValueError):
+        return False
+
+
+def operator_reachable() -> bool:
+    """Return whether prompts can be answered: standard input is a terminal."""
+    try:
+        return sys.stdin.isatty()
+    except (AttributeError, ValueError):  # there is none, or it is closed
         return False
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
+from app.identification import reference_model
 from app.live import SessionAdapter
 from app.session import OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState, protocol_title, reduce
 from protocols.base import Protocol
@@ -47,7 +48,8 @@ class SessionController(QObject):
         """Start a run."""
         if self.can_start:
             self._apply(RunRequested(protocol.title))
-            self.adapter.session.run(RunRequest(protocol, folder, specimen or "unnamed"))
+            name = specimen or "unnamed"
+            self.adapter.session.run(RunRequest(protocol, folder, name, reference=reference_model(folder, name)))
 
     def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
         """Start a run of a campaign."""

@@ -1,6 +1,7 @@
 from .active_model import PAPER_MODEL as PAPER_MODEL
 from .active_model import ActiveModel as ActiveModel
 from .active_model import load_active_model as load_active_model
+from .active_model import reference_model as reference_model
 from .calibrations import CalibrationError as CalibrationError
 from .calibrations import Calibrations as Calibrations
 from .observations import ObservationError as ObservationError

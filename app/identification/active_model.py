@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model import Membrane, Tactor
+from protocols.base import ReferenceModel
 
 if TYPE_CHECKING:
     from model.studies.uncertainty import EstimateSet
@@ -77,6 +78,14 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         return ActiveModel(active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping)
     except (CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
+
+
+def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
+    """Return the model of a calibrated specimen that results are compared with; None without an active calibration."""
+    active = load_active_model(folder, specimen)
+    if active.estimates is None or active.problem:
+        return None
+    return ReferenceModel(active.tactor, source=active.description, calibrated=True)
 
 
 def _select_estimates(estimates: "EstimateSet", *kinds: type) -> "EstimateSet | None":

@@ -44,6 +44,7 @@ from .records import Recording as Recording
 from .records import ResultCurve as ResultCurve
 from .records import StreamedRecording as StreamedRecording
 from .records import recording_too_long_message as recording_too_long_message
+from .reference import ReferenceModel as ReferenceModel
 from .rounding import format_with_uncertainty as format_with_uncertainty
 from .steps import Ask as Ask
 from .steps import DetectionResult as DetectionResult
@@ -69,3 +70,5 @@ from .verdict import Outcome as Outcome
 from .verdict import RunStatus as RunStatus
 from .verdict import Verdict as Verdict
 from .verdict import judge as judge
+from .verdict import judge_ended as judge_ended
+from .verdict import remedy_for as remedy_for

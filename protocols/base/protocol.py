@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from drivers.deprecated import renamed
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
 
@@ -88,6 +89,14 @@ class Protocol(BaseModel, ABC):
         Args:
             points: the points of the completed plan, unusable ones included.
         """
+        return ()
+
+    def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
+        """Return the checks against the model of the free specimen; none where the points cannot decide. Pure."""
+        return ()
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        """Return the names of the estimates that a plan like this must give; without any of them there is no result."""
         return ()
 
     @abstractmethod

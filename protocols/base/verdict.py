@@ -7,7 +7,7 @@ compare figures of its result with limits; `judge` adds what holds for every pro
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from protocols.base.quality import Quality
 
 if TYPE_CHECKING:
     from protocols.base.protocol import Protocol
+    from protocols.base.reference import ReferenceModel
 
 
 class RunStatus(StrEnum):
@@ -55,6 +56,9 @@ class Outcome(StrEnum):
 ALL_MEASURED = "all points measured"
 """Reason of a run whose plan was completed."""
 
+STOP_CAUSE = " points: "
+"""Before the cause in the reason of a run that the operator stopped because a level was exceeded or nothing responded."""
+
 SEVERITY = (Outcome.GOOD, Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS)
 """Outcomes of a completed run, the worst last."""
 
@@ -87,17 +91,37 @@ class CheckResult:
     @property
     def text(self) -> str:
         """Name, figure, limits and remedy as a sentence; without a unit, name and remedy."""
-        figure = f"{self.value:.4g} {self.unit}" if math.isfinite(self.value) else "not measurable"
-        if self.unit == "1":
-            figure = figure.removesuffix(" 1")
+        return f"{self.figure}; {self.remedy}" if self.remedy else self.figure
+
+    @property
+    def figure(self) -> str:
+        """Name, figure and limits; without a unit, the name."""
+        factor, unit = _readable_unit(self.unit, self.value, self.low, self.high)
+        figure = f"{factor * self.value:.4g}{unit}" if math.isfinite(self.value) else "not measurable"
         limits = " and ".join(
-            f"{word} {limit:.4g}"
+            f"{word} {factor * limit:.4g}{unit}"
             for word, limit in (("at least", self.low), ("at most", self.high))
             if limit is not None
         )
         of = f" ({self.detail})" if self.detail else ""
-        compared = f": {figure}, limit {limits}" if self.unit else ""
-        return f"{self.name}{of}{compared}" + (f"; {self.remedy}" if self.remedy else "")
+        return f"{self.name}{of}" + (f": {figure}, limit {limits}" if self.unit else "")
+
+
+PREFIXES = ((1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"), (1e6, "M"))
+PREFIXED_UNITS = ("m", "V", "s", "N", "m/V", "m/N", "Pa")
+
+
+def _readable_unit(unit: str, *values: float | None) -> tuple[float, str]:
+    """Return factor and unit in which the largest of the values is at least 1, for SI units that take a prefix."""
+    if unit in ("1", ""):
+        return 1.0, ""
+    if unit == "kg":
+        return 1e3, " g"
+    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
+    if unit not in PREFIXED_UNITS or not largest:
+        return 1.0, f" {unit}"
+    scale, prefix = max(((s, p) for s, p in PREFIXES if s <= largest), default=PREFIXES[0])
+    return 1 / scale, f" {prefix}{unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,18 +175,68 @@ class Verdict:
         return cls(Outcome(status), (reason,), checks)
 
 
-def judge(protocol: "Protocol", points: Sequence[Any], planned: int) -> Verdict:
+def judge(
+    protocol: "Protocol", points: Sequence[Any], planned: int, reference: "ReferenceModel | None" = None
+) -> Verdict:
     """Return the verdict on a completed run. Pure, so that a run file gives the verdict of the live run.
 
     Args:
         protocol: the protocol with the parameters of the run.
         points: the valid points, superseded ones left out.
         planned: number of entries of the plan.
+        reference: model of the free specimen, for protocols that compare with it.
     """
-    checks = (*usability_checks(points, planned), *protocol.checks(points))
+    checks = (*usability_checks(points, planned), *identification_checks(protocol, points), *protocol.checks(points))
+    if reference is not None:
+        checks += protocol.reference_checks(points, reference)
     failed = [check for check in checks if not check.passed]
     outcome = max((check.consequence for check in failed), key=SEVERITY.index, default=Outcome.GOOD)
     return Verdict(outcome, tuple(check.text for check in failed), checks)
+
+
+def judge_ended(
+    status: RunStatus,
+    reason: str,
+    protocol: "Protocol",
+    points: Sequence[Any],
+    planned: int,
+    reference: "ReferenceModel | None" = None,
+) -> Verdict:
+    """Return the verdict on a run that ended with `status` and `reason`; see `judge`. Pure.
+
+    A run that was stopped because of an exceeded level or a missing response, without a usable point, gave no result.
+    """
+    if status is RunStatus.COMPLETED:
+        return judge(protocol, points, planned, reference)
+    usable = any(Quality(int(point.quality)).usable for point in points)
+    if status is RunStatus.STOPPED and STOP_CAUSE in reason and not usable:
+        return Verdict(Outcome.NO_RESULT, (reason,), usability_checks(points, planned))
+    return Verdict.of_status(status, reason)
+
+
+def identification_checks(protocol: "Protocol", points: Sequence[Any]) -> tuple[CheckResult, ...]:
+    """Return the check that the usable points gave the estimates the protocol is made for."""
+    if not any(Quality(int(point.quality)).usable for point in points):
+        return ()  # said by the usable points
+    promised = protocol.promised_estimates(points)
+    found = {estimate.name for estimate in protocol.estimates(points)}
+    missing = [name for name in promised if name not in found]
+    if not promised:
+        return ()
+    remedy = "measure more points, or look at those that are not usable"
+    none = len(missing) == len(promised)
+    return (
+        CheckResult(
+            f"estimates identified of {len(promised)}",
+            float(len(promised) - len(missing)),
+            "1",
+            float(len(promised)),
+            None,
+            remedy,
+            Outcome.NO_RESULT if none else Outcome.DOUBTFUL,
+            f"missing: {', '.join(missing)}" if missing else "",
+        ),
+    )
 
 
 def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, ...]:
@@ -175,7 +249,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
     detail = ", ".join(f"{n} {name.lower().replace('_', ' ')}" for name, n in causes.most_common())
     if missing := planned - len(points):
         detail = f"{detail}, {missing} without a point".removeprefix(", ")
-    remedy = _usability_remedy(causes)
+    remedy = remedy_for(flag for flag in flags if not flag.usable)
     checks = [
         CheckResult(
             f"usable points of {planned}" if usable else f"no usable point of {planned}",
@@ -200,7 +274,7 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
 
 
 REMEDIES = {
-    Quality.OUT_OF_RANGE: "bring the target into the sensor's range",
+    Quality.OUT_OF_RANGE: "check that the laser is on and bring the target into the sensor's range",
     Quality.NO_RESPONSE: "check that the tactor is under the sensor, and that high voltage is on",
     Quality.DRIVE_OFF: "check the cable from the generator to the amplifier and to the card",
     Quality.CLIPPED: "choose a larger range of the card, or less drive",
@@ -210,8 +284,10 @@ REMEDIES = {
 """What to do about points that are not usable, by flag; in the order in which causes mask each other."""
 
 
-def _usability_remedy(causes: Counter[str]) -> str:
-    for flag, remedy in REMEDIES.items():
-        if flag.name is not None and flag.name in causes:
-            return remedy
-    return "measure these points again"
+def remedy_for(flags: Iterable[Quality]) -> str:
+    """Return what to do about points with these flags: about the cause that masks the others."""
+    together = Quality.GOOD
+    for each in flags:
+        together |= each
+    other = "read in the log why there is no point, and measure these points again"
+    return next((remedy for flag, remedy in REMEDIES.items() if flag & together), other)

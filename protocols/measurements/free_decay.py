@@ -15,6 +15,7 @@ from pydantic import model_validator
 
 from drivers import Steps
 from protocols.base import (
+    CheckResult,
     CurveColumn,
     EstimatedQuantity,
     PlanEntry,
@@ -27,6 +28,7 @@ from protocols.base import (
     format_with_uncertainty,
 )
 from protocols.measurements.fields import QualityFlags, SampleRate, point_quality
+from protocols.measurements.result_checks import repeatability_check, signal_to_noise_check, usable_points
 
 SOURCE = "free decay after a step"
 
@@ -129,6 +131,17 @@ class FreeDecay(Protocol):
             spread = float(values.std(ddof=1)) / math.sqrt(len(values))
             found.append(EstimatedQuantity(name, mean, max(float(weight.sum() ** -0.5), spread), unit, SOURCE))
         return tuple(found)
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        remedy = "check the clamp, and that nothing touches the tactor"
+        return (
+            *signal_to_noise_check("ringing, smallest", [(p.amplitude, p.noise) for p in good]),
+            *repeatability_check("resonance frequency", [[p.resonance for p in good]], remedy),
+        )
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return "resonance frequency", "damping ratio"
 
     def _decay_after_edge(self, recording: Recording, edge: int) -> tuple[Any, Any]:
         """Times since an edge and the displacement from `SKIPPED_AFTER_EDGE_S` after it on, up to shortly before the next; (N,) each."""

@@ -16,6 +16,7 @@ from pydantic import model_validator
 from drivers import Sine
 from model import Array
 from protocols.base import (
+    CheckResult,
     CurveColumn,
     EstimatedQuantity,
     PlanEntry,
@@ -28,9 +29,13 @@ from protocols.base import (
     Step,
 )
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
+from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.signals import fit_frequency, fit_sine, fold, measure_loops
 
 SOURCE = "line through the loop widths of this run over frequency"
+
+MIN_FREQUENCIES = 3
+"""Frequencies from which on a line separates hysteresis from damping."""
 
 PHASES_PER_CYCLE = 128
 """Of a cycle, each the mean of at least two samples."""
@@ -185,7 +190,7 @@ class Hysteresis(Protocol):
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [p for p in points if Quality(p.quality).usable and p.share_errors > 0]
-        if len({round(p.frequency, 3) for p in good}) < 3:
+        if len({round(p.frequency, 3) for p in good}) < MIN_FREQUENCIES:
             return ()
         f, share = np.array([p.frequency for p in good]), np.array([p.share for p in good])
         weight = 1 / np.array([p.share_errors for p in good])
@@ -200,6 +205,13 @@ class Hysteresis(Protocol):
             EstimatedQuantity("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
             EstimatedQuantity("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
         )
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        return signal_to_noise_check("stroke, smallest", [(p.stroke, p.stroke_errors) for p in good])
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return ("hysteresis",) if len(set(self.frequencies_hz)) >= MIN_FREQUENCIES else ()
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
         # Two loops to spare, finite so that a generator left alone comes to rest.

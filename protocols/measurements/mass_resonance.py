@@ -17,6 +17,7 @@ from pydantic import model_validator
 
 from drivers import LinearSweep
 from protocols.base import (
+    CheckResult,
     EstimatedQuantity,
     PlanEntry,
     Prompt,
@@ -30,6 +31,12 @@ from protocols.base import (
 )
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
+from protocols.measurements.result_checks import (
+    added_mass_checks,
+    coherence_check,
+    signal_to_noise_check,
+    usable_points,
+)
 from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse
 
 RINGDOWN_S = 0.3
@@ -205,6 +212,15 @@ class MassResonance(Protocol):
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """None: identifying k2 from resonance against mass needs the model, see `identify`."""
         return ()
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = [p for p in usable_points(points) if math.isfinite(p.resonance) and p.resonance > 0]
+        errors = [p.resonance_errors if math.isfinite(p.resonance_errors) else 0.0 for p in good]
+        return (
+            *signal_to_noise_check("natural frequency, smallest", [(p.resonance, p.resonance_errors) for p in good]),
+            *coherence_check([p.coherence for p in good]),
+            *added_mass_checks([p.mass for p in good], [p.resonance for p in good], errors),
+        )
 
     @property
     def _piece_count(self) -> int:

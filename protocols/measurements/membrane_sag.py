@@ -14,12 +14,31 @@ import numpy as np
 from annotated_types import Interval, Unit
 
 from model import Array, Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
-from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
+from protocols.base import (
+    Ask,
+    CheckResult,
+    EstimatedQuantity,
+    PlanEntry,
+    Prompt,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Repeat,
+    Step,
+)
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
+from protocols.measurements.result_checks import repeatability_check, usable_points
 from protocols.signals import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
+
+RUBBER_MODULI_PA = 1e4, 1e8
+"""Moduli of rubbers, the softest silicone to the hardest; any other is no rubber, or no membrane at all."""
+
+SAME_SURFACE_SIGMAS = 5.0
+"""A membrane nearer to the reference surface, in standard errors, may be that surface."""
 
 MAX_ATTEMPTS = 3
 """So often a sag outside the sensor's range is asked for again."""
@@ -143,6 +162,37 @@ class MembraneSag(Protocol):
                 )
             )
         return tuple(found)
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        found = {estimate.name: estimate.value for estimate in self.estimates(points)}
+        checks = list(
+            repeatability_check(
+                "sag", [[p.sag for p in good]], "clamp the membrane the same way each time, without stretch"
+            )
+        )
+        apart = [abs(p.hanging - p.reference) / p.sag_errors for p in good if p.sag_errors > 0]
+        if apart:
+            remedy = (
+                "take the reference surface away before the membrane is read, or choose another depth (reference_m)"
+            )
+            checks.append(
+                CheckResult(
+                    "membrane against the reference / its standard error, least",
+                    min(apart),
+                    "1",
+                    SAME_SURFACE_SIGMAS,
+                    None,
+                    remedy,
+                )
+            )
+        if modulus := found.get("Young modulus"):
+            remedy = "make sure that the membrane is under the sensor, and check reference_m, length_m and thickness_m"
+            checks.append(CheckResult("Young modulus", modulus, "Pa", *RUBBER_MODULI_PA, remedy))
+        return tuple(checks)
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return "sag", "Young modulus"
 
     def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:
         """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""

@@ -12,7 +12,8 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from protocols.base import EstimatedQuantity, PlanEntry, Prompt, Quality, Recording
+from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Quality, Recording, ReferenceModel
+from protocols.measurements.result_checks import usable_points
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
 FREE = "free"
@@ -133,6 +134,47 @@ class MembraneSeries(SineDwell):
                     "touched; what lies between is known no better than that"
                 )
         return tuple(warnings)
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        return (*super().checks(points), *self._order_checks(points))
+
+    def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
+        return ()  # of several elongations together
+
+    def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
+        return self._membrane_absent([p for p in usable_points(points) if math.isnan(p.elongation)], reference)
+
+    def _order_checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        """The free tactor must respond most, and the same before and after."""
+        passes = _group_passes(points)
+        free = [p for _, e, p in passes if e is None]
+        stretched = [(e, p) for _, e, p in passes if e is not None]
+        if not free or not stretched:
+            return ()
+        checks = []
+        against = [(elongation, *_relative_change(free[0], group)) for elongation, group in stretched]
+        known = [(elongation, change, error) for elongation, change, error in against if math.isfinite(error)]
+        if known:
+            elongation, change, error = max(known, key=lambda each: each[1])
+            limit = -max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT)
+            checks.append(
+                CheckResult(
+                    "response with membrane against the free tactor, largest change",
+                    change,
+                    "1",
+                    None,
+                    limit,
+                    "make sure that the membrane is off for the free tactor and on for every elongation",
+                    detail=f"at {elongation_label(elongation)}",
+                )
+            )
+        if len(free) == 2:
+            change, error = _relative_change(free[0], free[1])
+            if math.isfinite(error):
+                limit = max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT)
+                remedy = "repeat the series: something drifted, was touched, or the membrane was left on"
+                checks.append(CheckResult("free tactor after against before", change, "1", -limit, limit, remedy))
+        return tuple(checks)
 
     def _setup_prompt(self, elongation: float | None) -> Prompt:
         if elongation is None:

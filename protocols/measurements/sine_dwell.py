@@ -14,8 +14,27 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Sine
-from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
+from protocols.base import (
+    CheckResult,
+    EstimatedQuantity,
+    Log,
+    PlanEntry,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    ReferenceModel,
+    Settle,
+    Step,
+)
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, point_quality
+from protocols.measurements.result_checks import (
+    RESONANCE_BAND,
+    drive_ratio_check,
+    membrane_absent_check,
+    signal_to_noise_check,
+    usable_points,
+)
 from protocols.signals import SettlingDetector, SineFit, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8
@@ -144,6 +163,12 @@ MAX_RECORDINGS = 20
 FREQUENCY_TOLERANCE_HZ = 0.05
 """Frequencies nearer than this are one."""
 
+SETTLING_LIMIT = 0.05
+"""Largest move of the mean displacement while a frequency is recorded, over the amplitude: what still creeps or drifts."""
+
+MIN_POINTS_OF_RESONANCE = 5
+"""Usable points from which on a peak between them must give a resonance."""
+
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
 
 
@@ -259,6 +284,51 @@ class SineDwell(Protocol):
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         return fit_resonance([p for p in points if Quality(p.quality).usable])
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        checks = signal_to_noise_check("fundamental, smallest", [(p.fundamental, p.fundamental_errors) for p in good])
+        checks += drive_ratio_check([p.drive_amplitude for p in points], 0.5 * self.peak_to_peak_v)
+        moved = [abs(p.drift) * p.cycles / p.frequency / p.fundamental for p in good if p.fundamental > 0]
+        moved = [each for each in moved if math.isfinite(each)]
+        if moved:
+            remedy = "wait longer after switching high voltage on, and check the clamp and the sensor's mount"
+            checks += (
+                CheckResult(
+                    "move of the mean while recording / amplitude, largest",
+                    max(moved),
+                    "1",
+                    None,
+                    SETTLING_LIMIT,
+                    remedy,
+                ),
+            )
+        return checks + self._resonance_check(good)
+
+    def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:
+        """Where the points bracket a peak, one mode must fit them."""
+        by_frequency = sorted(good, key=lambda p: p.frequency)
+        response = [p.fundamental / p.drive_amplitude for p in by_frequency]
+        if len(response) < MIN_POINTS_OF_RESONANCE or not all(map(math.isfinite, response)):
+            return ()
+        if response.index(max(response)) in (0, len(response) - 1) or not all(math.isfinite(p.phase) for p in good):
+            return ()
+        found = float(len(fit_resonance(good)) > 0)
+        remedy = "look at the points around the peak; measure more of them there"
+        return (CheckResult("modes fitted to the peak", found, "1", 1.0, None, remedy),)
+
+    def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
+        return self._membrane_absent(usable_points(points), reference)
+
+    def _membrane_absent(self, free: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
+        top_hz = reference.resonance_hz
+        near = [p for p in free if RESONANCE_BAND[0] * top_hz <= p.frequency <= RESONANCE_BAND[1] * top_hz]
+        near = [p for p in near if math.isfinite(p.fundamental) and p.drive_amplitude > 0]
+        if not near:
+            return ()
+        expected = reference.response([p.frequency for p in near], 0.5 * self.peak_to_peak_v)
+        ratios = [p.fundamental / p.drive_amplitude / float(one) for p, one in zip(near, expected, strict=True)]
+        return membrane_absent_check(ratios, reference.calibrated, reference.source)
 
     def _plan_entry(self, f: float, rest_v: float) -> PlanEntry:
         return PlanEntry(f"{f:g} Hz", (self._drive(f, rest_v),), self._expected_s(f), (f,))

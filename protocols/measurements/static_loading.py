@@ -15,6 +15,7 @@ from drivers import REST_TOLERANCE_V, BenchError
 from model import GRAVITY
 from protocols.base import (
     Ask,
+    CheckResult,
     EstimatedQuantity,
     PlanEntry,
     Protocol,
@@ -40,6 +41,14 @@ from protocols.measurements.load_point import (
     remove_weight_prompt,
     repeat_or_keep_prompt,
     turn_side_prompt,
+)
+from protocols.measurements.result_checks import (
+    WEIGHT_DEVIATION_LIMIT,
+    group_values,
+    labelled_weight_checks,
+    repeatability_check,
+    signal_to_noise_check,
+    usable_points,
 )
 from protocols.measurements.weights import WeightClass, format_grams, uncertainty_kg
 from protocols.signals import LevelEstimate, estimate_level
@@ -165,6 +174,36 @@ class StaticLoading(Protocol):
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         return compliance_estimates([point for point in points if Quality(point.quality).usable])
+
+    def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return tuple(
+            f"{check.name}: more than {100 * WEIGHT_DEVIATION_LIMIT:.0f} % off; {check.remedy}"
+            for check in self._weight_checks(points)
+            if not check.passed
+        )
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        remedy = "place the weight on the centre each time, and check the clamp and the offset weight"
+        return (
+            *signal_to_noise_check("deflection, smallest", [(p.deflection, p.deflection_errors) for p in good]),
+            *repeatability_check(
+                "deflection under one weight", group_values(good, lambda p: (p.side, p.mass), "deflection"), remedy
+            ),
+            *self._weight_checks(points),
+        )
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        if len(self.weights_kg) * self.repeats < 2:
+            return ()
+        return tuple(f"compliance, {side}" for side in SIDE_LABELS.values() if self.sides in ("both", side))
+
+    def _weight_checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        groups: dict[float, dict[float, list[tuple[float, float]]]] = {}
+        for p in usable_points(points):
+            one = p.deflection / p.load, p.deflection_errors / p.load
+            groups.setdefault(p.mass, {}).setdefault(p.side, []).append(one)
+        return labelled_weight_checks(groups)
 
     def _weight_order(self, side: float, repeat: int) -> tuple[float, ...]:
         order = np.random.default_rng([self.seed, int(side > 0), repeat]).permutation(len(self.weights_kg))

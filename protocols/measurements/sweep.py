@@ -16,18 +16,28 @@ from pydantic import model_validator
 
 from drivers import PeriodicSweep
 from protocols.base import (
+    CheckResult,
     EstimatedQuantity,
     PlanEntry,
     Protocol,
     Quality,
     Record,
     Recording,
+    ReferenceModel,
     ResultCurve,
     Step,
     format_with_uncertainty,
 )
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
+from protocols.measurements.result_checks import (
+    coherence_check,
+    drive_ratio_check,
+    membrane_absent_check,
+    repeatability_check,
+    signal_to_noise_check,
+    usable_points,
+)
 from protocols.signals import FrequencyResponse
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
@@ -36,6 +46,10 @@ DRIVE_MARGIN_S = 0.5
 """How much longer than the recording the drive lasts: until it has started, and until the card has delivered."""
 
 DRIVE_TOLERANCE = 0.05
+
+REFERENCE_LINES = 201
+"""Lines at which the reference's response is evaluated to find its highest."""
+
 FIT_BAND = (0.5, 1.8)
 """Share of the peak's frequency, below and above, within which one mode is fitted: its half-power width for damping up to 0.5."""
 
@@ -160,6 +174,31 @@ class Sweep(Protocol):
             ),
             EstimatedQuantity("lowest coherence", min(p.coherence for p in usable), 0.0, "1", SOURCE),
         )
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        remedy = "check the clamp, and that nothing touches the tactor"
+        return (
+            *signal_to_noise_check("resonance, smallest", [(p.resonance, p.resonance_errors) for p in good]),
+            *signal_to_noise_check("damping ratio, smallest", [(p.damping, p.damping_errors) for p in good]),
+            *drive_ratio_check([p.drive_amplitude for p in points], 0.5 * self.peak_to_peak_v),
+            *coherence_check([p.coherence for p in good]),
+            *repeatability_check("resonance frequency", [[p.resonance for p in good]], remedy),
+        )
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return "resonance frequency", "damping ratio"
+
+    def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
+        if not self.start_hz < reference.resonance_hz < self.stop_hz:
+            return ()
+        highest = float(
+            reference.response(
+                np.linspace(self.start_hz, self.stop_hz, REFERENCE_LINES).tolist(), 0.5 * self.peak_to_peak_v
+            ).max()
+        )
+        ratios = [p.peak_response / highest for p in usable_points(points) if math.isfinite(p.peak_response)]
+        return membrane_absent_check(ratios, reference.calibrated, reference.source)
 
     def _response(self, recording: Recording) -> FrequencyResponse:
         from protocols.signals import estimate_periodic_response

@@ -15,8 +15,15 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Hold
-from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
+from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate, point_quality
+from protocols.measurements.result_checks import (
+    CABLE_REMEDY,
+    group_values,
+    repeatability_check,
+    signal_to_noise_check,
+    usable_points,
+)
 from protocols.signals import DetectedRamp, estimate_step, find_ramp, fit_creep
 
 UP, DOWN, RANDOM = "up", "down", "random"
@@ -91,6 +98,9 @@ def _group_by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, lis
 
 
 SOURCE = "voltage steps"
+
+CREEP_LIMIT = 0.2
+"""Largest creep per decade over the deflection: MFCs creep by 2 to 10 %; more is the clamp, the glue or the sensor."""
 
 PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
@@ -233,6 +243,36 @@ class VoltageSteps(Protocol):
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
             found.append(EstimatedQuantity("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))
         return tuple(found)
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        moved = [p for p in good if abs(p.drive_step) > LEVEL_TOLERANCE_V]
+        strongest = sorted(moved, key=lambda p: abs(p.drive_step))[len(moved) // 2 :]
+        checks = list(
+            signal_to_noise_check(
+                "deflection, smallest",
+                [(p.deflection, p.deflection_errors) for p in strongest],
+                "the larger half of the steps",
+            )
+        )
+        off = [p.drive - p.level for p in points if math.isfinite(p.drive - p.level)]
+        if off:
+            worst, limit = max(off, key=abs), LEVEL_TOLERANCE_V
+            checks.append(CheckResult("drive read back - commanded, worst", worst, "V", -limit, limit, CABLE_REMEDY))
+        if (creep := relative_creep(good)) is not None:
+            remedy = "let the specimen rest between series, check the clamp, and look for a drifting sensor"
+            checks.append(
+                CheckResult("creep per decade / deflection", creep[0], "1", -CREEP_LIMIT, CREEP_LIMIT, remedy)
+            )
+        remedy = "check the clamp and the sensor's mount; let the specimen rest longer between levels"
+        groups = group_values(moved, lambda p: (p.level, p.direction), "deflection")
+        return (*checks, *repeatability_check("deflection at one level", groups, remedy))
+
+    def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
+        above = sum(p.drive_step > LEVEL_TOLERANCE_V for p in points)
+        below = sum(p.drive_step < -LEVEL_TOLERANCE_V for p in points)
+        sides = (("above", above), ("below", below))
+        return tuple(f"deflection per volt {side} rest" for side, count in sides if count > 1)
 
     def _level_order(self, repeat: int) -> tuple[str, tuple[float, ...]]:
         """The levels of one repeat in their order, and what that order is called."""

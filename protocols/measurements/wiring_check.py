@@ -32,6 +32,9 @@ from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"
 
+RECORDINGS = 4
+"""Rest, either side and the sine."""
+
 _limit = partial(CheckResult, consequence=Outcome.DID_NOT_PASS)
 
 
@@ -167,17 +170,19 @@ class WiringCheck(Protocol):
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """The table; empty where the check was not carried to its end."""
+        """The table; without all recordings only how many there are."""
         found = _CheckMeasurements.from_points(points)
         if found is None:
-            return ()
+            remedy = "look at the recordings without a point, and check again"
+            return (_limit("recordings with a point", float(len(points)), "1", RECORDINGS, None, remedy),)
         rest, sine = found.rest, found.sine
         cable = "check the cable from the generator to the amplifier and to the card's drive channel"
-        optics = "check the sensor's distance and wiring, [sensor] in the bench file, and that high voltage is on"
+        optics = "check the sensor's distance and wiring, that its output is not stuck, [sensor] in the bench file, and that high voltage is on"
         worst = max(points, key=lambda p: abs(p.drive - p.commanded))
         flagged = sum(bool(Quality(p.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)) for p in points)
         gains = [abs(found.above[0]), abs(found.below[0])]
         agreed = found.above[0] * found.below[0] > 0 and self.polarity * found.above[0] >= 0
+        moves = min(gains) >= self.gain_low_m_per_v  # where nothing moves there is no polarity, ratio or latency
         limit = self.drive_limit_v
         return (
             _limit("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
@@ -191,18 +196,18 @@ class WiringCheck(Protocol):
             _limit("recordings out of range", float(flagged), "1", None, 0.0, "move the sensor until its target is in range"),
             _limit("noise floor", rest.noise, "m", None, self.noise_limit_m, "look for vibration, light, a loose shield"),
             _limit(
-                "polarity (1 right, -1 wrong)", 1.0 if agreed else -1.0, "1", 1.0, None,
-                "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off",
+                "polarity (1 right, -1 wrong)", (1.0 if agreed else -1.0) if moves else math.nan, "1", 1.0, None,
+                "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off" if moves else optics,
             ),
             _limit("gain above rest", gains[0], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
             _limit("gain below rest", gains[1], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
             _limit(
-                "gain above / below", gains[0] / gains[1] if gains[1] else math.nan, "1", self.slopes_low,
-                self.slopes_high, "check the amplifier's range and [amplifier] in the bench file",
+                "gain above / below", gains[0] / gains[1] if moves else math.nan, "1", self.slopes_low,
+                self.slopes_high, "check the amplifier's range and [amplifier] in the bench file" if moves else optics,
             ),
             _limit(
-                "latency beyond the sensor's", sine.latency, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
-                "check the sensor's averaging and delay_s under [sensor]",
+                "latency beyond the sensor's", sine.latency if moves else math.nan, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
+                "check the sensor's averaging and delay_s under [sensor]" if moves else optics,
             ),
         )  # fmt: skip
 
@@ -233,9 +238,9 @@ class _CheckMeasurements:
 
     @classmethod
     def from_points(cls, points: Sequence[Any]) -> "_CheckMeasurements | None":
-        if len(points) < 4:
+        if len(points) < RECORDINGS:
             return None
-        rest, above, below, sine = points[:4]
+        rest, above, below, sine = points[:RECORDINGS]
         gains = []
         for point in (above, below):
             step_v = point.drive - rest.drive

@@ -53,6 +53,8 @@ class RunMetadata:
     """Source files, hashes and columns of an imported run; empty for a measured one."""
     channels: Sequence[InputChannel] = ()
     """Further inputs, in the order of a block's rows from the third on."""
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    """Model of the free specimen that the verdict compares with; empty for an imported run."""
     started_at: datetime | None = None
     """Time of the measurement, if not now."""
 
@@ -127,6 +129,7 @@ def _create_datasets(
         "configuration": json.dumps(to_jsonable(metadata.bench), allow_nan=False),
         "software": json.dumps(software_versions()),
         "host": socket.gethostname(),
+        **({"reference": json.dumps(to_jsonable(metadata.reference))} if metadata.reference else {}),
     }.items():
         entry.create_dataset(name, data=value)
     if metadata.imported:

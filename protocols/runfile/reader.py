@@ -15,6 +15,7 @@ from protocols.base import (
     EntryStarted,
     EstimatedQuantity,
     Recording,
+    ReferenceModel,
     ResultCurve,
     RunStatus,
     Verdict,
@@ -143,6 +144,18 @@ class Run(Closeable):
         verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
         verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
         return verdict
+
+    @property
+    def reference(self) -> ReferenceModel | None:
+        """Model of the free specimen that the verdict compares with; None in runs of earlier versions and imports.
+
+        Raises:
+            RunReadError: the stored model is damaged.
+        """
+        if "reference" not in self._entry:
+            return None
+        with translate_read_errors(self.path):
+            return ReferenceModel.from_record(parse_json_object(self._text("reference")))
 
     @property
     def resumed_from(self) -> Path | None:

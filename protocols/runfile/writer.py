@@ -10,8 +10,9 @@ import json
 import logging
 import os
 import shutil
+import time
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
 
@@ -59,6 +60,7 @@ class RunFileWriter:
         """
         self.path, self._metadata = path, metadata
         self._channels = (*CHANNELS, *(channel.name for channel in metadata.channels))
+        self._created_at, self._created_s = datetime.now(UTC), time.monotonic()
         self.row_count = 0
         self._columns = point_columns(metadata.point_type)
         self._point_count = 0
@@ -213,10 +215,14 @@ class RunFileWriter:
                 self._file["entry/status"][()] = str(status)
                 self._file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 self._file["entry/verdict"][()] = str(verdict.outcome)
-                self._file["entry/end_time"][()] = datetime.now(UTC).isoformat(timespec="milliseconds")
+                self._file["entry/end_time"][()] = self._end_time().isoformat(timespec="milliseconds")
                 self._file.flush()
         finally:
             self._close()
+
+    def _end_time(self) -> datetime:
+        """Return the start time plus the elapsed time, which a change of the computer's clock does not affect."""
+        return self._created_at + timedelta(seconds=time.monotonic() - self._created_s)
 
     def _append_results(
         self,

@@ -7,7 +7,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Self
 
-from protocols.base import Event, Prompt, Protocol
+from protocols.base import Event, Prompt, Protocol, ReferenceModel
 
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun
@@ -20,6 +20,7 @@ class RunRequest:
     Attributes:
         resume: the earlier run whose points are carried over.
         prepare: prompts for the operator before the first entry.
+    reference: model of the free specimen that the result is compared with; default is the paper's tactor.
         item: the campaign item it measures; empty outside a campaign.
     """
 
@@ -29,6 +30,7 @@ class RunRequest:
     resume: "ResumableRun | None" = None
     prepare: tuple[Prompt, ...] = ()
     item: str = ""
+    reference: ReferenceModel | None = None
 
     @classmethod
     def resuming(cls, path: Path, folder: Path, repeat_entries: Sequence[int] = ()) -> Self:
@@ -40,7 +42,7 @@ class RunRequest:
         from protocols.resume import load_resumable  # h5py is slow to import
 
         earlier = load_resumable(path, repeat_entries)
-        return cls(earlier.protocol, folder, earlier.specimen, earlier)
+        return cls(earlier.protocol, folder, earlier.specimen, earlier, reference=earlier.reference)
 
 
 @dataclass(frozen=True, slots=True)

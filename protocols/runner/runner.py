@@ -34,6 +34,7 @@ from protocols.base import (
     PlanEntry,
     Quality,
     Recording,
+    ReferenceModel,
     Repeat,
     RestMeasured,
     ResultCurve,
@@ -46,13 +47,14 @@ from protocols.base import (
     SpecimenMayBeLive,
     StreamStarted,
     Verdict,
-    judge,
+    judge_ended,
 )
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState, assess_drift
 from protocols.runfile.errors import StorageError
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.computer_clock import ComputerClockCheck
 from protocols.runner.executor import StepExecutor
 from protocols.runner.ledger import PlanProgress
 from protocols.runner.levels import LEVEL_ANSWERS, LevelQuestion, level_prompt
@@ -89,7 +91,13 @@ def run_metadata(request: RunRequest, bench: Bench) -> RunMetadata:
         specimen=request.specimen,
         channels=bench.channels,
         resumed_from=request.resume.path if request.resume else None,
+        reference=reference_model(request, bench).as_record(),
     )
+
+
+def reference_model(request: RunRequest, bench: Bench) -> ReferenceModel:
+    """Return the model of the free specimen, behind this bench's amplifier."""
+    return replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
 
 
 class Runner:
@@ -120,6 +128,7 @@ class Runner:
         self._protocol, self._bench = request.protocol, bench
         self._preparation, self._control = request.prepare, control or RunControl()
         self._resume_state = request.resume.resume_state if request.resume else ResumeState()
+        self._reference, self._clock_check = reference_model(request, bench), ComputerClockCheck()
         self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench))
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
@@ -252,6 +261,8 @@ class Runner:
             point = self._executor.run_analysis(armed, partial(next, results))
         except ValueError as error:
             self._plan_progress.mark_failed(index)
+            if entry.drives:
+                self._executor.levels.point_measured(Quality.NO_RESPONSE)
             self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
         else:
             self._recorder.publish(self._plan_progress.add_point(index, point))
@@ -361,6 +372,7 @@ class Runner:
             if status in (RunStatus.COMPLETED, RunStatus.STOPPED):
                 status, reason = RunStatus.FAILED, str(error)
         verdict = self._judge(status, reason)
+        self._report_clock_change()
         try:
             reason = self._run_file.finish(status, reason, estimates, self._plan_progress.curves, verdict)
         except StorageError as error:
@@ -374,11 +386,19 @@ class Runner:
         self._recorder.notify(ended)
         return ended
 
+    def _report_clock_change(self) -> None:
+        if message := self._clock_check.message():
+            try:
+                self._recorder.publish(LogMessage(message))
+            except StorageError:
+                self._recorder.notify(LogMessage(message))
+
     def _judge(self, status: RunStatus, reason: str) -> Verdict:
-        if status is not RunStatus.COMPLETED:
-            return Verdict.of_status(status, reason)
+        progress = self._plan_progress
         try:
-            return judge(self._protocol, self._plan_progress.points, len(self._plan_progress.plan))
+            return judge_ended(status, reason, self._protocol, progress.points, len(progress.plan), self._reference)
         except Exception as error:
             log.exception("the checks of the result failed")
+            if status is not RunStatus.COMPLETED:
+                return Verdict.of_status(status, reason)
             return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked: {type(error).__name__}: {error}",))

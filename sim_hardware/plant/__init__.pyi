@@ -17,6 +17,8 @@ from .segments import RelayGlitchSegment as RelayGlitchSegment
 from .segments import Segment as Segment
 from .setup_state import OPERATOR_ACTIONS as OPERATOR_ACTIONS
 from .setup_state import SPECIMEN_ACTIONS as SPECIMEN_ACTIONS
+from .setup_state import SetupState as SetupState
 from .setup_state import apply_action as apply_action
 from .setup_state import check_action as check_action
+from .setup_state import with_membrane_left_on as with_membrane_left_on
 from .voltage_history import VoltageHistory as VoltageHistory

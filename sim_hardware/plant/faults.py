@@ -23,8 +23,13 @@ FAULT_DESCRIPTIONS = {
     "sensor-out-of-range": "the laser sees no target and shows its out-of-range voltage",
     "sensor-stuck": "the laser sensor's output stands still where it was",
     "grpc-gone": "the server of the card has died",
+    "membrane-left-on": "the skin membrane is on the tactor, stretched by 2.54 mm, and is not taken off",
+    "weight-mislabelled": "the weight labelled 50 g weighs 61 g",
 }
 """Name and description of every fault."""
+
+SPECIMEN_FAULTS = ("membrane-left-on", "weight-mislabelled")
+"""Faults of what the operator put on the specimen: they change results, not voltages."""
 
 
 class FaultState:

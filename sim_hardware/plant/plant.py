@@ -113,7 +113,7 @@ class Plant:
             start_s = math.ceil(start_s * self._rate / BLOCK) * BLOCK / self._rate
             end_s = start_s + math.ceil(transition_s * self._rate / BLOCK) * BLOCK / self._rate
             now = update(last.state)
-            after_n = weight_force_n(now, self._parameters)
+            after_n = weight_force_n(now, self._parameters, self._faults.is_active("weight-mislabelled"))
             placed_kg = sum(now.weights_kg) - sum(last.state.weights_kg)
             if placed_kg >= 0:
                 self._append(SetupChange(start_s, end_s, now, last.final_force_n, after_n, placed_kg * landing_m_per_s))

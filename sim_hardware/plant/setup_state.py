@@ -110,9 +110,30 @@ def apply_action(
     return replace(state, skin=None)
 
 
-def weight_force_n(state: SetupState, parameters: SimulationParameters) -> float:
-    """What the weights weigh: each has its own error, always the same one."""
-    return GRAVITY * sum(parameters.beyond.actual_mass_kg(mass_kg, parameters.seed) for mass_kg in state.weights_kg)
+MISLABELLED_KG, MISLABELLED_ACTUAL_KG = 0.05, 0.061
+"""Label and mass of the weight of the fault `weight-mislabelled`."""
+
+LEFT_ON_ELONGATION_M = 2.54e-3
+"""Elongation of the membrane of the fault `membrane-left-on`."""
+
+
+def weight_force_n(state: SetupState, parameters: SimulationParameters, mislabelled: bool = False) -> float:
+    """What the weights weigh: each has its own error, always the same one; one of them may have a wrong label."""
+
+    def actual_kg(mass_kg: float) -> float:
+        if mislabelled and abs(mass_kg - MISLABELLED_KG) < 1e-9:
+            return MISLABELLED_ACTUAL_KG
+        return parameters.beyond.actual_mass_kg(mass_kg, parameters.seed)
+
+    return GRAVITY * sum(map(actual_kg, state.weights_kg))
+
+
+def with_membrane_left_on(state: SetupState, before: SetupState, parameters: SimulationParameters) -> SetupState:
+    """Return the setup with the membrane that was on before, or one of `LEFT_ON_ELONGATION_M`."""
+    left = before.skin or skin(
+        parameters.membrane, LEFT_ON_ELONGATION_M / parameters.membrane.L_m, tactor=parameters.tactor
+    )
+    return state if state.skin is not None else replace(state, skin=left)
 
 
 def _remove_weight(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[float, ...]:

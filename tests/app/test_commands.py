@@ -92,7 +92,10 @@ def test_speed_on_a_real_bench_is_refused(tmp_path: Path, capsys: pytest.Capture
     assert "are for a simulated bench" in capsys.readouterr().err
 
 
-def test_a_missing_ni_driver_says_what_to_install(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_ni_driver_says_what_to_install(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.cli.headless.operator_reachable", lambda: True)
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
     assert main(["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path)]) == ExitCode.FAILED

@@ -167,7 +167,7 @@ def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: An
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     operator = ConsoleOperator()
     operator._read_answer(4, DISABLE_HIGH_VOLTAGE)
-    assert "standard input has ended, so nobody can answer here" in capsys.readouterr().err
+    assert "standard input has ended, so nobody can answer" in capsys.readouterr().err
     assert operator.answer(4) is None
 
 

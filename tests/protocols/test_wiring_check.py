@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from protocols.base import RunStatus
+from protocols.base import Outcome, RunStatus
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -105,6 +105,8 @@ def test_what_makes_no_sense_is_refused(settings: dict[str, float], says: str) -
         WiringCheck(**settings)
 
 
-def test_a_check_that_was_broken_off_has_no_table() -> None:
-    assert CHECK.checks([]) == ()
+def test_a_check_that_was_broken_off_did_not_pass() -> None:
+    (missing,) = CHECK.checks([])
+    assert not missing.passed
+    assert missing.consequence is Outcome.DID_NOT_PASS
     assert CHECK.estimates([]) == ()
