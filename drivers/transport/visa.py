@@ -60,12 +60,14 @@ class VisaLink:
                 yield
             except VisaIOError as error:
                 if error.error_code == StatusCode.error_timeout:
-                    raise LinkError(
-                        f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
-                    ) from error
+                    raise LinkError(self._silence_message) from error
                 raise LinkError(f"{self.name}: {error.description or error}") from error
             except UnicodeDecodeError as error:
                 raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
+
+    @property
+    def _silence_message(self) -> str:
+        return f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
 
     def write(self, message: str) -> None:
         with self._translate_errors():
@@ -88,13 +90,18 @@ class VisaLink:
             return answer
 
     def _raise_if_closed(self, timeout_s: float) -> None:
-        """Wait for input on a socket; raise LinkError if the other side has closed it, which pyvisa-py takes for silence."""
+        """Wait for input on a socket; raise LinkError if none comes, or if the other side has closed it.
+
+        pyvisa-py takes a closed connection for silence.
+        """
         wire: Any = self._wire_session()
         sock: Any = getattr(wire, "interface", None)
         pending: Any = getattr(wire, "_pending_buffer", None)
         if not isinstance(sock, socket.socket) or pending:
             return
         readable, _, _ = select.select([sock], [], [], timeout_s)
+        if timeout_s and not readable:
+            raise LinkError(self._silence_message)
         if readable and not sock.recv(1, socket.MSG_PEEK):
             raise LinkError(f"{self.name} has closed the connection; check the instrument's power and cable")
 
