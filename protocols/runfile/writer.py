@@ -8,6 +8,7 @@ while running. Status, curves, estimates and checksums are written when the run 
 import contextlib
 import json
 import logging
+import math
 import os
 import shutil
 import time
@@ -44,8 +45,8 @@ log = logging.getLogger(__name__)
 
 NOT_JUDGED = Verdict()
 
-_ABANDONED: list[Any] = []
-"""Files that cannot be closed, and their datasets: HDF5 prints a traceback for each that Python releases."""
+_OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
+"""Files that are not closed, or cannot be, and their datasets: HDF5 prints a traceback for each that Python releases."""
 
 
 class RunFileWriter:
@@ -58,26 +59,28 @@ class RunFileWriter:
             StorageError: no permission, no space, or not a folder.
             FileExistsError: there is such a file.
         """
-        self.path, self._metadata = path, metadata
+        self.path = self._first_path = path
+        self._metadata = metadata
         self._channels = (*CHANNELS, *(channel.name for channel in metadata.channels))
         self._created_at, self._created_s = datetime.now(UTC), time.monotonic()
         self.row_count = 0
         self._columns = point_columns(metadata.point_type)
         self._point_count = 0
         self._closed = False
-        self._dataset_ids: dict[str, Any] = {}
-        """HDF5 identifiers of the growing datasets."""
+        self._open_datasets: dict[str, h5py.Dataset] = {}
+        """Datasets that stay open: closing one writes to the file, and an error then cannot be reported."""
         self._tables: list[tuple[str, np.ndarray]] = []
         """Rows of events and points, for another file in case this one is lost."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             create_file(path, metadata, self._columns)
             self._file = h5py.File(path, "r+", libver="latest")
+            _OPEN[path] = self._file, self._open_datasets
             self._file.swmr_mode = True
             self._presence = FilePresence(path, self._file.id.get_vfd_handle())
         except FileExistsError:
             raise
-        except (OSError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError) as error:
             raise StorageError(
                 f"the run file {path} cannot be created: {os_error_text(error)}; choose another folder"
             ) from error
@@ -100,16 +103,15 @@ class RunFileWriter:
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
         """Store the card's true rate and scaling; afterwards rows are only appended."""
         with translate_write_errors("run", self.path):
-            trace = self._file["entry/trace"]
-            trace["sample_rate"][()] = rate_hz
+            self._dataset("trace/sample_rate")[()] = rate_hz
             for name, scale in zip(self._channels, scales, strict=False):
                 padded = [*scale.coefficients, *[0.0] * MAX_SCALING_COEFFICIENTS][:MAX_SCALING_COEFFICIENTS]
-                trace[f"{name}_scaling_coefficients"][:] = padded
-                trace[f"{name}_skew"][()] = scale.skew_s
-                gain, offset = trace[f"{name}_volts_to_units"][:]
+                self._dataset(f"trace/{name}_scaling_coefficients")[:] = padded
+                self._dataset(f"trace/{name}_skew")[()] = scale.skew_s
+                gain, offset = self._dataset(f"trace/{name}_volts_to_units")[:]
                 factor = padded[1] * gain
-                trace[f"{name}_scaling_factor"][()] = factor
-                trace[f"{name}_offset"][()] = (padded[0] * gain + offset) / factor
+                self._dataset(f"trace/{name}_scaling_factor")[()] = factor
+                self._dataset(f"trace/{name}_offset")[()] = (padded[0] * gain + offset) / factor
             self._file.flush()
 
     def append_block(self, block: Block, time_s: float) -> int:
@@ -120,7 +122,7 @@ class RunFileWriter:
         """
         row = self.row_count
         with self._appending():
-            free = shutil.disk_usage(self.path.parent).free
+            free = math.inf if self._presence.problem else shutil.disk_usage(self.path.parent).free
         if free < RESERVE_BYTES:
             raise StorageError(
                 f"the disk of {self.path.parent} is full: {free / 1e6:.0f} MB are left and {RESERVE_BYTES / 1e6:.0f} MB are "
@@ -136,7 +138,7 @@ class RunFileWriter:
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
         """Return the raw counts of a channel in appended rows, (stop - start,)."""
         with translate_write_errors("run", self.path):
-            return np.asarray(self._file[f"entry/trace/{channel}"][slice(*rows)])
+            return np.asarray(self._dataset(f"trace/{channel}")[slice(*rows)])
 
     def append_event(self, event: Event, time_s: float) -> None:
         """Append an event as JSON; a long text continues in further rows."""
@@ -172,7 +174,7 @@ class RunFileWriter:
         """Flag a point whose entry was measured again: the only value ever changed in place."""
         if "quality" in self._columns:
             with self._appending():
-                quality = self._file["entry/points/quality"]
+                quality = self._dataset("points/quality")
                 quality[row] = int(quality[row]) | Quality.SUPERSEDED
                 quality.flush()
 
@@ -212,10 +214,10 @@ class RunFileWriter:
         """Store how the run ended where a reader of the open file sees it, and close the file."""
         try:
             with translate_write_errors("run", self.path):
-                self._file["entry/status"][()] = str(status)
-                self._file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
-                self._file["entry/verdict"][()] = str(verdict.outcome)
-                self._file["entry/end_time"][()] = self._end_time().isoformat(timespec="milliseconds")
+                self._dataset("status")[()] = str(status)
+                self._dataset("reason")[()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+                self._dataset("verdict")[()] = str(verdict.outcome)
+                self._dataset("end_time")[()] = self._end_time().isoformat(timespec="milliseconds")
                 self._file.flush()
         finally:
             self._close()
@@ -297,9 +299,9 @@ class RunFileWriter:
         try:
             self._file.close()
         except (OSError, RuntimeError) as error:
-            _ABANDONED.append((self._file, self._dataset_ids))
             raise StorageError(f"the run file {self.path} could not be closed: {os_error_text(error)}") from error
-        self._dataset_ids.clear()
+        self._open_datasets.clear()
+        _OPEN.pop(self._first_path, None)
 
     @contextlib.contextmanager
     def _appending(self) -> Iterator[None]:
@@ -310,11 +312,15 @@ class RunFileWriter:
             yield
         self._presence.note_size()
 
+    def _dataset(self, name: str) -> h5py.Dataset:
+        """Return a dataset of the entry, which stays open."""
+        if name not in self._open_datasets:
+            self._open_datasets[name] = self._file[f"entry/{name}"]
+        return self._open_datasets[name]
+
     def _append_rows(self, name: str, rows: np.ndarray) -> None:
         """Append rows, (N, ...), by low-level calls, which take a sixth of the time of h5py's indexing."""
-        data = self._dataset_ids.get(name)
-        if data is None:
-            data = self._dataset_ids[name] = self._file[f"entry/{name}"].id
+        data = self._dataset(name).id
         have, *beside = data.shape
         data.set_extent((have + len(rows), *beside))
         place = data.get_space()

@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -115,3 +117,35 @@ def test_file_lost_at_the_very_end_fails_the_run_and_keeps_its_estimates(tmp_pat
         assert saved.estimates()
         (ended,) = (e for e in ran.events if isinstance(e, RunEnded))
         assert {e.name: e for e in saved.estimates()} == {e.name: e for e in ended.estimates}
+
+
+REFUSED = """
+import resource, signal, sys
+from pathlib import Path
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+import tests.helpers.killed_writers as writers
+from protocols.runfile.errors import StorageError
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+try:
+    writers.write_run(Path(sys.argv[1]), 1)
+except StorageError as error:
+    print("sentence:", error)
+"""
+
+
+@pytest.mark.parametrize("limit", [100_000, pytest.param(300_000, marks=pytest.mark.deep)])
+def test_a_refused_write_prints_one_sentence_and_no_traceback_of_hdf5(limit: int, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSED + LEAVE, str(tmp_path), str(limit)], capture_output=True, text=True, timeout=100
+    )
+    assert "sentence: the run file" in done.stdout
+    assert "cannot be written: File too large" in done.stdout
+    assert done.stderr == ""
+
+
+LEAVE = """
+import gc, os
+gc.collect()
+sys.stdout.flush()
+os._exit(0)  # as the program does after such an error
+"""
