@@ -72,7 +72,7 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
         return Calibrations(versions, int(record["active"]))
     except FileNotFoundError:
         return Calibrations()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, ParameterError) as error:
+    except (OSError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, ParameterError) as error:
         raise CalibrationError(f"{path} cannot be read: {error}; restore it from a copy, or move it away") from error
 
 

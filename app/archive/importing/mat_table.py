@@ -43,7 +43,7 @@ def read_mat_table(path: Path, sha256: str) -> ImportTable:
             name, unit = head, str(units[stem])
         columns.append(TableColumn(head, name, unit, values))
     longest = max(len(column.cells) for column in columns)
-    about = named.get("about", {}) if "points" in structures else {}
+    about = structures.get("about", {}) if "points" in structures else {}
     return ImportTable(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], metadata=about)
 
 
