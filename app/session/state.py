@@ -236,7 +236,7 @@ class WindowState:
                 return "rest is not measured yet"
             case BenchState.UNSAFE | BenchState.DRIVE_LOST if self.seen_v is not None:
                 seen = " … ".join(dict.fromkeys(f"{round(v, 3) + 0.0:.3f}" for v in self.seen_v))
-                return f"if the high voltage is on; the card sees {seen} V, rest is {self.amplifier.rest_v:g} V"
+                return f"if the high voltage is on; the card sees {seen} V"
             case BenchState.UNSAFE:
                 return "may carry high voltage"
             case _:
