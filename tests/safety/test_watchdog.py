@@ -191,7 +191,7 @@ def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypa
         bench.watchdog.raise_for_status()
         with monkeypatch.context() as impatient:
             impatient.setattr("drivers.watchdog.client.WATCHDOG_SILENCE_S", -1.0)
-            with pytest.raises(BenchError, match="the watchdog has said nothing for -1 s"):
+            with pytest.raises(BenchError, match="the watchdog has said nothing for"):
                 bench.watchdog.raise_for_status()
         watchdog.kill()
         wait(lambda: bench.watchdog._ended)
