@@ -27,7 +27,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
     "show": ("app.cli.run", "tell what a run file holds"),
-    "judge": ("app.cli.judge", "what runs are worth, by their points: for runs of earlier versions and imports"),
+    "judge": ("app.cli.run_files", "what runs are worth, by their points: for runs of earlier versions and imports"),
     "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
     "devices": ("app.cli.bench", "find what is connected: VISA instruments, NI cards, serial ports"),
     "bench": ("app.cli.bench", "write a first bench file"),
@@ -44,7 +44,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "runs": ("app.cli.runs", "list the runs of a folder; find some by specimen, protocol, date, status or words"),
     "export": ("app.cli.runs", "a run as CSV, JSON or MAT files"),
-    "verify": ("app.cli.verify", "run files against their checksums; repair of those that a killed program left"),
+    "verify": ("app.cli.run_files", "run files against their checksums; repair of those that a killed program left"),
     "import": ("app.cli.import_", "old tables and time series as run files: CSV or MAT"),
     "protocols": ("app.cli.run", "list what can be measured, and the parameters of each"),
     "resume": (
