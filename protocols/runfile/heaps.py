@@ -20,17 +20,21 @@ def find_endless_heap(path: Path) -> int | None:
     with path.open("rb") as file:
         for start in sorted({0, max(size - WINDOW_BYTES, 0)}):
             file.seek(start)
-            at = _find_in(file.read(WINDOW_BYTES))
+            at = _find_in(file.read(WINDOW_BYTES), size - start)
             if at is not None:
                 return start + at
     return None
 
 
-def _find_in(data: bytes) -> int | None:
+def _find_in(data: bytes, held: int) -> int | None:
+    """Return the place of an endless heap in a window, after whose beginning the file holds so many bytes."""
     objects = 0
     heap = data.find(SIGNATURE)
     while 0 <= heap <= len(data) - HEADER_BYTES:
-        end = min(heap + struct.unpack_from("<Q", data, heap + 8)[0], len(data))
+        declared = heap + struct.unpack_from("<Q", data, heap + 8)[0]
+        if declared > held:  # cut off; HDF5 reads zeros there
+            return heap
+        end = min(declared, len(data))
         at = heap + HEADER_BYTES
         while at + OBJECT_HEADER_BYTES <= end:
             index, _, length = struct.unpack_from("<HH4xQ", data, at)
