@@ -21,8 +21,9 @@ ROOT = Path(__file__).resolve().parents[2]
 class Program:
     """`tactor-bench run` as in a terminal, on a bench file with real addresses."""
 
-    def __init__(self, bench: SimulatedBench, process: subprocess.Popen[str]) -> None:
-        self.bench, self.process = bench, process
+    def __init__(self, bench: SimulatedBench, process: subprocess.Popen[str], keyboard: int) -> None:
+        """`keyboard` is the other end of the pseudo-terminal that the program has as standard input."""
+        self.bench, self.process, self._keyboard = bench, process, keyboard
         self.said: list[str] = []
         self._grew = threading.Condition()
         self._reader = threading.Thread(target=self._listen)
@@ -46,9 +47,7 @@ class Program:
         self.wait_for(words)
         if callable(act):
             act()
-        assert self.process.stdin is not None
-        self.process.stdin.write(say + "\n")
-        self.process.stdin.flush()
+        os.write(self._keyboard, f"{say}\n".encode())
 
     def arm(self) -> None:
         self.answer("high voltage OFF", self.bench.disable_hv)
@@ -70,9 +69,9 @@ class Program:
     def close(self) -> None:
         self.process.kill()
         self.end()
-        for stream in (self.process.stdin, self.process.stdout):
-            assert stream is not None
-            stream.close()
+        os.close(self._keyboard)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
 
     @property
     def text(self) -> str:
@@ -112,16 +111,18 @@ def start(bench: SimulatedBench, folder: Path, *settings: str, script: str = "")
     command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
     options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", "sine-dwell"]
     chosen = [part for setting in settings for part in ("--set", setting)]
+    keyboard, terminal = os.openpty()  # a run on a real bench without a terminal is refused: nobody could answer
     process = subprocess.Popen(
         [sys.executable, "-c", script] if script else [*command, *options, *chosen],
         cwd=folder if script else None,
-        stdin=subprocess.PIPE,
+        stdin=terminal,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(ROOT)},
     )
-    running = Program(bench, process)
+    os.close(terminal)
+    running = Program(bench, process, keyboard)
     running.folder = folder
     return running
 

@@ -1,6 +1,7 @@
 """Live strips of further channels in the window."""
 
 import numpy as np
+from PySide6.QtCore import QCoreApplication, QEvent
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import load_bench
@@ -30,3 +31,5 @@ def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
         feed.add_block(Block(start, np.zeros((2, 1000), np.int16)))
     plot.tick()
     assert not plot.strips.isVisible()
+    plot.deleteLater()
+    QCoreApplication.sendPostedEvents(plot, QEvent.Type.DeferredDelete)
