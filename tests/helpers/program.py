@@ -47,7 +47,14 @@ class Program:
         self.wait_for(words)
         if callable(act):
             act()
-        os.write(self._keyboard, f"{say}\n".encode())
+        time.sleep(0.4)  # until the prompt is complete
+        for _ in range(30):  # what is typed before the program reads is discarded, as a safety prompt demands
+            count = len(self.said)
+            os.write(self._keyboard, f"{say}\n".encode())
+            with self._grew:
+                if self._grew.wait_for(lambda count=count: len(self.said) > count, timeout=2):  # type: ignore[misc]
+                    return
+        raise AssertionError("\n".join(self.said))
 
     def arm(self) -> None:
         self.answer("high voltage OFF", self.bench.disable_hv)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from drivers import LevelAction
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
-from protocols.base import LogMessage, Quality, RecordingFinished, SettlingFinished
+from protocols.base import EntryStarted, LogMessage, Quality, RecordingFinished, SettlingFinished
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
@@ -232,7 +232,7 @@ def test_a_drive_that_is_a_twentieth_off_is_flagged(tmp_path: Path) -> None:
         assert (Quality.DRIVE_OFF in Quality(SineDwell().point((), [seen], True).quality)) is flagged, share
 
 
-def test_scans_that_went_missing_inside_a_recording_are_flagged(tmp_path: Path) -> None:
+def test_an_entry_that_lost_scans_is_measured_again(tmp_path: Path) -> None:
     """The card lost a block while it was recorded: the samples are there, the time between them is not."""
     with laboratory() as lab:
         recording = threading.Event()
@@ -240,10 +240,11 @@ def test_scans_that_went_missing_inside_a_recording_are_flagged(tmp_path: Path) 
         lab.bench.digitizer = digitizer
         watch = Trigger(lambda e: isinstance(e, SettlingFinished), recording.set)
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab, watch)
-    first, second = (Quality(p.quality) for p in ran.points)
-    assert Quality.DROPPED in first
-    assert not first.usable
-    assert second.usable
+    assert [event.index for event in ran.events if isinstance(event, EntryStarted)] == [0, 0, 1]
+    with Run(ran.path) as file:
+        flags = [r.quality for r in file.recordings()]
+    assert [Quality.DROPPED in flag for flag in flags] == [True, False, False]
+    assert all(Quality(p.quality).usable for p in ran.points)
 
 
 def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_the_rest_of_a_run_is_what_show_says(dwell: Path, capsys: pytest.Capture
         assert "resonance frequency: 15" in repr(opened.estimates)
         assert opened.log[-1].kind == "AtRest"
         assert opened.log[-1].fields["confirmed"]
-        assert repr(opened).endswith("completed, SIMULATED>")
+        assert repr(opened).endswith("good, SIMULATED>")
         with pytest.raises(KeyError, match=r"there is no estimate of 'cheese'; there are: .*resonance frequency"):
             _ = opened.estimates["cheese"]
 

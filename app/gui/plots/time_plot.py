@@ -16,6 +16,7 @@ from app.gui.plots.base import (
     trace_pen,
 )
 from app.gui.plots.channel_strips import ChannelStrips
+from app.gui.plots.copy import PlotCopyButtons
 from app.gui.widgets import Theme, make_choice, make_label, row
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
@@ -43,6 +44,7 @@ class TimePlot(TracePlotBase):
         self._last_tick_s = time.monotonic()
         self._spans = QButtonGroup(self)
         self.strips = ChannelStrips(feed, theme)
+        self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
         self._axis_label = make_label(kind="note", wrap=False)
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)

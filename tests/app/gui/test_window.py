@@ -374,6 +374,7 @@ class _Sensing:
 
     amplifier = guard()
     meters: ClassVar[dict[str, Any]] = {}
+    channels = ()
 
     def __init__(self, stage: Stage) -> None:
         from drivers.sensors.laser_sensor import LaserSensor
