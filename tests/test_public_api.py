@@ -11,7 +11,10 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ["drivers", "model", "protocols", "sim_hardware"]
 STUBS = sorted(
-    stub.relative_to(ROOT) for stub in ROOT.glob("*/**/__init__.pyi") if (stub.parent / "__init__.py").exists()
+    stub.relative_to(ROOT)
+    for package in ("app", *PACKAGES, "tactor_bench")
+    for stub in (ROOT / package).rglob("__init__.pyi")
+    if (stub.parent / "__init__.py").exists()
 )
 
 

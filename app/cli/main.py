@@ -12,7 +12,6 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NoReturn
 
 from app.cli.options import BenchOptions, add_options, define_command, read_options
@@ -136,26 +135,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return ExitCode.FAILED
 
 
-def _forget_working_directory() -> None:
-    """Take the working directory out of the imports of this process and of the Python processes that it starts.
-
-    An absolute path in PYTHONPATH stays, also if it is the working directory: it was named on purpose.
-    """
-    packages, kept = (
-        str(Path(__file__).resolve().parents[2]),
-        [entry for entry in sys.path if Path(entry).is_absolute()],
-    )
-    if not sys.flags.safe_path and kept[:1] == [str(Path.cwd())] == sys.path[:1]:  # `python -m` puts it there
-        del kept[0]
-    if packages not in kept:
-        kept.insert(0, packages)
-    sys.path[:] = kept
-    os.environ["PYTHONSAFEPATH"] = "1"
-
-
 def entry() -> NoReturn:
     """Run `main` as the console script and exit."""
-    _forget_working_directory()
+    os.environ["PYTHONSAFEPATH"] = "1"  # the Python processes that it starts do not import from the working directory
     code = main()
     try:
         sys.stdout.flush()

@@ -31,6 +31,9 @@ REST_TOLERANCE_V = 0.05
 MIN_LATENCY_S, LATENCY_PER_SPEED_S = 0.05, 0.02
 """Scans older than this after a command may still be in transfer; on a simulated bench at raised speed, times the speed."""
 
+CONFIRMED_LATENCIES = 5
+"""At raised speed, a deviation of the drive counts once it lasts for one latency, for so many latencies after a command:
+pauses of a busy computer are as many times longer in bench time."""
 
 MONITOR_LEVELS = {"voltage-monitor": ("voltage", "voltage_v"), "current-monitor": ("current", "current_a")}
 """Level and limit, as in `LevelSettings`, by the kind of an input."""
@@ -89,13 +92,17 @@ class LevelMonitor:
             for row, channel in enumerate(channels, DISPLACEMENT_CHANNEL + 1)
             if channel.kind in MONITOR_LEVELS
         ]
-        self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * float(getattr(clock, "speed", 1.0)))
+        speed = float(getattr(clock, "speed", 1.0))
+        self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * speed)
+        self._confirmed_s = CONFIRMED_LATENCIES * self._latency_s if speed > 1 else 0.0
         self._muted: set[str] = set()
         self._reported: set[str] = set()
         self._events: list[LevelExceeded] = []
         self._drive: Drive | None = None
         self._readback: DriveReadback | None = None
         self._fresh_scan = 0
+        self._deviating_since: int | None = None
+        """First scan of the latest blocks in succession that deviate from the drive."""
         self._rest_m = math.nan
         """Displacement at rest; NaN before it was measured."""
         self._silent_points = 0
@@ -133,6 +140,7 @@ class LevelMonitor:
         self._fresh_scan = scan + math.ceil(self._latency_s * self._rate_hz)
         previous, self._drive, self._readback = self._drive, drive, None
         self._lost_scans = 0
+        self._deviating_since = None
         if drive is not None:
             self._readback = DriveReadback(
                 drive, scan, self._fresh_scan, self._rate_hz, self._rest_v, self._settings.drive_tolerance, previous
@@ -175,7 +183,13 @@ class LevelMonitor:
     def _check_drive(self, block: Block, readback: DriveReadback) -> None:
         scale = self._scales[DRIVE_CHANNEL]
         found = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
-        if found is not None:
+        if found is None:
+            self._deviating_since = None
+            return
+        if self._deviating_since is None:
+            self._deviating_since = max(block.start, self._fresh_scan)
+        to_confirm = self._deviating_since < self._fresh_scan + self._confirmed_s * self._rate_hz
+        if not to_confirm or block.stop - self._deviating_since >= self._latency_s * self._rate_hz:
             self._report(
                 "drive",
                 self._settings.drive,

@@ -28,7 +28,7 @@ def python(folder: Path, *arguments: str, path: str = str(ROOT)) -> subprocess.C
     return subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": ""},
         capture_output=True,
         text=True,
         timeout=120,
@@ -75,11 +75,13 @@ def test_a_run_on_the_served_bench_imports_nothing_from_it(how: list[str], tmp_p
 def test_a_process_that_the_program_spawns_imports_nothing_from_it(tmp_path: Path) -> None:
     plant(tmp_path, *MODULES)
     code = """
+import os
 import sys
-from app.cli.main import _forget_working_directory
+import app.cli
 if __name__ == "__main__":
     sys.path.insert(0, "")
-    _forget_working_directory()
+    app.cli.forget_working_directory()
+    os.environ['PYTHONSAFEPATH'] = '1'  # as `entry` does
     import multiprocessing
     child = multiprocessing.get_context("spawn").Process(target=print, args=("spawned",), daemon=False)
     child.start()

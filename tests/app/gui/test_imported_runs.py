@@ -49,14 +49,14 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     page = stage.window.tabs.runs
     until(lambda: page.folder_model.is_idle and page.model.rowCount() == 4, "for the list")
     assert {e.specimen: e.state for e in page.folder_model.summaries}["T7"] == "imported"
-    for specimen, words in (("T6", "all points"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
+    for specimen, words in (("T6", "all points measured"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
         page.select_paths([e.path for e in page.folder_model.summaries if e.specimen == specimen])
         until(lambda: not page._worker.pending, "for the points")
         grab(stage.window, tmp_path / f"{specimen}_list.png")
         page.open_selected()
         until(lambda: page.currentWidget() is page.viewer and page.folder_model.is_idle, "for the run")
         view = page.viewer
-        assert words in view.facts_label.text()
+        assert words in view.verdict_label.text() + view.facts_label.text()
         stage.window.tick()
         grab(stage.window, tmp_path / f"{specimen}.png")
         samples = view.trace_plot.curves[0].getData()[0]
