@@ -25,7 +25,7 @@ from app.cli.output import print_json
 from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
-from protocols.base import CheckResult, Outcome, PointMeasured, RestMeasured, RunEnded, Verdict
+from protocols.base import CheckResult, Outcome, PointMeasured, RestMeasured, RunEnded, Verdict, checks_by_remedy
 from protocols.measurements.wiring_check import WiringCheck
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
@@ -78,11 +78,9 @@ class CheckCommand(ProtocolOptions):
             Console(markup=False).print(
                 _check_table(checks) if checks else "The check was not carried to its end: there is no table."
             )
-            for check in checks:
-                if not check.passed:
-                    Console(stderr=True, markup=False).print(
-                        f"{check.name}: {check.remedy}", highlight=False, soft_wrap=True
-                    )
+            for remedy, same in checks_by_remedy(check for check in checks if not check.passed).items():
+                names = ", ".join(check.name for check in same)
+                Console(stderr=True, markup=False).print(f"{names}: {remedy}", highlight=False, soft_wrap=True)
         return code if passed or code != ExitCode.DONE else ExitCode.FAILED
 
 

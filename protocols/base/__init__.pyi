@@ -69,6 +69,7 @@ from .verdict import CheckResult as CheckResult
 from .verdict import Outcome as Outcome
 from .verdict import RunStatus as RunStatus
 from .verdict import Verdict as Verdict
+from .verdict import checks_by_remedy as checks_by_remedy
 from .verdict import judge as judge
 from .verdict import judge_ended as judge_ended
 from .verdict import remedy_for as remedy_for

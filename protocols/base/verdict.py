@@ -191,7 +191,19 @@ def judge(
         checks += protocol.reference_checks(points, reference)
     failed = [check for check in checks if not check.passed]
     outcome = max((check.consequence for check in failed), key=SEVERITY.index, default=Outcome.GOOD)
-    return Verdict(outcome, tuple(check.text for check in failed), checks)
+    reasons = tuple(
+        "; ".join([*(check.figure for check in same), *([remedy] if remedy else [])])
+        for remedy, same in checks_by_remedy(failed).items()
+    )
+    return Verdict(outcome, reasons, checks)
+
+
+def checks_by_remedy(checks: Iterable[CheckResult]) -> dict[str, list[CheckResult]]:
+    """Return the checks grouped by remedy, in the order of the first of each group."""
+    groups: dict[str, list[CheckResult]] = {}
+    for check in checks:
+        groups.setdefault(check.remedy, []).append(check)
+    return groups
 
 
 def judge_ended(
