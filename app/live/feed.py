@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from app.live.minmax_trace import MinMaxTrace
 from drivers import Block, InputChannel, LaserSensor, Scale
@@ -21,14 +20,6 @@ class TimeSpan:
     @property
     def columns(self) -> int:
         return round(COLUMNS * self.buffer_s / self.shown_s)
-
-
-class BlockRange(NamedTuple):
-    """Lowest and highest drive of a block, and its duration."""
-
-    low_v: float
-    high_v: float
-    duration_s: float
 
 
 COLUMNS = 1000
@@ -74,10 +65,10 @@ class LiveFeed:
                 drive.reset(rate_hz)
                 displacement.reset(rate_hz)
 
-    def add_block(self, block: Block) -> BlockRange | None:
-        """Append a block and return the range of its drive; None before `start_stream`: its scale is not known."""
+    def add_block(self, block: Block) -> None:
+        """Append a block; one before `start_stream` is dropped: its scale is not known."""
         if not self._channels:
-            return None
+            return
         drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
         displacement_um = 1e6 * displacement_m
         for drive, displacement in self._traces.values():
@@ -90,7 +81,6 @@ class LiveFeed:
         with self._lock:
             self._scans += block.raw.shape[1]
             self._latest_um = float(displacement_um.mean())
-        return BlockRange(float(drive_v.min()), float(drive_v.max()), block.raw.shape[1] / self._rate_hz)
 
     @property
     def latest_um(self) -> float | None:

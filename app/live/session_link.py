@@ -6,19 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, suppress
 from datetime import datetime
 
-from app.live.drive_watch import DriveWatch
 from app.live.feed import LiveFeed
-from app.session import ConnectedBench, DriveSeen, FaultPlan, Observer, Session, SessionEvent, TimedEvent, WindowEvent
+from app.session import ConnectedBench, FaultPlan, Observer, Session, SessionEvent, TimedEvent
 from protocols.base import (
     BlockDiscarded,
     BlockStored,
-    DriveStarted,
     EventBus,
     Operator,
     Prompt,
     RunEnded,
     RunStarted,
-    ShutdownStarted,
     StreamStarted,
 )
 
@@ -78,7 +75,6 @@ class SessionAdapter:
         """Injects faults into a simulated bench."""
         self._connect, self._make_session = self.faults.wrap(connect), make_session
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
-        self._drive_watch: DriveWatch | None = None
         self.events = EventBus()
         """Called in the bench thread with every event except samples, before the window."""
         self.session = self._new_session()
@@ -104,18 +100,11 @@ class SessionAdapter:
     def observe(self, event: SessionEvent) -> None:
         """Forward blocks to the feed and every other event to the queue; called in the bench thread."""
         if isinstance(event, BlockStored | BlockDiscarded):
-            seen = self.feed.add_block(event.block)
-            if seen is not None and self._drive_watch is not None and self._drive_watch.check_block(*seen):
-                self._put(DriveSeen(self._drive_watch.lost, seen.low_v, seen.high_v))
+            self.feed.add_block(event.block)
             return
         if isinstance(event, StreamStarted) and self.session.bench is not None:
             bench = self.session.bench
             self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
-            self._drive_watch = DriveWatch(bench.amplifier.map.rest_v)
-        elif isinstance(event, DriveStarted) and self._drive_watch is not None:
-            self._drive_watch.start_drive(event.drive)
-        elif isinstance(event, ShutdownStarted):
-            self._drive_watch = None
         elif isinstance(event, RunEnded):
             self.mailbox.clear()
         try:
@@ -123,10 +112,7 @@ class SessionAdapter:
                 self.faults(event)
             self.events.publish(event)
         finally:
-            self._put(event)
-
-    def _put(self, event: WindowEvent) -> None:
-        self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
+            self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)

@@ -20,7 +20,6 @@ from .session import SessionEvent as SessionEvent
 from .session import unreported_watchdog_messages as unreported_watchdog_messages
 from .state import UNSAFE_EXIT as UNSAFE_EXIT
 from .state import BenchState as BenchState
-from .state import DriveSeen as DriveSeen
 from .state import InstrumentStatus as InstrumentStatus
 from .state import Lamp as Lamp
 from .state import OperatorAction as OperatorAction

@@ -10,7 +10,6 @@ from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     ENERGIZED,
     BenchState,
-    DriveSeen,
     InstrumentStatus,
     Lamp,
     OperatorAction,
@@ -25,6 +24,7 @@ from protocols.base import (
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     CurveReady,
+    DriveReadbackChanged,
     DriveStarted,
     PointMeasured,
     ProgressUpdated,
@@ -78,9 +78,9 @@ def _describe_window_event(view: WindowState, event: WindowEvent) -> tuple[Sever
     match event:
         case RunRequested() | OperatorAction():
             return None
-        case DriveSeen(lost=True) if view.bench_state is BenchState.DRIVE_LOST:
+        case DriveReadbackChanged(lost=True) if view.bench_state is BenchState.DRIVE_LOST:
             return Severity.ERROR, f"The drive is not seen: {view.voltage_text} on the specimen {view.voltage_note}"
-        case DriveSeen():
+        case DriveReadbackChanged():
             return (Severity.INFO, "The card sees the drive again") if view.bench_state is BenchState.LIVE else None
         case _:
             return describe_event(event)
@@ -173,7 +173,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(
                 view, bench_state=BenchState.GOING_TO_REST, prompt=None, problem=words, seen_v=seen_v, may_be_live=True
             )
-        case DriveSeen(lost, low_v, high_v) if view.bench_state in ENERGIZED:
+        case DriveReadbackChanged(lost, low_v, high_v) if view.bench_state in ENERGIZED:
             state = BenchState.DRIVE_LOST if lost else BenchState.LIVE
             return replace(view, bench_state=state, seen_v=(low_v, high_v) if lost else None)
         case RestMeasured(confirmed, measured_v):

@@ -100,16 +100,7 @@ class OperatorAction(StrEnum):
     """Open the bench again."""
 
 
-@dataclass(frozen=True, slots=True)
-class DriveSeen:
-    """The card no longer sees the drive at the amplifier's input, or sees it again; volts of the block."""
-
-    lost: bool
-    low_v: float
-    high_v: float
-
-
-WindowEvent = SessionEvent | RunRequested | OperatorAction | DriveSeen
+WindowEvent = SessionEvent | RunRequested | OperatorAction
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored
 from .events import CurveReady as CurveReady
+from .events import DriveReadbackChanged as DriveReadbackChanged
 from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
 from .events import Event as Event

@@ -193,6 +193,20 @@ class LevelExceeded:
 
 
 @dataclass(frozen=True, slots=True)
+class DriveReadbackChanged:
+    """The card no longer sees the commanded drive at the amplifier's input, or sees it again; published, never stored.
+
+    It follows from the comparison of the abort level `drive`, also where that level is off or muted. `low_v` and `high_v`
+    are the lowest and highest volts of the block in which the change was found.
+    """
+
+    kind: ClassVar[str] = "DriveReadback"
+    lost: bool
+    low_v: float
+    high_v: float
+
+
+@dataclass(frozen=True, slots=True)
 class InjectedFaultChanged:
     """A fault of a simulated bench was injected or cleared."""
 
@@ -279,6 +293,7 @@ Event = (
     | PromptAnswered
     | LogMessage
     | LevelExceeded
+    | DriveReadbackChanged
     | InjectedFaultChanged
     | ShutdownStarted
     | SpecimenMayBeLive

@@ -33,6 +33,7 @@ from protocols.base import (
     ChannelCalibration,
     DetectionResult,
     Detector,
+    DriveReadbackChanged,
     DriveStarted,
     LevelExceeded,
     Log,
@@ -368,12 +369,15 @@ class StepExecutor:
         return block
 
     def _report_levels(self) -> None:
-        """Publish the abort levels that the last block exceeded.
+        """Publish the abort levels that the last block exceeded, and whether the card sees the drive.
 
         Raises:
             LevelExceededError: one of them ends the run.
         """
         for event in self.levels.take_events():
+            if isinstance(event, DriveReadbackChanged):
+                self._recorder.notify(event)
+                continue
             self._recorder.publish(event)
             if event.action == LevelAction.REST:
                 raise LevelExceededError(event.words)

@@ -19,7 +19,7 @@ from drivers import (
     LevelSettings,
     Scale,
 )
-from protocols.base import Array, LevelExceeded, Prompt, Quality
+from protocols.base import Array, DriveReadbackChanged, LevelExceeded, Prompt, Quality
 from protocols.runner.readback import DriveReadback, drive_text
 
 RATE_WINDOW_S = 2e-4
@@ -68,7 +68,8 @@ class LevelMonitor:
     """Evaluates the abort levels in every block, before it is stored or shown (see drivers.bench.bench.BlockMonitor).
 
     Stroke, rate, laser and drive are evaluated while a drive is played: hands on the specimen move the laser, too. Each
-    level is reported once per entry of the plan.
+    level is reported once per entry of the plan. Whether the card sees the commanded drive is reported at every change,
+    whatever the action of the level `drive`.
 
     Args:
         settings: levels and actions of the bench.
@@ -97,7 +98,9 @@ class LevelMonitor:
         self._confirmed_s = CONFIRMED_LATENCIES * self._latency_s if speed > 1 else 0.0
         self._muted: set[str] = set()
         self._reported: set[str] = set()
-        self._events: list[LevelExceeded] = []
+        self._events: list[LevelExceeded | DriveReadbackChanged] = []
+        self._drive_lost = False
+        """Whether the card sees another drive than the commanded one."""
         self._drive: Drive | None = None
         self._readback: DriveReadback | None = None
         self._fresh_scan = 0
@@ -129,8 +132,8 @@ class LevelMonitor:
         """Treat a level as a warning for the remainder of the run."""
         self._muted.add(level)
 
-    def take_events(self) -> list[LevelExceeded]:
-        """Return the levels exceeded since the last call, each once per entry."""
+    def take_events(self) -> list[LevelExceeded | DriveReadbackChanged]:
+        """Return the changes of the drive read back and the exceeded levels (each once per entry) since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -150,11 +153,11 @@ class LevelMonitor:
         """Evaluate a block."""
         self._block_stop = block.stop
         self._check_monitors(block)
-        if self._drive is None:
+        if self._drive is None or self._readback is None:
+            self._set_drive_lost(False, block)
             self._take_rest(block)
             return
-        if self._readback is not None and self._is_active("drive", self._settings.drive):
-            self._check_drive(block, self._readback)
+        self._check_drive(block, self._readback)
         self._check_displacement(block)
 
     def point_measured(self, quality: Quality) -> None:
@@ -185,11 +188,14 @@ class LevelMonitor:
         found = readback.check(block.start, block.raw[DRIVE_CHANNEL], scale.to_volts)
         if found is None:
             self._deviating_since = None
+            if readback.compared:
+                self._set_drive_lost(False, block)
             return
         if self._deviating_since is None:
             self._deviating_since = max(block.start, self._fresh_scan)
         to_confirm = self._deviating_since < self._fresh_scan + self._confirmed_s * self._rate_hz
         if not to_confirm or block.stop - self._deviating_since >= self._latency_s * self._rate_hz:
+            self._set_drive_lost(True, block)
             self._report(
                 "drive",
                 self._settings.drive,
@@ -198,6 +204,12 @@ class LevelMonitor:
                 f"{found.value_v:.3f} V, limit {found.limit_v:.3f} V); check the cable from the generator to the card "
                 "and to the amplifier, the generator's output, and that no other program or person controls the generator",
             )
+
+    def _set_drive_lost(self, lost: bool, block: Block) -> None:
+        if lost is not self._drive_lost:
+            self._drive_lost = lost
+            low_v, high_v = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
+            self._events.append(DriveReadbackChanged(lost, float(low_v), float(high_v)))
 
     def _check_displacement(self, block: Block) -> None:
         raw, settings = block.raw[DISPLACEMENT_CHANNEL], self._settings

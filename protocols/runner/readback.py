@@ -59,6 +59,8 @@ class DriveReadback:
     rest_v: float
     relative_tolerance: float
     previous: Drive | None = None
+    compared: bool = field(default=False, init=False)
+    """Whether the last block was compared with the drive; not before `fresh_scan` or where it has too little of a cycle."""
     _sine_scans: list[Array] = field(default_factory=list)
     _sine_volts: list[Array] = field(default_factory=list)
 
@@ -73,7 +75,8 @@ class DriveReadback:
     def check(
         self, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]
     ) -> Deviation | None:
-        """Return how the counts `raw` from scan `start` on differ from the drive; None if they agree."""
+        """Return how the counts `raw` from scan `start` on differ from the drive; None if they agree or cannot be compared."""
+        self.compared = False
         split = min(max(self.fresh_scan - start, 0), raw.size)
         shortest = MIN_CHECKED_S * self.rate_hz
         if split > shortest and (found := self._check_transition(raw[:split], to_volts)):
@@ -82,6 +85,7 @@ class DriveReadback:
         stop = raw.size if isinstance(self.drive, Hold) else min(end_scan - start, raw.size)
         if stop - split <= shortest:
             return None
+        self.compared = True
         return self._check_drive(start + split, raw[split:stop], to_volts)
 
     def _deviation(self, low: float, high: float, beyond_v: float) -> Deviation | None:
@@ -146,6 +150,7 @@ class DriveReadback:
         """Compare the latest piece of a cycle with the range that the sine crosses within the uncertainty of its start."""
         t = (scans[-latest.size :] - self.start_scan) / self.rate_hz
         if drive.frequency_hz * self._late_s > 0.1:
+            self.compared = False
             return None
         near = drive.volts(np.clip(t + np.linspace(-self._late_s, self._late_s, 5)[:, None], 0.0, drive.duration_s))
         beyond = float(np.max(np.maximum(near.min(axis=0) - latest, latest - near.max(axis=0))))
@@ -166,7 +171,10 @@ class DriveReadback:
         limit_v = (
             self.swing_limit_v + COARSE_SAMPLES_LOSS * drive.amplitude_v if cycles >= 1.1 else 0.75 * drive.amplitude_v
         )
-        if cycles < 0.6 or missing <= limit_v:  # 0.6 of a cycle swings by more than a quarter
+        if cycles < 0.6:  # 0.6 of a cycle swings by more than a quarter
+            self.compared = False
+            return None
+        if missing <= limit_v:
             return None
         return Deviation(_range_text(low, high), missing, limit_v)
 

@@ -9,7 +9,6 @@ from app.session.reducer import reduce
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     BenchState,
-    DriveSeen,
     Lamp,
     OperatorAction,
     RunProgress,
@@ -26,6 +25,7 @@ from protocols.base import (
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     CheckResult,
+    DriveReadbackChanged,
     DriveStarted,
     LogMessage,
     Outcome,
@@ -62,7 +62,7 @@ FAILED = RunEnded(RunStatus.FAILED, "function generator 33511B: no answer; check
 UNSAFE = RunEnded(RunStatus.UNSAFE, "UNSAFE: switch the high voltage off by hand", "run.h5")
 POLARITY = CheckResult("polarity", -1.0, "1", 1.0, None, "swap the sign", Outcome.DID_NOT_PASS)
 MAY_BE_LIVE = SpecimenMayBeLive(0.0, 5.0, "the specimen may be live")
-DRIVE_GONE = DriveSeen(True, -0.0001, 0.0002)
+DRIVE_GONE = DriveReadbackChanged(True, -0.0001, 0.0002)
 LOST = (*LIVE, ShutdownStarted(), NOT_AT_REST, UNSAFE)
 
 
@@ -133,7 +133,7 @@ def test_the_bench_state_says_what_is_known(events: tuple[WindowEvent, ...], sta
         ((*LIVE, MAY_BE_LIVE, RestMeasured(False, float("nan"), "blind")), "about −500 … +1500 V", "0.000 … 5.000 V"),
         ((*LIVE, DRIVE_GONE), "about −500 V", "if the high voltage is on; the card sees 0.000 V"),
         ((*LIVE, DRIVE_GONE, DriveStarted(SINE)), "about −500 V", "0.000 V"),
-        ((*LIVE, DRIVE_GONE, DriveSeen(False, 0.0, 5.0)), "−500 … +1500 V", "160 Hz"),
+        ((*LIVE, DRIVE_GONE, DriveReadbackChanged(False, 0.0, 5.0)), "−500 … +1500 V", "160 Hz"),
         ((*LIVE, NO_ANSWER), "about −88 V", "switch the high voltage OFF at the amplifier now"),
         ((*LIVE, NO_ANSWER, AT_REST), "0 V", "rest measured 2.500 V"),
         ((*LIVE, SpecimenMayBeLive(float("nan"), float("nan"), "no card")), "unknown", "may be live"),

@@ -26,6 +26,7 @@ IN_FILES = {
     "Noted",
     "FaultSwitched",
     "LevelExceeded",
+    "DriveReadback",
     "GoingToRest",
     "MayBeLive",
     "AtRest",

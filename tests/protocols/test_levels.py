@@ -10,15 +10,19 @@ import pytest
 from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine
 from protocols.base import (
     BlockStored,
+    DriveReadbackChanged,
     DriveStarted,
     LevelExceeded,
     Outcome,
     PointMeasured,
     PromptShown,
+    Protocol,
     Quality,
     RunStatus,
 )
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.sweep import Sweep
+from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runfile.reader import Run
 from protocols.runner.levels import LevelMonitor
 from protocols.runner.readback import DriveReadback
@@ -49,6 +53,10 @@ def run_with(
 
 def exceeded(ran: Ran) -> list[LevelExceeded]:
     return [event for event in ran.events if isinstance(event, LevelExceeded)]
+
+
+def readbacks(ran: Ran) -> list[DriveReadbackChanged]:
+    return [event for event in ran.events if isinstance(event, DriveReadbackChanged)]
 
 
 def time_of(timed: list[tuple[float, Any]], kind: type) -> float:
@@ -158,6 +166,10 @@ def test_a_drive_that_is_gone_is_reported_in_the_first_block(fault: str, tmp_pat
         ran = run(LONG, tmp_path, lab, lambda e: timed.append((lab.bench.clock.now(), e)), trigger, safe=False)
     event = exceeded(ran)[0]
     assert (event.level, event.action) == ("drive", "rest")
+    (seen,) = readbacks(ran)
+    assert seen.lost
+    assert abs(seen.high_v) < 0.01
+    assert time_of(timed, DriveReadbackChanged) <= time_of(timed, LevelExceeded)
     assert time_of(timed, LevelExceeded) - broken[0] <= REPORTED_WITHIN_S
     assert ran.status == RunStatus.UNSAFE  # the input is pulled to 0 V
 
@@ -251,6 +263,53 @@ def test_the_end_of_the_previous_drive_and_the_ramp_are_no_deviation() -> None:
     assert deviation(SINE, lambda t: 2.5 + 0 * t, 0.0) is None  # not started yet
     assert deviation(SINE, lambda t: 0 * t, 0.0) is not None
     assert deviation(SINE, lambda t: 2.5 + 0 * t, SINE.duration_s + 0.1) is None  # over
+
+
+@pytest.mark.parametrize("action", [LevelAction.OFF, LevelAction.WARNING])
+def test_a_lost_drive_is_seen_until_it_is_back_or_the_source_rests_whatever_its_level_does(action: LevelAction) -> None:
+    with laboratory() as lab:
+        monitor = LevelMonitor(LevelSettings(drive=action), lab.bench.sensor, 2.5, VirtualClock())
+    monitor.attach((VOLTS, VOLTS), RATE_HZ, 0.0)
+    monitor.drive_changed(SINE)
+    scan = 1000
+
+    def found_in(volts: Any) -> list[Any]:
+        nonlocal scan
+        drive_v = np.broadcast_to(volts((scan + np.arange(250)) / RATE_HZ), 250)
+        monitor.block_read(Block(scan, np.rint(np.stack([drive_v, 0 * drive_v]) / 2e-4).astype(np.int16)))
+        scan += 250
+        return [e.lost if isinstance(e, DriveReadbackChanged) else e.level for e in monitor.take_events()]
+
+    warned = ["drive"] if action is LevelAction.WARNING else []
+    assert found_in(SINE.volts) == []
+    assert found_in(lambda t: 0 * t) == [True, *warned]
+    assert found_in(lambda t: 0 * t) == []
+    assert found_in(SINE.volts) == [False]
+    assert found_in(lambda t: 0 * t) == [True]  # its level was reported in this entry
+    monitor.drive_changed(SINE)  # nothing of the new drive is compared yet
+    monitor.drive_changed(None)
+    assert found_in(lambda t: 2.5 + 0 * t) == [False]
+
+
+def test_a_drive_that_is_over_is_not_seen_again() -> None:
+    readback = DriveReadback(SINE, 0, 250, RATE_HZ, 2.5, 0.1)
+    for start_s, compared in ((0.0, False), (0.2, True), (SINE.duration_s + 0.1, False)):
+        t = start_s + np.arange(250) / RATE_HZ
+        readback.check(round(start_s * RATE_HZ), np.rint(SINE.volts(t) / 2e-4).astype(np.int16), VOLTS.to_volts)
+        assert readback.compared is compared
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    "protocol",
+    [SineDwell(frequencies_hz=(25.0, 250.0)), Sweep(), VoltageSteps(repeats=1)],
+    ids=lambda protocol: protocol.name,
+)
+def test_a_sound_run_never_loses_its_drive(protocol: Protocol, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, drive=LevelAction.OFF)
+        ran = run(protocol, tmp_path, lab)
+    assert (ran.status, readbacks(ran)) == (RunStatus.COMPLETED, [])
 
 
 def test_a_block_of_500_kilosamples_a_second_is_evaluated_in_a_fraction_of_its_duration() -> None:
