@@ -5,7 +5,7 @@ Numbers without a unit are in the unit of their quantity.
 
 import re
 from functools import cache
-from math import pi
+from math import pi, tau
 from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Interval, Unit
@@ -68,12 +68,12 @@ def to_number(text: str, unit: str) -> float:
     Raises:
         UnitError: no number, an unknown unit, or a unit of another dimension.
     """
-    for number in (
+    for plain in (
         text,
         text.removesuffix(unit) if unit.isalpha() and len(text) <= MAX_TEXT_LENGTH else "",
     ):  # a number in the unit itself needs no library
         try:
-            return float(number)
+            return float(plain)
         except ValueError:
             continue
     if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
@@ -82,11 +82,39 @@ def to_number(text: str, unit: str) -> float:
 
     registry = _registry()
     try:
-        return float(registry.Quantity(text).to("dimensionless" if unit == "1" else unit).magnitude)
+        quantity, wanted = registry.Quantity(text), registry.Unit("dimensionless" if unit == "1" else unit)
+        number = float(quantity.to(wanted).magnitude)
+        cycles = _cycle_exponent(quantity.units, wanted)
     except pint.DimensionalityError as error:
         raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
         raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
+    if cycles is None:
+        remedy = "write a plain number" if unit == "1" else f"write it in {unit}"
+        raise UnitError(f"'{text}' is no quantity in {unit}: an angle or a count is no pure number; {remedy}")
+    return float(number * tau**cycles)
+
+
+def _cycle_exponent(given: Any, wanted: Any) -> int | None:
+    """Return the power of 2 pi that the unit library leaves out of a conversion; None where angles do not match.
+
+    The library takes radian, cycle and count as pure numbers, and Hz as 1/s. Here 1 Hz is one cycle, 2 pi radian, a
+    second; a bare 1/s is taken as Hz.
+    """
+    (have, have_hertz), (want, want_hertz) = _angle_units(given), _angle_units(wanted)
+    if have == want:
+        return have_hertz - want_hertz
+    return 0 if not have and want == {"radian": 1} and want_hertz == 1 else None
+
+
+def _angle_units(unit: Any) -> tuple[dict[str, int], int]:
+    """Return the powers of a unit's units without dimension, and how many of its radians are a hertz."""
+    registry = _registry()
+    roots = registry.get_root_units(unit)[1]
+    powers = {name: int(power) for name, power in roots._units.items() if registry.Unit(name).dimensionless}  # noqa: SLF001
+    hertz = sum(int(power) for name, power in unit._units.items() if name.endswith("hertz"))  # noqa: SLF001
+    powers["radian"] = powers.get("radian", 0) + hertz
+    return {name: power for name, power in powers.items() if power}, hertz
 
 
 def read_number(text: str, quantity: ParameterSpec) -> float:
@@ -143,4 +171,7 @@ def _split(text: str) -> list[str]:
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
+    for names in ("@alias turn = rev = revs", "@alias revolutions_per_minute = RPM"):
+        registry.define(names)
+    return registry

@@ -106,10 +106,27 @@ def test_no_configuration_type_accepts_an_unknown_key() -> None:
         ("1.5 kHz", "Hz", 1500),
         ("2 %", "1", 0.02),
         ("1e-3", "s", 1e-3),
+        ("628.3185307179586 rad/s", "Hz", 100),
+        ("100 cycles/s", "Hz", 100),
+        ("6000 rpm", "Hz", 100),
+        ("6000 rev/min", "Hz", 100),
+        ("100 deg/s", "Hz", 100 / 360),
+        ("100 1/s", "Hz", 100),
+        ("100 Hz", "rad/s", 628.3185307179586),
+        ("180 deg", "rad", 3.141592653589793),
+        ("0.5 cycle", "rad", 3.141592653589793),
     ],
 )
 def test_numbers_with_units(text: str, unit: str, number: float) -> None:
     assert to_number(text, unit) == pytest.approx(number)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"), [("100 Bq", "Hz"), ("5 counts/s", "Hz"), ("3 deg", "1"), ("1 rad kg", "kg"), ("1 rad^2/s", "Hz")]
+)
+def test_angles_and_counts_are_no_pure_numbers(text: str, unit: str) -> None:
+    with pytest.raises(UnitError, match="an angle or a count is no pure number"):
+        to_number(text, unit)
 
 
 @pytest.mark.parametrize(

@@ -50,12 +50,19 @@ def test_every_country_s_table_is_read(name: str, encoding: str, tmp_path: Path)
         ("Load (g)", "Load", "g"),
         ("f/Hz", "f", "Hz"),
         ("drive in V", "drive", "V"),
+        ("omega / rad/s", "omega", "rad/s"),
         ("max - min", "max - min", None),
         ("peak_to_peak", "peak_to_peak", None),
     ],
 )
 def test_a_head_tells_name_and_unit(head: str, name: str, unit: str | None) -> None:
     assert split_heading(head) == (name, unit)
+
+
+@pytest.mark.parametrize("head", ["frequency (rad/s)", "omega / rad/s"])
+def test_an_angular_frequency_is_divided_by_two_pi(head: str, tmp_path: Path) -> None:
+    (tmp_path / "w.csv").write_text(f"{head},pp [um]\n628.3185307179586,760\n942.4777960769379,1154\n")
+    np.testing.assert_allclose(points(brought(tmp_path / "w.csv", *FULL))["frequency"], [100, 150])
 
 
 def test_a_load_in_grams_is_a_mass_and_its_side_may_be_a_word(tmp_path: Path) -> None:

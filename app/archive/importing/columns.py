@@ -52,7 +52,7 @@ class TableKind:
 DISPLACEMENT_RANGE_M = (1e-9, 1e-2)
 COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
     "sine-dwell": (
-        ColumnSpec("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz"), (1.0, 2000.0)),
+        ColumnSpec("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz", "omega", "angularfrequency"), (1.0, 2000.0)),
         ColumnSpec("peak_to_peak", "m", "max - min of the displacement: the paper's amplitude", ("pp", "p2p", "pkpk", "pktopk", "maxmin", "peaktopeakamplitude", "peakpeak"), DISPLACEMENT_RANGE_M),
         ColumnSpec("fundamental", "m", "peak amplitude of the fundamental", ("peakamplitude", "fundamentalamplitude", "sineamplitude"), DISPLACEMENT_RANGE_M),
         ColumnSpec("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),

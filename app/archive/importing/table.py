@@ -12,7 +12,7 @@ EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "nul
 """Cells in which there is no number."""
 
 HEADING_PATTERN = re.compile(
-    r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))"
+    r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|\s/\s+(?P<e>\S+)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))"
 )
 UNIT_SUFFIXES = {
     unit.casefold(): unit
@@ -98,7 +98,7 @@ def split_heading(heading: str) -> tuple[str, str | None]:
     """Parse name and unit of a heading: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
     heading = heading.strip()
     if found := HEADING_PATTERN.fullmatch(heading):
-        unit = next(part for part in found.group("a", "b", "c", "d") if part is not None).strip()
+        unit = next(part for part in found.group("a", "b", "c", "d", "e") if part is not None).strip()
         if found["name"].strip() and unit and (found["d"] is None or unit.casefold() in UNIT_SUFFIXES):
             return found["name"].strip(), unit
     name, _, suffix = heading.rpartition("_")
