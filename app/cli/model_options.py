@@ -2,6 +2,7 @@
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -144,7 +145,7 @@ class SpecimenOptions(ParameterOptions):
     )
 
 
-class Topic(SpecimenOptions):
+class Topic(SpecimenOptions, ABC):
     """A topic of the command `model`.
 
     It is no dataclass itself, so that the options of a topic's `files`, if it writes any, are the last ones.
@@ -152,9 +153,9 @@ class Topic(SpecimenOptions):
 
     files: FileOptions = NO_FILES
 
+    @abstractmethod
     def compute(self) -> CommandResult:
         """Return the result, which is then written and printed."""
-        raise NotImplementedError
 
     def execute(self) -> int:
         check_output_files(self.files)
