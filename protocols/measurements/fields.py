@@ -11,6 +11,10 @@ SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans p
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"]
 LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"]
 FittedFrequency = Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+NaturalFrequency = Annotated[float, Unit("Hz"), "undamped natural frequency"]
+NaturalFrequencyError = Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
+DampingRatio = Annotated[float, Unit("1"), "damping ratio"]
+DampingRatioError = Annotated[float, Unit("1"), "standard error of the damping ratio"]
 RepeatNumber = Annotated[float, Unit("1"), "which repeat, from 1"]
 QualityFlags = Annotated[int, Unit("1"), "flags, see protocols.quality"]
 

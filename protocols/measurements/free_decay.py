@@ -27,7 +27,15 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
-from protocols.measurements.fields import QualityFlags, SampleRate, point_quality
+from protocols.measurements.fields import (
+    DampingRatio,
+    DampingRatioError,
+    NaturalFrequency,
+    NaturalFrequencyError,
+    QualityFlags,
+    SampleRate,
+    point_quality,
+)
 from protocols.measurements.result_checks import repeatability_check, signal_to_noise_check, usable_points
 
 SOURCE = "free decay after a step"
@@ -41,10 +49,10 @@ class DecayPoint:
     """How the tactor rings after one edge. Uncertainties are standard and statistical."""
 
     edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
-    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency"]
-    resonance_errors: Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
-    damping: Annotated[float, Unit("1"), "damping ratio"]
-    damping_errors: Annotated[float, Unit("1"), "standard error of the damping ratio"]
+    resonance: NaturalFrequency
+    resonance_errors: NaturalFrequencyError
+    damping: DampingRatio
+    damping_errors: DampingRatioError
     amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
     noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
     quality: QualityFlags

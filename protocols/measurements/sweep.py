@@ -28,7 +28,16 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
-from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fields import (
+    DampingRatio,
+    DampingRatioError,
+    DriveVpp,
+    NaturalFrequency,
+    NaturalFrequencyError,
+    QualityFlags,
+    SampleRate,
+    point_quality,
+)
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.measurements.result_checks import (
     coherence_check,
@@ -59,10 +68,10 @@ class SweepPoint:
     """Resonance from one sweep. Uncertainties are standard, and include what one mode leaves unexplained."""
 
     repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
-    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency"]
-    resonance_errors: Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
-    damping: Annotated[float, Unit("1"), "damping ratio"]
-    damping_errors: Annotated[float, Unit("1"), "standard error of the damping ratio"]
+    resonance: NaturalFrequency
+    resonance_errors: NaturalFrequencyError
+    damping: DampingRatio
+    damping_errors: DampingRatioError
     peak: Annotated[float, Unit("Hz"), "line with the largest response"]
     peak_response: Annotated[float, Unit("m/V"), "response there, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
