@@ -39,8 +39,11 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     },
     "runner": {
         "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py",
+        "protocols/runner/entries.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py tests/protocols/test_lost_scans.py tests/protocols/test_levels.py",
+        "protocols/runner/interrupts.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py",
+        "protocols/runner/conclusion.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py tests/protocols/test_judgement.py",
         "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
-        "protocols/runner/ledger.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py tests/protocols/test_continuation.py",
+        "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py tests/protocols/test_continuation.py",
         "protocols/base/verdict.py": "tests/protocols/test_verdict.py",
         "protocols/resume.py": "tests/protocols/test_continuation.py",
     },

@@ -42,6 +42,13 @@ class RunRecorder:
                 raise
         self.notify(event)
 
+    def publish_always(self, event: Event) -> None:
+        """Store and publish an event; only publish it if it cannot be stored, for safety must be reported."""
+        try:
+            self.publish(event)
+        except StorageError:
+            self.notify(event)
+
     def publish_external(self) -> None:
         """Store and publish the external events that have arrived.
 

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from drivers import LevelAction
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
-from protocols.base import EntryStarted, LogMessage, Quality, RecordingFinished, SettlingFinished
+from protocols.base import EntryStarted, LogMessage, Quality, RecordingFinished, ReferenceModel, SettlingFinished
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
@@ -173,7 +173,7 @@ def test_parameters_outside_their_range_are_refused(settings: dict, says: str) -
 
 def test_the_header_names_everything_a_reader_needs() -> None:
     with laboratory() as lab:
-        told = run_metadata(RunRequest(SineDwell(), Path(), "T9"), lab.bench)
+        told = run_metadata(RunRequest(SineDwell(), Path(), "T9"), lab.bench, ReferenceModel())
     assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
     assert told.bench["identities"]["generator"].startswith("Keysight")
     assert told.simulated

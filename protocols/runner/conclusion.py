@@ -1,0 +1,120 @@
+"""Run conclusion: how a run ended, what its result is worth, and the last event, in the file and to the observers."""
+
+import contextlib
+import logging
+import math
+
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, BenchError, UnsafeError
+from protocols.base import (
+    EstimatedQuantity,
+    LogMessage,
+    Outcome,
+    Protocol,
+    ReferenceModel,
+    RestMeasured,
+    RunEnded,
+    RunStatus,
+    Verdict,
+    judge_ended,
+)
+from protocols.runfile.errors import StorageError
+from protocols.runfile.writer import RunFileWriter
+from protocols.runner.computer_clock import ComputerClockCheck
+from protocols.runner.interrupts import RunCancelled
+from protocols.runner.plan_progress import PlanProgress
+from protocols.runner.publisher import RunRecorder
+
+log = logging.getLogger(__name__)
+
+
+def describe_end(
+    error: RunCancelled | BenchError | StorageError | KeyboardInterrupt, progress: PlanProgress
+) -> tuple[RunStatus, str]:
+    """Return status and reason of a run that was ended by the operator or by a failure of the bench or the file."""
+    match error:
+        case RunCancelled():
+            done = f"{len(progress.measured)} of {len(progress.plan)} points"
+            return RunStatus.STOPPED, f"stopped by the operator after {done}" + (f": {error}" if error.args else "")
+        case KeyboardInterrupt():
+            return RunStatus.STOPPED, f"interrupted after {len(progress.measured)} points"
+        case UnsafeError(__cause__=BenchError() | StorageError() as earlier):
+            return RunStatus.UNSAFE, f"{error} The run had failed before: {earlier}"
+        case UnsafeError():
+            return RunStatus.UNSAFE, str(error)
+        case _:
+            return RunStatus.FAILED, str(error)
+
+
+class RunConclusion:
+    """Concludes a run: publishes the measured rest, estimates and judges the result, and finishes the run file.
+
+    Args:
+        reference: model that the result is compared with.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        reference: ReferenceModel,
+        run_file: RunFileWriter,
+        recorder: RunRecorder,
+        progress: PlanProgress,
+    ) -> None:
+        self._protocol, self._reference, self._run_file = protocol, reference, run_file
+        self._recorder, self._progress = recorder, progress
+        self._clock_check = ComputerClockCheck()
+
+    def conclude(self, status: RunStatus, reason: str, armed: ArmedBench | None) -> RunEnded:
+        """Record how the run ended: in the file if it can be written, and always to the observers."""
+        with contextlib.suppress(StorageError):
+            self._recorder.publish_external()
+        status, reason = self._publish_rest(status, reason, armed)
+        estimates: tuple[EstimatedQuantity, ...] = ()
+        try:
+            estimates = self._protocol.estimates(self._progress.points)
+        except BaseException as error:
+            log.exception("the analysis failed")
+            reason += f"; the analysis failed: {type(error).__name__}: {error}"
+        try:
+            self._run_file.check_presence()
+        except StorageError as error:
+            status, reason = _storage_failure(error, status, reason)
+        verdict = self._judge(status, reason)
+        if message := self._clock_check.message():
+            self._recorder.publish_always(LogMessage(message))
+        try:
+            reason = self._run_file.finish(status, reason, estimates, self._progress.curves, verdict)
+        except StorageError as error:
+            status, reason = _storage_failure(error, status, reason)
+            verdict = Verdict.of_status(status, reason, verdict.checks)
+            with contextlib.suppress(StorageError):
+                self._run_file.close_after_error()
+        ended = RunEnded(status, reason, str(self._run_file.path), estimates, verdict)
+        self._recorder.notify(ended)
+        return ended
+
+    def _publish_rest(self, status: RunStatus, reason: str, armed: ArmedBench | None) -> tuple[RunStatus, str]:
+        """Publish the rest measured at shutdown; return status and reason, unsafe where high voltage may be on without it."""
+        rest = armed.final_rest if armed is not None else None
+        if rest is not None:
+            self._recorder.publish_always(RestMeasured(rest.confirmed, rest.measured_v, rest.message))
+        elif status is RunStatus.UNSAFE or (armed is not None and armed.high_voltage_may_be_on):
+            if status is not RunStatus.UNSAFE:  # the shutdown itself was interrupted
+                status, reason = RunStatus.UNSAFE, f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. The run had ended before: {reason}"
+            self._recorder.publish_always(RestMeasured(False, math.nan, "rest could not be measured"))
+        return status, reason
+
+    def _judge(self, status: RunStatus, reason: str) -> Verdict:
+        progress = self._progress
+        try:
+            return judge_ended(status, reason, self._protocol, progress.points, len(progress.plan), self._reference)
+        except Exception as error:
+            log.exception("the checks of the result failed")
+            if status is not RunStatus.COMPLETED:
+                return Verdict.of_status(status, reason)
+            return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked: {type(error).__name__}: {error}",))
+
+
+def _storage_failure(error: StorageError, status: RunStatus, reason: str) -> tuple[RunStatus, str]:
+    """Return status and reason of a run whose file cannot be written at its end."""
+    return (RunStatus.FAILED, str(error)) if status in (RunStatus.COMPLETED, RunStatus.STOPPED) else (status, reason)

@@ -1,0 +1,180 @@
+"""Entry runner: measures and analyzes the entries of a plan, again after a pause, a question or lost scans."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from drivers import ArmedBench, RestartableStream, ScansLostError
+from protocols.base import (
+    CurveReady,
+    EntryStarted,
+    LevelExceeded,
+    LogMessage,
+    PlanEntry,
+    Prompt,
+    Protocol,
+    Quality,
+    Recording,
+    Repeat,
+    ResultCurve,
+    RunPaused,
+    RunResumed,
+)
+from protocols.resume import ResumeState, assess_drift
+from protocols.runner.executor import StepExecutor
+from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
+from protocols.runner.levels import LEVEL_ANSWERS, LevelQuestion, level_prompt
+from protocols.runner.operator_actions import OperatorActions
+from protocols.runner.plan_progress import PlanProgress
+from protocols.runner.publisher import RunRecorder
+
+
+class EntryRunner:
+    """Measures the entries of a plan one after the other.
+
+    Args:
+        simulated: whether the bench is simulated, which flags every point.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        simulated: bool,
+        executor: StepExecutor,
+        recorder: RunRecorder,
+        progress: PlanProgress,
+        operator_actions: OperatorActions,
+        interrupts: InterruptCheck,
+    ) -> None:
+        self._protocol, self._simulated, self._executor = protocol, simulated, executor
+        self._recorder, self._progress = recorder, progress
+        self._operator_actions, self._interrupts = operator_actions, interrupts
+        self._lost_scans: set[int] = set()
+        """Entries that were measured again because scans were lost."""
+
+    def run(self, armed: ArmedBench, preparation: Sequence[Prompt], resumed: ResumeState) -> None:
+        """Measure every entry that has no point yet, or is to be repeated."""
+        self._progress.queue_remaining(resumed.repeat_entries)
+        self._recorder.publish(self._progress.progress_event())
+        self._operator_actions.prepare(armed, preparation)
+        self._check_drift(armed, resumed)
+        while (index := self._progress.next_entry()) is not None:
+            self._progress.complete(index, self._measure_entry(armed, index))
+            self._recorder.publish(self._progress.progress_event())
+
+    def add_curves(self, curves: Sequence[ResultCurve]) -> None:
+        """Keep curves of entries and publish them."""
+        for curve in curves:
+            self._progress.add_curve(curve)
+            self._recorder.notify(CurveReady(curve))
+
+    def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
+        """Measure one entry, again after a pause or if the protocol requests it."""
+        entry = self._progress.plan[index]
+        while True:
+            try:
+                self._operator_actions.set_up(armed, entry.setup)
+                self._recorder.publish(EntryStarted(index, entry.label, entry.key))
+                self._interrupts.pausable = True
+                recordings, redo = self._executor.run_entry(self._protocol, index, entry, armed)
+            except PauseInterrupt:
+                self._interrupts.pausable = False
+                self._wait_at_rest(armed)
+                continue
+            except LevelQuestion as question:
+                self._interrupts.pausable = False
+                self._ask_about_level(armed, question.event)
+                continue
+            except ScansLostError as error:
+                self._interrupts.pausable = False
+                self._recover_from_lost_scans(armed, index, error)
+                continue
+            finally:
+                self._interrupts.pausable = False
+            if redo is None and index not in self._lost_scans and any(r.quality & Quality.DROPPED for r in recordings):
+                self._repeat_once(index, "scans are missing")
+                continue
+            if redo is not Repeat.THIS:
+                break
+        if redo is None:
+            self._analyze_entry(armed, index, entry, recordings)
+        return redo
+
+    # -- analysis ------------------------------------------------------------------------------------------------------
+
+    def _analyze_entry(self, armed: ArmedBench, index: int, entry: PlanEntry, recordings: Sequence[Recording]) -> None:
+        results = self._protocol.results(entry.key, recordings, self._simulated)
+        try:
+            point = self._executor.run_analysis(armed, partial(next, results))
+        except ValueError as error:
+            self._progress.mark_failed(index)
+            if entry.drives:
+                self._executor.levels.point_measured(Quality.NO_RESPONSE)
+            self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
+        else:
+            self._recorder.publish(self._progress.add_point(index, point))
+            if entry.drives:
+                self._executor.levels.point_measured(Quality(int(getattr(point, "quality", 0))))
+            self.add_curves(self._analyze_curves(armed, index, entry, results))
+            for warning in self._progress.new_warnings():
+                self._recorder.publish(LogMessage(warning))
+
+    def _analyze_curves(
+        self, armed: ArmedBench, index: int, entry: PlanEntry, results: Iterator[Any]
+    ) -> tuple[ResultCurve, ...]:
+        try:
+            return tuple(
+                replace(curve, entry=index) for curve in self._executor.run_analysis(armed, partial(tuple, results))
+            )
+        except ValueError as error:
+            self._recorder.publish(LogMessage(f"{entry.label} gives no curve: {error}"))
+            return ()
+
+    def _check_drift(self, armed: ArmedBench, resumed: ResumeState) -> None:
+        """When resuming, measure the last good entry again to check for drift."""
+        last = resumed.drift_check_entry
+        if last is None or last in resumed.repeat_entries:
+            return
+        _, before = self._progress.measured[last]
+        self._measure_entry(armed, last)
+        message, question = assess_drift(
+            self._protocol, self._progress.plan[last].label, before, self._progress.measured[last][1]
+        )
+        self._recorder.publish(LogMessage(message))
+        if question is not None and self._executor.ask_operator(question) != question.choices[0]:
+            raise RunCancelled
+
+    # -- interruptions -------------------------------------------------------------------------------------------------
+
+    def _wait_at_rest(self, armed: ArmedBench) -> None:
+        rest = armed.return_to_verified_rest()
+        self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
+        while self._interrupts.is_pause_requested:
+            self._interrupts.check()
+            self._executor.discard_block(armed)
+        self._recorder.publish(RunResumed())
+
+    def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
+        """Return to rest and let the operator decide whether and how to proceed beyond an abort level."""
+        rest = armed.return_to_verified_rest()
+        self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
+        answer = self._executor.ask_operator(level_prompt(event))
+        if answer == LEVEL_ANSWERS[0]:
+            raise RunCancelled(event.words)
+        if answer == LEVEL_ANSWERS[2]:
+            self._executor.levels.mute(event.level)
+        self._recorder.publish(RunResumed())
+
+    def _recover_from_lost_scans(self, armed: ArmedBench, index: int, error: ScansLostError) -> None:
+        """Start the acquisition again and return to rest, so that the entry can be measured again; once per entry."""
+        if index in self._lost_scans or not isinstance(armed.stream, RestartableStream):
+            raise error
+        armed.stream.restart()
+        armed.return_to_verified_rest()
+        self._repeat_once(index, str(error))
+
+    def _repeat_once(self, index: int, reason: str) -> None:
+        self._lost_scans.add(index)
+        label = self._progress.plan[index].label
+        self._recorder.publish(LogMessage(f"{label} is measured again, because scans were lost: {reason}"))
