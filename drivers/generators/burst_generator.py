@@ -157,6 +157,7 @@ class BurstGenerator(ABC):
         if not self._is_output_on() or self._first_mismatch(
             *limits
         ):  # otherwise no setting that could drop the output is touched
+            self._reset_foreign_settings()
             self._configure(*limits)
             if wrong := self._first_mismatch(*limits):
                 output = "is on as it was found" if self._is_output_on() else "was not brought up"
@@ -295,8 +296,10 @@ class BurstGenerator(ABC):
     def _mismatches(self, settings: Iterable[ExpectedSetting]) -> Iterator[tuple[ExpectedSetting, str]]:
         """Query the settings in turn; yield each that is not as expected, with the answer."""
         for setting in settings:
-            answer = self._query_setting(setting.name)
-            if not setting.matches(answer):
+            answer = (
+                self._query_optional_setting(setting.name) if setting.optional else self._query_setting(setting.name)
+            )
+            if answer is not None and not setting.matches(answer):
                 yield setting, answer
 
     def _ramp_foreign_output_down(self, rest_v: float) -> None:
@@ -397,6 +400,13 @@ class BurstGenerator(ABC):
     @abstractmethod
     def _query_setting(self, name: str) -> str:
         """Query a setting of `_expected_settings`."""
+
+    def _query_optional_setting(self, name: str) -> str | None:
+        """Query a setting that this model may not have; return None if it says so."""
+        return self._query_setting(name)
+
+    def _reset_foreign_settings(self) -> None:  # noqa: B027 - few settings of a plug-in's instrument persist
+        """Reset what other users may have left and the drive does not set: polarity, gating, a second channel."""
 
     @abstractmethod
     def _is_output_on(self) -> bool: ...

@@ -20,12 +20,14 @@ class ExpectedSetting:
         keywords: in capitals; empty for a number.
         low: smallest number.
         high: largest number.
+        optional: whether models without this setting are possible; one that does not know it counts as expected.
     """
 
     name: str
     keywords: tuple[str, ...] = ()
     low: float = -math.inf
     high: float = math.inf
+    optional: bool = False
 
     def matches(self, answer: str) -> bool:
         """Whether a reply is as expected; a reply that should be a number and is not does not match."""
@@ -47,9 +49,31 @@ class ExpectedSetting:
         return f"{middle:g}" if around <= 0.01 else f"{self.low:g} to {self.high:g}"
 
 
-def expect_keyword(name: str, *keywords: str) -> ExpectedSetting:
+def expect_keyword(name: str, *keywords: str, optional: bool = False) -> ExpectedSetting:
     """Expect one of these keywords."""
-    return ExpectedSetting(name, keywords)
+    return ExpectedSetting(name, keywords, optional=optional)
+
+
+@dataclass(frozen=True, slots=True)
+class NeutralSetting:
+    """A setting that persists from other users and changes the output beside the drive: polarity, gating, combining.
+
+    Args:
+        header: in commands and queries, e.g. `OUTP:POL`.
+        value: at which it leaves the output alone, as a command has it.
+        replies: how that value is replied, in capitals.
+        optional: whether models without it are possible.
+    """
+
+    header: str
+    value: str
+    replies: tuple[str, ...]
+    optional: bool = False
+
+    @property
+    def expected(self) -> ExpectedSetting:
+        """The neutral value as an expected setting."""
+        return expect_keyword(self.header, *self.replies, optional=self.optional)
 
 
 def expect_value(name: str, value: float, tolerance: float) -> ExpectedSetting:

@@ -12,7 +12,13 @@ import numpy as np
 
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP
-from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
+from drivers.generators.expected_setting import (
+    ExpectedSetting,
+    NeutralSetting,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
 
 FULL_SCALE = 8191
@@ -26,6 +32,7 @@ class Keysight33200(ScpiBurstGenerator):
     CAN_FREEZE_RANGE = True
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     MAX_BURST_CYCLES = 50_000
+    NEUTRAL_SETTINGS = (NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL")),)
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         del low_v, high_v  # this model has no output limits

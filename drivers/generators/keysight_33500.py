@@ -8,8 +8,23 @@ from collections.abc import Iterable, Sequence
 
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V
-from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
+from drivers.generators.expected_setting import (
+    ExpectedSetting,
+    NeutralSetting,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
+
+TWO_CHANNEL_SETTINGS = (
+    NeutralSetting("SOUR1:COMB:FEED", "NONE", ("NONE",)),
+    NeutralSetting("SOUR1:VOLT:COUP", "OFF", ("0", "OFF")),
+    NeutralSetting("SOUR1:FREQ:COUP", "OFF", ("0", "OFF")),
+    NeutralSetting("SOUR1:TRAC", "OFF", ("OFF", "0")),
+    NeutralSetting("SOUR2:TRAC", "OFF", ("OFF", "0")),
+)
+"""With these, the second channel is added to the first, or moves it."""
 
 
 class Keysight33500(ScpiBurstGenerator):
@@ -20,8 +35,19 @@ class Keysight33500(ScpiBurstGenerator):
     CAN_FREEZE_RANGE = True
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     INTERPOLATES_POINTS = True
+    NEUTRAL_SETTINGS = (
+        NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL")),
+        NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL")),
+    )
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
+
+    @property
+    def _has_two_channels(self) -> bool:
+        return self.identity.model[4:5] == "2"
+
+    def _neutral_settings(self) -> Iterable[NeutralSetting]:
+        return self.NEUTRAL_SETTINGS + (TWO_CHANNEL_SETTINGS if self._has_two_channels else ())
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         yield self._expected_load()

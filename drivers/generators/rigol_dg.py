@@ -14,7 +14,13 @@ import numpy as np
 from drivers.errors import LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V
-from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
+from drivers.generators.expected_setting import (
+    ExpectedSetting,
+    NeutralSetting,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
 
 FULL_SCALE = 16383
@@ -33,6 +39,14 @@ class RigolDg(ScpiBurstGenerator):
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
     TRIGGER_COMMAND = ":SOUR1:BURS:TRIG"
+    NEUTRAL_SETTINGS = (
+        NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL")),
+        NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True),
+        NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True),
+        NeutralSetting(":SOUR1:TRACK", "OFF", ("OFF", "0"), optional=True),
+        NeutralSetting(":SOUR2:TRACK", "OFF", ("OFF", "0"), optional=True),
+        NeutralSetting(":SOUR1:SUM", "OFF", ("OFF", "0"), optional=True),
+    )
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         yield self._expected_load()

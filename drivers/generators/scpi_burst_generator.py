@@ -5,9 +5,19 @@ from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from drivers.deprecated import renamed
+from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V, BurstGenerator
-from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
+from drivers.generators.expected_setting import (
+    ExpectedSetting,
+    NeutralSetting,
+    expect_keyword,
+    expect_range,
+    expect_value,
+)
 from drivers.transport.scpi import join_commands
+
+UNDEFINED_HEADER = "-113"
+"""Code of the error that an unknown command leaves in the error queue (SCPI-99, vol. 2, 21.8.9)."""
 
 
 @renamed(
@@ -33,12 +43,46 @@ class ScpiBurstGenerator(BurstGenerator):
     RATE_IS_SAMPLE_RATE: ClassVar[bool] = False
     """Whether `RATE_HEADER` is in samples per second, or in whole periods."""
     TRIGGER_COMMAND: ClassVar[str] = "*TRG"
+    NEUTRAL_SETTINGS: ClassVar[tuple[NeutralSetting, ...]] = (
+        NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),
+    )
+    """Settings of other users that persist; by default the polarity, for a plug-in's instrument that may have none."""
+
+    _unknown_headers: frozenset[str] = frozenset()
+    """Optional settings that this instrument has said it does not know."""
 
     def idle_level_v(self) -> float:
         return self._scpi.query_float(f"{self.SOURCE_PREFIX}VOLT:OFFS?")
 
     def _query_setting(self, name: str) -> str:
         return self._scpi.query(f"{name}?")
+
+    def _query_optional_setting(self, name: str) -> str | None:
+        if name in self._unknown_headers:
+            return None
+        try:
+            return self._query_setting(name)
+        except LinkError:  # an unknown header is not answered; the error queue tells it from a lost reply
+            code = self._scpi.query("SYST:ERR?").partition(",")[0]
+            if code.strip() != UNDEFINED_HEADER:
+                raise
+        self._unknown_headers |= {name}
+        return None
+
+    def _neutral_settings(self) -> Iterable[NeutralSetting]:
+        """Return the settings of other users that this model has."""
+        return self.NEUTRAL_SETTINGS
+
+    def _reset_foreign_settings(self) -> None:
+        for setting in self._neutral_settings():
+            try:
+                self._write_checked(f"{setting.header} {setting.value}")
+            except LinkError:
+                raise
+            except InstrumentError as error:
+                if not (setting.optional and f"({UNDEFINED_HEADER})" in str(error)):
+                    raise
+                self._unknown_headers |= {setting.header}
 
     def _is_output_on(self) -> bool:
         return self._query_setting(self.OUTPUT_HEADER).upper() in ("1", "ON")
@@ -56,6 +100,7 @@ class ScpiBurstGenerator(BurstGenerator):
             expect_keyword(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
             expect_range(f"{source}BURS:NCYC", 1, self.MAX_BURST_CYCLES),
         )
+        yield from (setting.expected for setting in self._neutral_settings())
 
     def _expected_load(self) -> ExpectedSetting:
         return expect_range(self.LOAD_HEADER, 1e9, math.inf)

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V
-from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_value
+from drivers.generators.expected_setting import ExpectedSetting, NeutralSetting, expect_keyword, expect_value
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
 
 FULL_SCALE = 16382
@@ -29,6 +29,15 @@ class TektronixAfg(ScpiBurstGenerator):
     SOURCE_PREFIX = "SOUR1:"
     OUTPUT_HEADER = "OUTP1:STAT"
     LOAD_HEADER = "OUTP1:IMP"
+    NEUTRAL_SETTINGS = (
+        NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True),
+        NeutralSetting("SOUR1:COMB:FEED", '""', ('""', "''", ""), optional=True),
+        *(
+            NeutralSetting(f"{source}:{quantity}:CONC:STAT", "OFF", ("0", "OFF"), optional=True)
+            for source in ("SOUR1", "SOUR2")
+            for quantity in ("VOLT", "FREQ")
+        ),
+    )
 
     @property
     def _is_afg1000(self) -> bool:

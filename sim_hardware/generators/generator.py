@@ -34,7 +34,8 @@ class GeneratorSettings:
     """Settings that shape the output; the defaults are those of a Trueform instrument after reset.
 
     `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
-    the amplitude; None is at its start phase.
+    the amplitude; None is at its start phase. `inverted` flips the output about its offset, which is unchanged. `gated`
+    leaves 0 V between bursts. `added_v` is what another channel adds to the output.
     """
 
     on: bool = False
@@ -54,6 +55,14 @@ class GeneratorSettings:
     start_hz: float = 100.0
     stop_hz: float = 1e3
     sweep_s: float = 1.0
+    inverted: bool = False
+    gated: bool = False
+    added_v: float = 0.0
+
+    @property
+    def emf_peak_v(self) -> float:
+        """Volts of a full-scale point above the offset."""
+        return -self.emf_vpp / 2 if self.inverted else self.emf_vpp / 2
 
 
 class SimulatedGenerator:
@@ -143,8 +152,8 @@ class SimulatedGenerator:
                     s.start_hz * self._clock,
                     s.stop_hz * self._clock,
                     s.sweep_s,
-                    s.emf_vpp / 2,
-                    s.emf_offset_v,
+                    s.emf_peak_v,
+                    s.emf_offset_v + s.added_v,
                     phase,
                 )
             return self._segment(t)
@@ -169,8 +178,9 @@ class SimulatedGenerator:
         start = math.sin(math.radians(s.phase_deg))
         if wave:  # its first point, whatever is drawn between the points
             start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
-        idle = s.emf_offset_v + s.emf_vpp / 2 * (start if s.idle is None else s.idle)
-        return PeriodicSegment(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s, wave)
+        offset_v = s.emf_offset_v + s.added_v
+        idle = 0.0 if s.gated else offset_v + s.emf_peak_v * (start if s.idle is None else s.idle)
+        return PeriodicSegment(origin_s, f, s.emf_peak_v, offset_v, phase_rad, idle, cycles, period_s, wave)
 
     def _carry_over_phase(self, previous: GeneratorSettings, t: float) -> None:
         """Carry phase and remaining cycles through a change of settings."""
@@ -198,7 +208,7 @@ class SimulatedGenerator:
             # The oscillator has been running all the time; its phase is unknown.
             self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
         elif isinstance(self._carrier, ChirpSegment) and s.sweep:
-            self._carrier = replace(self._carrier, amplitude_v=s.emf_vpp / 2, offset_v=s.emf_offset_v)
+            self._carrier = replace(self._carrier, amplitude_v=s.emf_peak_v, offset_v=s.emf_offset_v + s.added_v)
         else:
             self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
 
@@ -211,7 +221,7 @@ class SimulatedGenerator:
         if not (self._powered and s.on):
             return self._open
         if s.function == "DC":
-            return ConstantSegment(s.emf_offset_v)
+            return ConstantSegment(s.emf_offset_v + s.added_v)
         if s.burst and s.trigger == "IMM":
             return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
         if s.burst:

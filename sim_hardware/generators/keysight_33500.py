@@ -3,7 +3,8 @@
 Pitfalls that matter on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared it puts twice
 the volts on a high-impedance input; APPLy turns the output on; another amplitude range and another function switch relays;
 leaving DC or burst starts a sine at an unknown phase; an impossible value is clipped, not rejected; a waveform's name can
-be used once; clearing the memory selects another waveform; the byte order of a download is the opposite one.
+be used once; clearing the memory selects another waveform; the byte order of a download is the opposite one; polarity, gating
+and, with two channels, combining, coupling and tracking are settings that persist.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -113,6 +114,8 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         free = MEMORY_POINTS
         return [
             *super().commands,
+            *self._other_channel_commands(),
+            self._gate_command(),
             ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
             ScpiCommand(SOURCE_PATTERN + "DATA:ARBitrary[1]", self._download),
             ScpiCommand(SOURCE_PATTERN + "DATA:VOLatile:CLEar", self._clear),
@@ -135,6 +138,22 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
                 self._set_filter,
                 lambda _: "STEP" if self._interpolated else "OFF",
             ),
+        ]
+
+    def _other_channel_commands(self) -> list[ScpiCommand]:
+        """Return the commands that only two-channel models know: others answer -113."""
+        if self._model[4:5] != "2":
+            return []
+        return [
+            ScpiCommand(
+                SOURCE_PATTERN + "COMBine:FEED",
+                lambda a: self._add_other_channel(match_keyword(single_argument(a), "CH1", "CH2", "NONE") == "CH2"),
+                lambda _: "CH2" if self._generator.settings.added_v else "NONE",
+            ),
+            self._stored_switch(SOURCE_PATTERN + "VOLTage:COUPle[:STATe]"),
+            self._stored_switch(SOURCE_PATTERN + "FREQuency:COUPle[:STATe]"),
+            self._keyword_command(SOURCE_PATTERN + "TRACk", "OFF", "ON", "INVerted"),
+            self._keyword_command("SOURce2:TRACk", "OFF", "ON", "INVerted"),
         ]
 
     def _waveform_names(self) -> list[str]:

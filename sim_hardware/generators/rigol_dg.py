@@ -2,7 +2,8 @@
 
 Pitfalls: VOLT:OFFS? replies 0 in DC mode whatever the level that APPL? reports; a download selects the waveform function,
 and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied
-as ON and OFF; the idle level of a burst is a setting of its own.
+as ON and OFF; the idle level of a burst is a setting of its own; polarity, gating, coupling, tracking and the sum with the
+other channel are settings that persist.
 """
 
 import math
@@ -21,6 +22,7 @@ from sim_hardware.wires.scpi_engine import (
     ScpiError,
     check_argument_count,
     match_keyword,
+    parse_boolean,
     parse_number,
     single_argument,
 )
@@ -90,6 +92,8 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
                 levels.set_auto_range,
                 lambda _: self.format_switch(core.settings.auto_range),
             ),
+            self._gate_command(),
+            *self._other_channel_commands(),
             ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
             *super().commands,
             ScpiCommand(
@@ -107,6 +111,32 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
             ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
         ]
+
+    def format_polarity(self, inverted: bool) -> str:
+        return (
+            "INVERTED" if inverted else "NORMAL"
+        )  # in full, unlike a Keysight (DG1000Z and DG4000 programming guides)
+
+    def _other_channel_commands(self) -> list[ScpiCommand]:
+        if self._is_dg800 and self._model[4:5] != "2":
+            return []
+        return [
+            ScpiCommand("COUPling[1][:STATe]", self._set_coupling, lambda _: self._query_coupling()),
+            self._keyword_command(SOURCE_PATTERN + "TRACK", "OFF", "ON", "INVerted"),
+            self._keyword_command("SOURce2:TRACK", "OFF", "ON", "INVerted"),
+            ScpiCommand(
+                SOURCE_PATTERN + "SUM[:STATe]",
+                lambda a: self._add_other_channel(parse_boolean(single_argument(a))),
+                lambda _: self.format_switch(bool(self._generator.settings.added_v)),
+            ),
+        ]
+
+    def _set_coupling(self, a: Arguments) -> None:
+        self._keyword_settings["COUPling"] = self.format_switch(parse_boolean(single_argument(a)))
+
+    def _query_coupling(self) -> str:
+        on = self._keyword_settings.get("COUPling", "OFF")
+        return f"FREQ:{on},PHASE:{on},AMPL:{on}"
 
     def _select_function(self, function: str) -> None:
         super()._select_function(function)

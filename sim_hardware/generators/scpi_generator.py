@@ -27,6 +27,8 @@ from sim_hardware.wires.scpi_engine import (
 )
 
 SOURCE_PATTERN = "[SOURce[1]:]"
+OTHER_CHANNEL_V = 0.7
+"""What the other channel of a two-channel instrument outputs."""
 
 
 class SimulatedScpiGenerator:
@@ -55,6 +57,7 @@ class SimulatedScpiGenerator:
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
         self.identity = identity
+        self._model = identity.split(",")[1].strip().upper()
         self.queue_error: Callable[[ScpiError], None] = lambda _: None
         self._generator = generator
         self._now = now
@@ -68,6 +71,10 @@ class SimulatedScpiGenerator:
     def format_switch(self, on: bool) -> str:
         """Return a switch as this family writes it."""
         return str(int(on))
+
+    def format_polarity(self, inverted: bool) -> str:
+        """Return the output polarity as this family writes it."""
+        return "INV" if inverted else "NORM"
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
@@ -84,6 +91,11 @@ class SimulatedScpiGenerator:
                 SOURCE_PATTERN + "BURSt:NCYCles",
                 self._set_cycles,
                 lambda _: self.format_number(self._generator.settings.cycles),
+            ),
+            ScpiCommand(
+                "OUTPut[1]:POLarity",
+                self._set_polarity,
+                lambda _: self.format_polarity(self._generator.settings.inverted),
             ),
             ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
             ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
@@ -137,6 +149,30 @@ class SimulatedScpiGenerator:
             self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
 
         return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, short_form(names[0])))
+
+    def _gate_command(self) -> ScpiCommand:
+        """Make the setting that gates the output with the sync signal: between bursts there is no output."""
+        return ScpiCommand(
+            "OUTPut[1]:MODE",
+            lambda a: self._generator.apply_settings(
+                gated=match_keyword(single_argument(a), "NORMal", "GATed") == "GAT"
+            ),
+            lambda _: "GAT" if self._generator.settings.gated else "NORM",
+        )
+
+    def _set_polarity(self, a: Arguments) -> None:
+        self._generator.apply_settings(inverted=match_keyword(single_argument(a), "NORMal", "INVerted") == "INV")
+
+    def _add_other_channel(self, on: bool) -> None:
+        self._generator.apply_settings(added_v=OTHER_CHANNEL_V if on else 0.0)
+
+    def _stored_switch(self, pattern: str) -> ScpiCommand:
+        """Make a switch that is stored and does not affect an idle output."""
+
+        def setter(a: Arguments) -> None:
+            self._keyword_settings[pattern] = self.format_switch(parse_boolean(single_argument(a)))
+
+        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, self.format_switch(False)))
 
     def _function_keyword(self) -> str:
         function = self._generator.settings.function

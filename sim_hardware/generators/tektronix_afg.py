@@ -1,9 +1,11 @@
 """Simulated Tektronix AFG3000 or AFG1000 function generator, after its programmer manual.
 
 Pitfalls: a burst is triggered by the internal timer by default, again and again; no range can be frozen; an AFG1000's
-built-in DC ignores the offset, and its load can be set at the front panel only.
+built-in DC ignores the offset, and its load can be set at the front panel only; polarity, and with two channels concurrent
+settings and added noise or external signals persist.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
@@ -71,12 +73,31 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             ScpiCommand(
                 SOURCE_PATTERN + "FREQuency:MODE", self._set_sweep, lambda _: "SWE" if core.settings.sweep else "CW"
             ),
+            *self._other_channel_commands(),
             ScpiCommand(SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)),
             ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             ScpiCommand("DATA:DEFine", self._define_edit_memory),
             ScpiCommand("DATA[:DATA]", self._download),
             ScpiCommand("DATA:POINts", None, lambda _: str(self._edit_memory.size)),
         ]
+
+    def _other_channel_commands(self) -> list[ScpiCommand]:
+        if self._is_afg1000:
+            return []
+        feed = ScpiCommand(
+            SOURCE_PATTERN + "COMBine:FEED",
+            lambda a: self._add_other_channel(single_argument(a).strip("\"'") != ""),
+            lambda _: '"EXTERNAL"' if self._generator.settings.added_v else '""',
+        )
+        concurrent = (
+            f"{source}{quantity}:CONCurrent[:STATe]"
+            for source in (SOURCE_PATTERN, "SOURce2:")
+            for quantity in ("VOLTage", "FREQuency")
+        )
+        two = re.match(r"AFG3\d+", self._model)
+        if two is None or not two[0].endswith("2"):
+            return [feed]
+        return [feed, *(self._stored_switch(pattern) for pattern in concurrent)]
 
     def trigger(self) -> None:
         # *TRG fires an external trigger; no other command does.

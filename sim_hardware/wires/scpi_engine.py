@@ -211,18 +211,18 @@ class ScpiInstrument(Protocol):
 def header_regex(pattern: str) -> re.Pattern[str]:
     """The pattern as a regular expression over headers without leading colon.
 
-    `VOLTage` is VOLT or VOLTAGE, `[x]` may be left out, a number in brackets is an optional suffix.
+    `VOLTage` is VOLT or VOLTAGE, `[x]` may be left out, a number is a suffix, one in brackets an optional suffix.
     """
     out = []
-    for part in re.findall(r"\[\d+\]|[A-Za-z]+|[\[\]:]|\*[A-Z]+", pattern):
+    for part in re.findall(r"\[\d+\]|[A-Za-z]+|\d+|[\[\]:]|\*[A-Z]+", pattern):
         if part == "[":
             out.append("(?:")
         elif part == "]":
             out.append(")?")
         elif part.startswith("["):
             out.append(f"{part[1:-1]}?")
-        elif part == ":":
-            out.append(":")
+        elif part == ":" or part.isdigit():
+            out.append(part)
         else:
             short = short_form(part)
             rest = part[len(short) :].upper()

@@ -1,0 +1,101 @@
+"""Settings of the previous user that would change the drive: corrected at arming, shown by the amplifier's input volts."""
+
+from functools import cache
+
+import pytest
+
+from drivers.drive import Steps
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.transport.scpi import Link
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.plant.parameters import SimulationParameters
+from tests.helpers.front_panel import press
+from tests.helpers.generators import BOXES
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
+
+FOREIGN_SETTINGS = {
+    "33522B": (
+        "OUTP:POL INV",
+        "OUTP:MODE GAT",
+        "SOUR1:COMB:FEED CH2",
+        "SOUR1:VOLT:COUP ON",
+        "SOUR1:FREQ:COUP ON",
+        "SOUR1:TRAC ON",
+        "SOUR2:TRAC INV",
+    ),
+    "33511B": ("OUTP:POL INV", "OUTP:MODE GAT"),
+    "33220A": ("OUTP:POL INV",),
+    "33250A": ("OUTP:POL INV",),
+    "33210A": ("OUTP:POL INV",),
+    "DG1032Z": (
+        ":OUTP1:POL INV",
+        ":OUTP1:MODE GAT",
+        ":COUP ON",
+        ":SOUR1:TRACK INV",
+        ":SOUR2:TRACK ON",
+        ":SOUR1:SUM ON",
+    ),
+    "DG811": (":OUTP1:POL INV", ":OUTP1:MODE GAT"),
+    "AFG3022C": (
+        "OUTP1:POL INV",
+        'SOUR1:COMB:FEED "EXTERNAL"',
+        "SOUR2:VOLT:CONC:STAT ON",
+        "SOUR1:FREQ:CONC:STAT ON",
+    ),
+    "AFG3021C": ("OUTP1:POL INV", 'SOUR1:COMB:FEED "EXTERNAL"'),
+    "AFG1022": ("OUTP1:POL INV",),
+}
+"""What each model's previous user may leave, by the model: polarity, gating, the other channel added, coupled or tracked."""
+
+DRIVERS = {
+    "335": "33511B",
+    "332": "33220A",
+    "DG": "DG1032Z",
+    "AFG": "AFG3022C",
+}
+CASES = [(model, setting) for model, settings in FOREIGN_SETTINGS.items() for setting in settings]
+
+
+@cache
+def parameters(model: str) -> SimulationParameters:
+    return simulated(generator={"model": model}).simulation_parameters
+
+
+def opened(model: str) -> tuple[BurstGenerator, SimulatedBench, Link]:
+    bench = SimulatedBench(parameters(model), VirtualClock())
+    family = next(driver for start, driver in DRIVERS.items() if model.startswith(start))
+    return BOXES[family](bench.link(), bench.clock), bench, bench.link()
+
+
+def play_to_one_side(source: BurstGenerator, bench: SimulatedBench) -> None:
+    """Play 480 V to the positive side: inverted it would be -480 V."""
+    bench.enable_hv()
+    source.start_drive(Steps((2.5, 3.3, 2.5), 0.05, 0.05))
+    bench.clock.sleep(0.4)
+    report = bench.report()
+    assert_safe_voltage(report)
+    assert report.highest_v == pytest.approx(3.3, abs=0.02)
+    assert report.lowest_v == pytest.approx(2.5, abs=0.02)
+
+
+@pytest.mark.parametrize(("model", "setting"), CASES)
+def test_arming_corrects_what_the_previous_user_left(model: str, setting: str) -> None:
+    source, bench, panel = opened(model)
+    press(panel, setting)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    play_to_one_side(source, bench)
+
+
+@pytest.mark.parametrize(("model", "setting"), CASES)
+def test_a_setting_changed_between_two_runs_is_noticed_and_corrected(model: str, setting: str) -> None:
+    source, bench, panel = opened(model)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    press(panel, setting)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    play_to_one_side(source, bench)
