@@ -43,6 +43,8 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "protocols/runner/interrupts.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py",
         "protocols/runner/conclusion.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py tests/protocols/test_judgement.py",
         "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
+        "protocols/runner/acquisition.py": "tests/protocols/test_levels.py tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
+        "protocols/runner/operator_prompts.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
         "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py tests/protocols/test_continuation.py",
         "protocols/base/verdict.py": "tests/protocols/test_verdict.py",
         "protocols/resume.py": "tests/protocols/test_continuation.py",

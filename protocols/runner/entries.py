@@ -22,10 +22,12 @@ from protocols.base import (
     RunResumed,
 )
 from protocols.resume import ResumeState, assess_drift
+from protocols.runner.acquisition import Acquisition
 from protocols.runner.executor import StepExecutor
 from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
 from protocols.runner.levels import LEVEL_ANSWERS, LevelQuestion, level_prompt
 from protocols.runner.operator_actions import OperatorActions
+from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import RunRecorder
 
@@ -41,13 +43,16 @@ class EntryRunner:
         self,
         protocol: Protocol,
         simulated: bool,
+        acquisition: Acquisition,
+        prompts: OperatorPrompts,
         executor: StepExecutor,
         recorder: RunRecorder,
         progress: PlanProgress,
         operator_actions: OperatorActions,
         interrupts: InterruptCheck,
     ) -> None:
-        self._protocol, self._simulated, self._executor = protocol, simulated, executor
+        self._protocol, self._simulated = protocol, simulated
+        self._acquisition, self._prompts, self._executor = acquisition, prompts, executor
         self._recorder, self._progress = recorder, progress
         self._operator_actions, self._interrupts = operator_actions, interrupts
         self._lost_scans: set[int] = set()
@@ -106,16 +111,16 @@ class EntryRunner:
     def _analyze_entry(self, armed: ArmedBench, index: int, entry: PlanEntry, recordings: Sequence[Recording]) -> None:
         results = self._protocol.results(entry.key, recordings, self._simulated)
         try:
-            point = self._executor.run_analysis(armed, partial(next, results))
+            point = self._acquisition.run_analysis(armed, partial(next, results))
         except ValueError as error:
             self._progress.mark_failed(index)
             if entry.drives:
-                self._executor.levels.point_measured(Quality.NO_RESPONSE)
+                self._acquisition.levels.point_measured(Quality.NO_RESPONSE)
             self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
         else:
             self._recorder.publish(self._progress.add_point(index, point))
             if entry.drives:
-                self._executor.levels.point_measured(Quality(int(getattr(point, "quality", 0))))
+                self._acquisition.levels.point_measured(Quality(int(getattr(point, "quality", 0))))
             self.add_curves(self._analyze_curves(armed, index, entry, results))
             for warning in self._progress.new_warnings():
                 self._recorder.publish(LogMessage(warning))
@@ -125,7 +130,7 @@ class EntryRunner:
     ) -> tuple[ResultCurve, ...]:
         try:
             return tuple(
-                replace(curve, entry=index) for curve in self._executor.run_analysis(armed, partial(tuple, results))
+                replace(curve, entry=index) for curve in self._acquisition.run_analysis(armed, partial(tuple, results))
             )
         except ValueError as error:
             self._recorder.publish(LogMessage(f"{entry.label} gives no curve: {error}"))
@@ -142,7 +147,7 @@ class EntryRunner:
             self._protocol, self._progress.plan[last].label, before, self._progress.measured[last][1]
         )
         self._recorder.publish(LogMessage(message))
-        if question is not None and self._executor.ask_operator(question) != question.choices[0]:
+        if question is not None and self._prompts.ask(question) != question.choices[0]:
             raise RunCancelled
 
     # -- interruptions -------------------------------------------------------------------------------------------------
@@ -152,18 +157,18 @@ class EntryRunner:
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
         while self._interrupts.is_pause_requested:
             self._interrupts.check()
-            self._executor.discard_block(armed)
+            self._acquisition.discard_block(armed)
         self._recorder.publish(RunResumed())
 
     def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
         """Return to rest and let the operator decide whether and how to proceed beyond an abort level."""
         rest = armed.return_to_verified_rest()
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
-        answer = self._executor.ask_operator(level_prompt(event))
+        answer = self._prompts.ask(level_prompt(event))
         if answer == LEVEL_ANSWERS[0]:
             raise RunCancelled(event.words)
         if answer == LEVEL_ANSWERS[2]:
-            self._executor.levels.mute(event.level)
+            self._acquisition.levels.mute(event.level)
         self._recorder.publish(RunResumed())
 
     def _recover_from_lost_scans(self, armed: ArmedBench, index: int, error: ScansLostError) -> None:

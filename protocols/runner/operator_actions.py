@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from drivers import ArmedBench
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Prompt
-from protocols.runner.executor import StepExecutor
+from protocols.runner.operator_prompts import OperatorPrompts
 
 
 class OperatorActions:
@@ -15,24 +15,24 @@ class OperatorActions:
         high_voltage: whether the run uses high voltage.
     """
 
-    def __init__(self, executor: StepExecutor, high_voltage: bool) -> None:
-        self._executor, self._high_voltage = executor, high_voltage
+    def __init__(self, prompts: OperatorPrompts, high_voltage: bool) -> None:
+        self._prompts, self._high_voltage = prompts, high_voltage
         self._current_setup: Prompt | None = None
         """The current set-up of the specimen."""
 
     def disable(self) -> None:
         """Prompt the operator to switch high voltage off."""
-        self._executor.ask_operator(DISABLE_HIGH_VOLTAGE)
+        self._prompts.ask(DISABLE_HIGH_VOLTAGE)
 
     def enable(self) -> None:
         """Prompt the operator to switch high voltage on."""
-        self._executor.ask_operator(ENABLE_HIGH_VOLTAGE)
+        self._prompts.ask(ENABLE_HIGH_VOLTAGE)
 
     def prepare(self, armed: ArmedBench, prompts: Sequence[Prompt]) -> None:
         """Show the preparation prompts, before the first entry."""
         with self._specimen_access(armed, any(prompt.hands_on for prompt in prompts)):
             for prompt in prompts:
-                self._executor.ask_operator(prompt)
+                self._prompts.ask(prompt)
 
     def set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
         """Prompt for the set-up of an entry if it differs from the current one."""
@@ -40,7 +40,7 @@ class OperatorActions:
             return
         self._current_setup = None
         with self._specimen_access(armed, setup.hands_on):
-            self._executor.ask_operator(setup)
+            self._prompts.ask(setup)
         self._current_setup = setup
 
     def _specimen_access(self, armed: ArmedBench, needed: bool) -> contextlib.AbstractContextManager[None]:

@@ -25,11 +25,13 @@ from protocols.resume import ResumeState
 from protocols.runfile.errors import StorageError
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.writer import RunFileWriter
+from protocols.runner.acquisition import Acquisition
 from protocols.runner.conclusion import RunConclusion, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
 from protocols.runner.interrupts import InterruptCheck, RunCancelled
 from protocols.runner.operator_actions import OperatorActions
+from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.request import RunControl, RunRequest
@@ -96,16 +98,17 @@ class Runner:
         self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, control.external_events)
         self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
         interrupts = InterruptCheck(control, self._recorder)
-        self._executor = StepExecutor(
-            bench, self._run_file, operator, self._recorder, interrupts.check, self._calibration_warning
-        )
+        self._acquisition = Acquisition(bench, self._recorder, interrupts.check)
         for level in self._protocol.diagnosed_levels:
-            self._executor.levels.mute(level)
-        self._operator_actions = OperatorActions(self._executor, self._protocol.high_voltage)
+            self._acquisition.levels.mute(level)
+        prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
+        self._operator_actions = OperatorActions(prompts, self._protocol.high_voltage)
         self._entries = EntryRunner(
             self._protocol,
             bench.simulated,
-            self._executor,
+            self._acquisition,
+            prompts,
+            StepExecutor(bench, self._run_file, self._recorder, self._acquisition, prompts, self._calibration_warning),
             self._recorder,
             self._plan_progress,
             self._operator_actions,
@@ -164,7 +167,7 @@ class Runner:
 
     def _on_stream_started(self, armed: ArmedBench) -> None:
         self._armed = armed
-        self._executor.attach(armed)
+        self._acquisition.attach(armed)
         self._run_file.start_stream(armed.rate_hz, armed.scales)
         self._recorder.publish(StreamStarted(armed.rate_hz, armed.scales))
 

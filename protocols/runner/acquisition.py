@@ -1,0 +1,140 @@
+"""Acquisition of a run: reads the card's blocks, reports exceeded abort levels and checks for interrupts."""
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import ArmedBench, Bench, Block, LevelAction
+from protocols.base import (
+    Array,
+    BlockDiscarded,
+    ChannelCalibration,
+    DriveReadbackChanged,
+    LevelExceeded,
+    StepResult,
+)
+from protocols.runner.levels import LevelExceededError, LevelMonitor, LevelQuestion
+from protocols.runner.publisher import RunRecorder
+from protocols.runner.recording_buffer import to_si
+
+ANALYSIS_TIMEOUT_S = 20.0
+"""How long an analysis may take, while the drive continues, before the watchdog takes the program for hung."""
+
+ANALYSIS_POLL_S = 0.01
+"""Interval at which the card is read during an analysis."""
+
+
+class Acquisition:
+    """Reads the blocks of a run.
+
+    Args:
+        check_interrupts: called after every block and in every wait; raises to end or pause the run.
+
+    Attributes:
+        levels: abort levels, evaluated in every block.
+        channels: calibrations of drive and displacement; empty before `attach`.
+    """
+
+    def __init__(self, bench: Bench, recorder: RunRecorder, check_interrupts: Callable[[], None]) -> None:
+        self._bench, self._recorder, self.check_interrupts = bench, recorder, check_interrupts
+        self.levels = LevelMonitor(bench.levels, bench.sensor, bench.amplifier.map.rest_v, bench.clock, bench.channels)
+        self.channels: Sequence[ChannelCalibration] = ()
+        self._armed: ArmedBench | None = None
+        self._scans_read = 0
+        """Scans read from the card."""
+        self._question: LevelExceeded | None = None
+        """An exceeded level that the operator has to decide on."""
+
+    def attach(self, armed: ArmedBench) -> None:
+        """Take the bench whose card now runs."""
+        self._armed, self.channels = armed, ChannelCalibration.pair(armed.scales, self._bench.sensor)
+        self.levels.attach(armed.scales, armed.rate_hz, armed.stream.start_time_s)
+        armed.monitor = self.levels
+
+    def read_block(self, armed: ArmedBench) -> Block:
+        """Read and store a block.
+
+        Raises:
+            LevelQuestion: an abort level was exceeded, and the operator decides.
+            LevelExceededError: an abort level was exceeded that ends the run.
+        """
+        block = armed.read_block()
+        self._scans_read = block.stop
+        self._report_levels()
+        self.check_interrupts()
+        self.raise_question()
+        return block
+
+    def discard_block(self, armed: ArmedBench) -> Block:
+        """Read a block without storing it, and publish it.
+
+        Raises:
+            LevelExceededError: an abort level was exceeded that ends the run.
+        """
+        block = armed.discard_block()
+        self._scans_read = block.stop
+        self._recorder.notify(BlockDiscarded(block))
+        self._report_levels()
+        return block
+
+    def wait_for_block(self) -> Block | None:
+        """Discard the next block; without a card, wait as long as a block lasts and return None."""
+        if self._armed is None:
+            self._bench.clock.sleep(0.05)
+            return None
+        return self.discard_block(self._armed)
+
+    def drain_stale_blocks(self) -> None:
+        """Discard the blocks sampled before this moment, which may still be in transfer."""
+        if self._armed is None:
+            return
+        now = self.scan_index(self._armed, 0.0)
+        while self.discard_block(self._armed).stop < now:
+            self.check_interrupts()
+
+    def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult]) -> StepResult:
+        """Return what `compute` returns or raises; the card is read meanwhile, so that its buffer does not overflow."""
+        with self._bench.watchdog.allow_silence(ANALYSIS_TIMEOUT_S), ThreadPoolExecutor(1, "numbers") as numbers:
+            done = numbers.submit(compute)
+            while not wait([done], ANALYSIS_POLL_S).done:
+                # On a virtual clock no time passes, so nothing is due.
+                while self.scan_index(armed, -self._bench.block_s) >= self._scans_read:
+                    self.discard_block(armed)
+            return done.result()
+
+    def scan_index(self, armed: ArmedBench, delay_s: float) -> int:
+        """Return the index of the scan `delay_s` from now."""
+        return math.ceil((self._bench.clock.now() - armed.stream.start_time_s + delay_s) * armed.rate_hz)
+
+    def to_si(self, raw: NDArray[np.int16]) -> tuple[Array, ...]:
+        """Return the counts of a block, (channels, scans), as volts at the amplifier's input and metres, (scans,) each."""
+        return to_si(self.channels, raw)
+
+    def raise_question(self) -> None:
+        """Raise the question to the operator that an exceeded level left.
+
+        Raises:
+            LevelQuestion: an abort level was exceeded, and the operator decides.
+        """
+        question, self._question = self._question, None
+        if question is not None:
+            raise LevelQuestion(question)
+
+    def _report_levels(self) -> None:
+        """Publish the abort levels that the last block exceeded, and whether the card sees the drive.
+
+        Raises:
+            LevelExceededError: one of them ends the run.
+        """
+        for event in self.levels.take_events():
+            if isinstance(event, DriveReadbackChanged):
+                self._recorder.notify(event)
+                continue
+            self._recorder.publish(event)
+            if event.action == LevelAction.REST:
+                raise LevelExceededError(event.words)
+            if event.action == LevelAction.ASK:
+                self._question = self._question or event
