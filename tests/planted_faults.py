@@ -30,6 +30,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     "safety": {
         "drivers/bench/amplifier.py": "tests/drivers/test_amplifier.py tests/drivers/test_bench.py tests/safety/test_ways_out.py",
         "drivers/bench/bench.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py tests/safety/test_live_warning.py",
+        "drivers/bench/armed_bench.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py tests/safety/test_live_warning.py",
         "drivers/bench/shutdown.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py",
         "drivers/bench/rest.py": "tests/drivers/test_rest.py tests/drivers/test_bench.py",
         "drivers/watchdog/process.py": "tests/safety/test_watchdog_process.py tests/safety/test_watchdog.py tests/safety/test_watchdog_telling.py",

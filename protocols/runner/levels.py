@@ -65,7 +65,7 @@ class LevelQuestion(Exception):
 
 
 class LevelMonitor:
-    """Evaluates the abort levels in every block, before it is stored or shown (see drivers.bench.bench.BlockMonitor).
+    """Evaluates the abort levels in every block, before it is stored or shown (see drivers.bench.armed_bench.BlockMonitor).
 
     Stroke, rate, laser and drive are evaluated while a drive is played: hands on the specimen move the laser, too. Each
     level is reported once per entry of the plan. Whether the card sees the commanded drive is reported at every change,

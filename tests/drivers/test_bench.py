@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from app.session.bench_connection import BenchConnection
-from drivers.bench.bench import ArmedBench, Bench, LiveWarning
+from drivers.bench.armed_bench import ArmedBench
+from drivers.bench.bench import Bench
+from drivers.bench.shutdown import LiveWarning
 from drivers.bench.watchdog_interface import NoWatchdog
 from drivers.drive import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError

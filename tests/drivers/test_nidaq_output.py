@@ -9,7 +9,7 @@ import pytest
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import source_options
 from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.bench import drive_voltage
+from drivers.bench.shutdown import drive_voltage
 from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer

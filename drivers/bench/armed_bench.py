@@ -1,0 +1,119 @@
+"""Armed bench: starts drives, reads blocks and measures rest while high voltage may be on."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.rest import RestMeasurement
+from drivers.bench.watchdog_interface import Watchdog
+from drivers.drive import Drive
+from drivers.errors import BenchError
+from drivers.interfaces import Block, Scale, Stream
+
+
+class HighVoltageSwitch(Protocol):
+    """Switches the amplifier's high voltage: by prompting the operator, or through a simulated operator."""
+
+    def disable(self) -> None: ...
+
+    def enable(self) -> None: ...
+
+
+class BlockMonitor(Protocol):
+    """Evaluates every block of an armed bench before it is stored; must not raise."""
+
+    def drive_changed(self, drive: Drive | None) -> None:
+        """Note that a drive was started, or that the source returned to rest (None)."""
+
+    def block_read(self, block: Block) -> None:
+        """Evaluate a block."""
+
+
+@dataclass
+class ArmedBench:
+    """An armed bench: starts drives and reads blocks. Every block goes to `block_sink` before it is returned."""
+
+    amplifier: HvAmplifier
+    stream: Stream
+    block_sink: Callable[[Block], None]
+    watchdog: Watchdog
+    measure_rest: Callable[[], RestMeasurement]
+    high_voltage_may_be_on: bool = False
+    """Whether high voltage may be on: from then on, every shutdown must measure rest."""
+    initial_rest: RestMeasurement | None = None
+    """Rest as measured before the first drive."""
+    final_rest: RestMeasurement | None = None
+    """Rest as measured at shutdown; None while live, or if high voltage never came on."""
+    predicted_rest_s: float = math.nan
+    """Predicted duration of the way to rest; NaN if the source cannot predict it."""
+    last_block: Block | None = None
+    """The last block that the card delivered."""
+    monitor: BlockMonitor | None = None
+    """Evaluates every block that is read while the bench is armed; not during the shutdown."""
+
+    @property
+    def rate_hz(self) -> float:
+        return self.stream.rate_hz
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        return self.stream.scales
+
+    def start_drive(self, drive: Drive) -> None:
+        self.amplifier.start_drive(drive)
+        if self.monitor is not None:
+            self.monitor.drive_changed(drive)
+
+    def return_to_verified_rest(self) -> RestMeasurement:
+        """Return to rest and verify it by measurement.
+
+        Raises:
+            BenchError: the card does not measure rest; leaving the `with` block then runs the safe shutdown.
+        """
+        self.amplifier.return_to_rest()
+        if self.monitor is not None:
+            self.monitor.drive_changed(None)
+        rest = self.measure_rest()
+        if not rest.confirmed:
+            raise BenchError(f"the source was told to rest, but {rest.message}")
+        return rest
+
+    @contextlib.contextmanager
+    def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
+        """Give the operator access to the specimen: rest verified and high voltage off; on exit verified again, then on."""
+        self.return_to_verified_rest()
+        switch.disable()
+        yield
+        if not (rest := self.measure_rest()).confirmed:
+            raise BenchError(f"high voltage stays off: {rest.message}")
+        switch.enable()
+        if not (rest := self.measure_rest()).confirmed:
+            raise BenchError(f"after high voltage was enabled, {rest.message}")
+
+    def read_block(self) -> Block:
+        block = self.discard_block()
+        self.block_sink(block)
+        return block
+
+    def catch_up(self, now_s: float) -> None:
+        """Read and store the blocks that were sampled until `now_s`. Never raises: it serves a warning."""
+        with contextlib.suppress(Exception):
+            while (
+                self.last_block is None
+                or self.stream.start_time_s + (self.last_block.stop + self.last_block.raw.shape[1]) / self.rate_hz
+                < now_s
+            ):
+                self.last_block = self.stream.read()
+                self.block_sink(self.last_block)
+
+    def discard_block(self) -> Block:
+        """Read a block without storing it: the card must be emptied also while the run waits for the operator."""
+        self.last_block = block = self.stream.read()
+        self.watchdog.send_heartbeat()
+        self.watchdog.raise_for_status()
+        if self.monitor is not None:
+            self.monitor.block_read(block)
+        return block
