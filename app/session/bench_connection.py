@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
-from app.config import DIGITIZERS, BenchConfig, MeterTable, load_driver, open_generator
+from app.config import BenchConfig
+from app.session.instruments import ReadDisplacement, open_digitizer, open_meters, open_source, source_options
 from app.session.session import BuiltInOperator
 from drivers import (
     MANUAL_SHUTDOWN_INSTRUCTIONS,
@@ -18,7 +18,6 @@ from drivers import (
     HvAmplifier,
     Identity,
     InstrumentError,
-    Link,
     Meter,
     NoWatchdog,
     Source,
@@ -27,109 +26,10 @@ from drivers import (
 )
 from sim_hardware.operator import BenchControls, SimulatedOperator
 
-DRIVE_MARGIN_S = 0.1
-"""Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
-
 SERVED_OUTPUT_WARNING = (
     "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
     "dies while the bench is live, a drive ends by itself at rest, but a held level stays on the specimen"
 )
-
-
-def open_source(
-    config: BenchConfig, clock: Clock, open_link: Callable[[float], Link], server: str, stack: ExitStack
-) -> Source:
-    """Open the source; `stack` closes it. `open_link` opens a connection with a reply timeout.
-
-    Raises:
-        InstrumentError: it does not answer, or another instrument does.
-    """
-    match config.source.kind:
-        case "card-output":
-            from drivers import NiAnalogOutput
-
-            output = NiAnalogOutput(
-                clock=clock, **{**source_options(config, _clock_speed(clock)), "server": server or None}
-            )
-            stack.callback(output.close)
-            return output
-        case "dc-supply":
-            from drivers import DcSupply
-
-            wire = open_link(config.supply.timeout_s)
-            stack.callback(wire.close)
-            return DcSupply(wire, clock, **source_options(config, _clock_speed(clock)))
-        case "generator":
-            wire = open_link(config.generator.timeout_s)
-            stack.callback(wire.close)
-            return open_generator(config.generator.driver, wire, clock, config.amplifier.step_v)
-
-
-def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
-    """Return the options of the source's driver as plain values, because the watchdog process needs them too."""
-    match config.source.kind:
-        case "card-output":
-            return {
-                "device": config.card.device,
-                "channel": config.source.channel,
-                "start_trigger": config.source.start_trigger,
-                "margin_s": DRIVE_MARGIN_S * speed,
-            }
-        case "dc-supply":
-            return {
-                "channel": config.supply.channel,
-                "current_limit_a": config.supply.current_limit_a,
-                "fall_time_s": config.supply.fall_time_s,
-                "step_v": config.amplifier.step_v,
-            }
-        case "generator":
-            return {"step_v": config.amplifier.step_v}
-
-
-def _clock_speed(clock: Clock) -> float:
-    return float(getattr(clock, "speed", 1.0))
-
-
-DEFAULT_BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
-"""Factory settings."""
-
-ReadDisplacement = Callable[[], float | None]
-
-
-def open_meters(
-    tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None
-) -> dict[str, Meter]:
-    """Open the meters, by name; `stack` closes them. `read_displacement` is None on a real bench.
-
-    Raises:
-        InstrumentError: a port does not exist, or another instrument answers on it.
-    """
-    return {name: _open_meter(table, clock, stack, read_displacement) for name, table in tables.items()}
-
-
-def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
-    from drivers import KeyenceLkg, OptoNcdt, SerialPort
-
-    port = table.port if read_displacement is None else _start_simulated_sensor(table, stack, read_displacement)
-    line = SerialPort(port, table.baud or DEFAULT_BAUD[table.driver], table.timeout_s)
-    stack.callback(line.close)
-    match table.driver:
-        case "keyence-lkg":
-            return KeyenceLkg(line, clock, output=table.output)
-        case "optoncdt":
-            return OptoNcdt(line, clock, range_m=table.range_m)
-
-
-def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
-    from sim_hardware.sensors.laser_sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
-    from sim_hardware.wires.pty import PtyServer
-
-    model = (
-        SimulatedKeyenceLkg(read_displacement)
-        if table.driver == "keyence-lkg"
-        else SimulatedOptoNcdt(read_displacement, table.range_m)
-    )
-    return stack.enter_context(PtyServer(model)).port
 
 
 BLOCK_S = 0.05
@@ -174,7 +74,7 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
                 from sim_hardware.service.served_bench import ServedBench
 
                 server = stack.enter_context(ServedBench(virtual)).card.address
-                digitizer = _open_digitizer(config, virtual.clock, server, stack)
+                digitizer = open_digitizer(config, virtual.clock, server, stack)
             else:
                 further = [each.channel for each in config.channels]
                 server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
@@ -213,7 +113,7 @@ def _open_instruments(
     locks.lock_address("the card", card)
     open_link = partial(VisaLink, resource, baud=config.source_connection.baud)
     try:
-        digitizer = _open_digitizer(config, clock, server, stack)
+        digitizer = open_digitizer(config, clock, server, stack)
     except InstrumentError as error:
         if config.source.kind != "card-output":
             with suppress(InstrumentError):  # a source that does not answer either leaves nothing that could be done
@@ -231,10 +131,6 @@ def _open_instruments(
     meters = open_meters(config.meters, clock, stack, read_displacement)
     watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
     return BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
-
-
-def _terminals(config: BenchConfig) -> tuple[str, ...]:
-    return config.card.drive_channel, config.card.displacement_channel, *(each.channel for each in config.channels)
 
 
 def rest_without_card(config: BenchConfig, source: Source, clock: Clock, error: Exception) -> None:
@@ -255,20 +151,6 @@ def rest_without_card(config: BenchConfig, source: Source, clock: Clock, error: 
         f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. The card cannot be had: {error}. An earlier program left a drive or a level on the "
         f"source; {outcome}"
     )
-
-
-def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
-    card = config.card
-    digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
-        card.device,
-        _terminals(config),
-        clock,
-        server=server or None,
-        range_v=card.range_v,
-        terminal=card.terminal,
-    )
-    stack.callback(digitizer.close)
-    return digitizer
 
 
 def _make_watchdog(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.config.bench_file import BenchConfig
-from app.session.bench_connection import source_options
+from app.session.instruments import source_options
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.shutdown import drive_voltage
 from drivers.drive import LinearSweep, Sine, Steps

@@ -1,0 +1,130 @@
+"""Instruments of a bench file: opens the source, the card and the meters, real or simulated."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+from app.config import DIGITIZERS, BenchConfig, MeterTable, load_driver, open_generator
+from drivers import Clock, Digitizer, Link, Meter, Source
+
+DRIVE_MARGIN_S = 0.1
+"""Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
+
+
+def open_source(
+    config: BenchConfig, clock: Clock, open_link: Callable[[float], Link], server: str, stack: ExitStack
+) -> Source:
+    """Open the source; `stack` closes it. `open_link` opens a connection with a reply timeout.
+
+    Raises:
+        InstrumentError: it does not answer, or another instrument does.
+    """
+    match config.source.kind:
+        case "card-output":
+            from drivers import NiAnalogOutput
+
+            output = NiAnalogOutput(
+                clock=clock, **{**source_options(config, _clock_speed(clock)), "server": server or None}
+            )
+            stack.callback(output.close)
+            return output
+        case "dc-supply":
+            from drivers import DcSupply
+
+            wire = open_link(config.supply.timeout_s)
+            stack.callback(wire.close)
+            return DcSupply(wire, clock, **source_options(config, _clock_speed(clock)))
+        case "generator":
+            wire = open_link(config.generator.timeout_s)
+            stack.callback(wire.close)
+            return open_generator(config.generator.driver, wire, clock, config.amplifier.step_v)
+
+
+def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
+    """Return the options of the source's driver as plain values, because the watchdog process needs them too."""
+    match config.source.kind:
+        case "card-output":
+            return {
+                "device": config.card.device,
+                "channel": config.source.channel,
+                "start_trigger": config.source.start_trigger,
+                "margin_s": DRIVE_MARGIN_S * speed,
+            }
+        case "dc-supply":
+            return {
+                "channel": config.supply.channel,
+                "current_limit_a": config.supply.current_limit_a,
+                "fall_time_s": config.supply.fall_time_s,
+                "step_v": config.amplifier.step_v,
+            }
+        case "generator":
+            return {"step_v": config.amplifier.step_v}
+
+
+def _clock_speed(clock: Clock) -> float:
+    return float(getattr(clock, "speed", 1.0))
+
+
+DEFAULT_BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
+"""Factory settings."""
+
+ReadDisplacement = Callable[[], float | None]
+
+
+def open_meters(
+    tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None
+) -> dict[str, Meter]:
+    """Open the meters, by name; `stack` closes them. `read_displacement` is None on a real bench.
+
+    Raises:
+        InstrumentError: a port does not exist, or another instrument answers on it.
+    """
+    return {name: _open_meter(table, clock, stack, read_displacement) for name, table in tables.items()}
+
+
+def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
+    from drivers import KeyenceLkg, OptoNcdt, SerialPort
+
+    port = table.port if read_displacement is None else _start_simulated_sensor(table, stack, read_displacement)
+    line = SerialPort(port, table.baud or DEFAULT_BAUD[table.driver], table.timeout_s)
+    stack.callback(line.close)
+    match table.driver:
+        case "keyence-lkg":
+            return KeyenceLkg(line, clock, output=table.output)
+        case "optoncdt":
+            return OptoNcdt(line, clock, range_m=table.range_m)
+
+
+def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
+    from sim_hardware.sensors.laser_sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
+    from sim_hardware.wires.pty import PtyServer
+
+    model = (
+        SimulatedKeyenceLkg(read_displacement)
+        if table.driver == "keyence-lkg"
+        else SimulatedOptoNcdt(read_displacement, table.range_m)
+    )
+    return stack.enter_context(PtyServer(model)).port
+
+
+def open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
+    """Open the card's input; `stack` closes it.
+
+    Raises:
+        AcquisitionError: the card is absent, or a setting is not admitted.
+    """
+    card = config.card
+    digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
+        card.device,
+        _terminals(config),
+        clock,
+        server=server or None,
+        range_v=card.range_v,
+        terminal=card.terminal,
+    )
+    stack.callback(digitizer.close)
+    return digitizer
+
+
+def _terminals(config: BenchConfig) -> tuple[str, ...]:
+    return config.card.drive_channel, config.card.displacement_channel, *(each.channel for each in config.channels)
