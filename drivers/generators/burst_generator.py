@@ -269,7 +269,7 @@ class BurstGenerator(ABC):
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
         ramp_s = distance_v / ramp_v_per_s
         round_trips = SLOW_WIRE_ROUND_TRIPS
-        if not self._scpi.is_slow:
+        if not self._scpi.slow_reply_s:
             round_trips += self._step_count(distance_v, ramp_s)
         return ramp_s + round_trips * self._scpi.reply_s
 
@@ -277,7 +277,7 @@ class BurstGenerator(ABC):
         return RampDown(
             self._scpi.link,
             best_effort=best_effort,
-            slow_reply_s=self._scpi.reply_s if self._scpi.is_slow else 0.0,
+            slow_reply_s=lambda: self._scpi.slow_reply_s,
             now=self._clock.now,
             join=self._join_commands,
         )

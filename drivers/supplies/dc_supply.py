@@ -169,7 +169,7 @@ class DcSupply:
         way = RampDown(
             self._output.link,
             best_effort=level_v == self._rest_v,
-            slow_reply_s=self._output.slow_reply_s,
+            slow_reply_s=lambda: self._output.slow_reply_s,
             now=self._clock.now,
             join=join_commands,
         )

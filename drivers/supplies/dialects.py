@@ -148,7 +148,7 @@ class SupplyChannel:
     @property
     def slow_reply_s(self) -> float:
         """Time of a reply if the wire is slow and several commands may be sent without waiting, else 0."""
-        return self._scpi.reply_s if self._scpi.is_slow and self._dialect.accepts_compound_messages else 0.0
+        return self._scpi.slow_reply_s if self._dialect.accepts_compound_messages else 0.0
 
     def voltage_command(self, volts: float) -> str:
         """Return the command that sets the level, without a query."""

@@ -31,7 +31,8 @@ class RampDown:
     Args:
         link: the link to the instrument.
         best_effort: whether to continue after an error; a ramp that does not lead to rest raises the first one instead.
-        slow_reply_s: time of a reply if the wire is slow and the ramp may be pipelined, else 0.
+        slow_reply_s: returns the time of a reply if the wire is slow and the ramp may be pipelined, else 0; asked before each step
+            that would wait for its reply.
         now: bench time.
         join: joins commands to one message; None where each needs a message of its own.
     """
@@ -42,15 +43,15 @@ class RampDown:
         link: Link,
         *,
         best_effort: bool = True,
-        slow_reply_s: float = 0.0,
+        slow_reply_s: Callable[[], float] = lambda: 0.0,
         now: Callable[[], float] = time.monotonic,
         join: Callable[[Sequence[str]], str] | None = None,
     ) -> None:
         self._link, self._best_effort = link, best_effort
         self._errors: list[InstrumentError] = []
         self.blind = False
-        self._slow_reply_s, self._now = slow_reply_s if best_effort else 0.0, now
-        self._batch = FIRST_STEPS if self._slow_reply_s else 1
+        self._read_slow_reply_s, self._now = slow_reply_s, now
+        self._slow_reply_s, self._batch = 0.0, 1
         # On a socket a message costs nothing, and the caller's pace is kept; elsewhere each message is acknowledged.
         self._join = None if link.name.upper().endswith("::SOCKET") else join
         self._unconfirmed = 0
@@ -72,6 +73,9 @@ class RampDown:
         Raises:
             LinkError: the connection is lost, nothing can be sent; or a pipelined ramp was not confirmed.
         """
+        if self._best_effort and not self.blind and not self._slow_reply_s:
+            self._slow_reply_s = self._read_slow_reply_s()
+            self._batch = FIRST_STEPS if self._slow_reply_s else 1
         if not self.blind and self._unconfirmed < self._batch - 1:
             self._unconfirmed += 1
             self._pending.append(command)

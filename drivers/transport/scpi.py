@@ -63,9 +63,14 @@ class ScpiSession:
         return statistics.median(self._reply_times_s) if self._reply_times_s else 0.0
 
     @property
-    def is_slow(self) -> bool:
-        """Whether a ramp to rest must not wait for the reply to each of its steps."""
-        return self.reply_s > SLOW_REPLY_S and not self.link.name.upper().startswith(("ASRL", "USB"))
+    def slow_reply_s(self) -> float:
+        """Time of a reply if a ramp to rest must not wait for the reply to each of its steps, else 0.
+
+        The last two replies count as well as the median: a wire may become slow at any time.
+        """
+        latest = list(self._reply_times_s)[-2:]
+        reply_s = max(self.reply_s, min(latest, default=0.0))
+        return reply_s if reply_s > SLOW_REPLY_S and not self.link.name.upper().startswith(("ASRL", "USB")) else 0.0
 
     def query(self, query: str) -> str:
         """Return the reply to a query.

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import ArmedBench, Bench, Block, LevelAction
+from drivers import ArmedBench, Bench, Block, LevelAction, RestartableStream, ScansLostError
 from protocols.base import (
     Array,
     BlockDiscarded,
@@ -69,12 +69,18 @@ class Acquisition:
         return block
 
     def discard_block(self, armed: ArmedBench) -> Block:
-        """Read a block without storing it, and publish it.
+        """Read a block without storing it, and publish it. Scans that are lost meanwhile are of no use: it reads on.
 
         Raises:
             LevelExceededError: an abort level was exceeded that ends the run.
         """
-        block = armed.discard_block()
+        try:
+            block = armed.discard_block()
+        except ScansLostError:
+            if not isinstance(armed.stream, RestartableStream):
+                raise
+            armed.stream.restart()
+            block = armed.discard_block()
         self._scans_read = block.stop
         self._recorder.notify(BlockDiscarded(block))
         self._report_levels()

@@ -25,6 +25,8 @@ class Program:
         """`keyboard` is the other end of the pseudo-terminal that the program has as standard input."""
         self.bench, self.process, self._keyboard = bench, process, keyboard
         self.said: list[str] = []
+        self.said_s: list[float] = []
+        """When each line arrived, on the monotonic clock."""
         self._grew = threading.Condition()
         self._reader = threading.Thread(target=self._listen)
         self._reader.start()
@@ -34,6 +36,7 @@ class Program:
         for line in self.process.stdout:
             with self._grew:
                 self.said.append(line.rstrip())
+                self.said_s.append(time.monotonic())
                 self._grew.notify_all()
 
     def wait_for(self, words: str) -> None:
@@ -113,10 +116,12 @@ def program(
             running.close()
 
 
-def start(bench: SimulatedBench, folder: Path, *settings: str, script: str = "") -> Program:
+def start(
+    bench: SimulatedBench, folder: Path, *settings: str, script: str = "", protocol: str = "sine-dwell"
+) -> Program:
     """Start the program on the `bench.toml` of the folder; close it afterwards."""
     command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
-    options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", "sine-dwell"]
+    options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", protocol]
     chosen = [part for setting in settings for part in ("--set", setting)]
     keyboard, terminal = os.openpty()  # a run on a real bench without a terminal is refused: nobody could answer
     process = subprocess.Popen(

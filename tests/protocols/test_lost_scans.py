@@ -1,12 +1,25 @@
 """Scans lost by a late reader: the entry is measured again once, by itself, and the run goes on to its end."""
 
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
-from protocols.base import EntryStarted, LogMessage, RestMeasured, RunStatus, SettlingFinished
+from protocols.base import (
+    EntryStarted,
+    Event,
+    LogMessage,
+    PromptShown,
+    RecordingFinished,
+    RestMeasured,
+    RunStatus,
+    SettlingFinished,
+)
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
+from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 DWELL = SineDwell(frequencies_hz=(100, 200, 150), record_s=0.1, min_cycles=5)
@@ -35,6 +48,32 @@ def test_an_entry_that_lost_scans_is_measured_again_by_itself(tmp_path: Path) ->
     with Run(ran.path) as file:
         np.testing.assert_allclose(file.points()["frequency"], (100, 200, 150), atol=0.05)
         np.testing.assert_allclose(file.points()["drive_amplitude"], file.points()["drive_amplitude"][0], rtol=0.01)
+
+
+@pytest.mark.parametrize("moment", [PromptShown, RecordingFinished])
+def test_scans_that_are_lost_while_none_are_recorded_change_nothing(
+    moment: type[Event], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An operator who takes their time, or the analysis of a record, on a computer that is busy with other work."""
+    restarted = threading.Event()
+    restart, point = SimulatedStream.restart, SineDwell.point
+
+    def restart_and_tell(stream: SimulatedStream) -> None:
+        restart(stream)
+        restarted.set()
+
+    def analyse(protocol: SineDwell, *arguments: Any) -> Any:
+        assert restarted.wait(30.0)
+        return point(protocol, *arguments)
+
+    monkeypatch.setattr(SimulatedStream, "restart", restart_and_tell)
+    monkeypatch.setattr(SineDwell, "point", analyse)
+    with laboratory() as lab:
+        late = Trigger(lambda event: isinstance(event, moment), lambda: lab.bench.clock.sleep(LATE_S))
+        ran = run(DWELL, tmp_path, lab, late)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    assert [event.index for event in ran.events if isinstance(event, EntryStarted)] == [0, 1, 2]
+    assert messages(ran.events) == []
 
 
 def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from drivers.drive import Drive, Hold, Sine
 from drivers.errors import InstrumentError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown
-from drivers.transport.scpi import join_commands
+from drivers.transport.scpi import ScpiSession, join_commands
 from protocols.base import BenchArmed, EventBus, RunStatus
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
@@ -51,7 +51,7 @@ class Wire:
 )
 def test_on_a_slow_wire_only_the_first_steps_wait_for_their_reply(name: str, sent: list[str]) -> None:
     wire = Wire(name)
-    way = RampDown(wire, slow_reply_s=0.1, now=lambda: 0.0, join=join_commands)
+    way = RampDown(wire, slow_reply_s=lambda: 0.1, now=lambda: 0.0, join=join_commands)
     for i in range(10):
         way.step(f"V {i}", lambda i=i: wire.write(f"ok {i}"))
     way.flush()
@@ -66,15 +66,39 @@ def test_an_instrument_that_is_slow_itself_confirms_every_step() -> None:
         now[0] += 0.1 * FIRST_STEPS
         wire.write("ok")
 
-    way = RampDown(wire, slow_reply_s=0.1, now=lambda: now[0])
+    way = RampDown(wire, slow_reply_s=lambda: 0.1, now=lambda: now[0])
     for _ in range(FIRST_STEPS + 3):
         way.step("V", confirm)
     assert wire.sent == ["V"] * (FIRST_STEPS - 1) + ["ok"] * 4
 
 
+def test_a_wire_that_becomes_slow_on_the_way_to_rest_is_pipelined_from_then_on() -> None:
+    wire, replies = Wire("TCPIP::h::1::SOCKET"), iter([0.0, 0.0, 0.5])
+    way = RampDown(wire, slow_reply_s=lambda: next(replies), now=lambda: 0.0)
+    for i in range(10):
+        way.step(f"V {i}", lambda i=i: wire.write(f"ok {i}"))
+    assert wire.sent == ["ok 0", "ok 1", "V 2", "V 3", "V 4", "ok 5", "V 6", "V 7", "V 8", "V 9"]
+
+
+def test_two_late_replies_in_succession_make_a_wire_slow_and_a_single_one_does_not() -> None:
+    now = [0.0]
+
+    class Late(Wire):
+        after_s = 0.0
+
+        def read(self) -> str:
+            now[0] += self.after_s
+            return "0"
+
+    session = ScpiSession(wire := Late("TCPIP::h::1::SOCKET"), "generator", lambda: now[0])
+    for wire.after_s, slow_s in ((0.001, 0.0), (0.001, 0.0), (0.001, 0.0), (0.5, 0.0), (0.4, 0.4), (0.001, 0.0)):
+        session.query("A?")
+        assert session.slow_reply_s == pytest.approx(slow_s)
+
+
 def test_a_ramp_that_does_not_lead_to_rest_confirms_every_step_on_any_wire() -> None:
     wire = Wire("TCPIP::h::1::SOCKET")
-    way = RampDown(wire, best_effort=False, slow_reply_s=0.1)
+    way = RampDown(wire, best_effort=False, slow_reply_s=lambda: 0.1)
     for _ in range(5):
         way.step("V", lambda: wire.write("ok"))
     assert wire.sent == ["ok"] * 5
@@ -120,9 +144,7 @@ def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(delay_s: float,
         amplifier.initialize_at_rest()
         lab.control.enable_hv()
         amplifier.start_drive(drive)
-        lab.proxy.delay_s = delay_s
-        for _ in range(15):
-            amplifier._source.idle_level_v()
+        lab.proxy.delay_s = delay_s  # from now on: nobody has seen yet that the wire is slow
         predicted_s, begin_s = amplifier.predict_rest_s(), time.monotonic()
         amplifier.return_to_rest()
         took_s = time.monotonic() - begin_s
