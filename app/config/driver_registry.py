@@ -102,12 +102,18 @@ def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source
 def _detect_driver(link: Link) -> Callable[..., Source]:
     seen = ScpiSession(link, f"function generator at {link.name}").identify()
     for candidate in _source_drivers():
-        if seen.model.upper().startswith(tuple(getattr(candidate, "MODELS", ())) or ("\0",)):
+        if _supports_model(candidate, seen.model):
             return candidate
     raise InstrumentError(
         f"{link.name} answered as '{seen}', and no driver knows that model; name one in the bench file "
         f"(generator.driver: {', '.join(driver_names(SOURCES)[1:])}), or install a package that brings one"
     )
+
+
+def _supports_model(driver: Any, model: str) -> bool:
+    if supports := getattr(driver, "supports_model", None):
+        return bool(supports(model))
+    return model.upper().startswith(tuple(getattr(driver, "MODELS", ())) or ("\0",))
 
 
 def _source_drivers() -> Iterator[Callable[..., Source]]:

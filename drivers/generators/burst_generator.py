@@ -15,6 +15,7 @@ A subclass supplies the commands of one family and what its instruments can do.
 
 import hashlib
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
@@ -33,8 +34,8 @@ from drivers.transport.safe_ramp_down import RampDown
 from drivers.transport.scpi import Link, ScpiSession
 
 LEVEL_TOLERANCE_V = 1e-3
-IDLE_AMPLITUDE_VPP = 0.01
-"""Idle amplitude of an instrument that sets a drive's amplitude as its amplitude: too small to matter."""
+IDLE_AMPLITUDE_VPP = 0.02
+"""Idle amplitude of an instrument that sets a drive's amplitude as its amplitude: too small to matter, and possible on all."""
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 """Slope at which a level that an earlier program left is ramped to rest before the instrument is configured."""
@@ -91,6 +92,8 @@ class BurstGenerator(ABC):
 
     MODELS: ClassVar[tuple[str, ...]]
     """Prefixes of the supported model names, in capitals."""
+    MODEL_PATTERN: ClassVar[str] = ""
+    """Regular expression for the supported model names where a prefix is not enough: relatives with another command set."""
     PRODUCT_NAMES: ClassVar[str]
     CAN_FREEZE_RANGE: ClassVar[bool]
     INTERPOLATES_POINTS: ClassVar[bool] = False
@@ -98,6 +101,9 @@ class BurstGenerator(ABC):
     AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
     """Whether the amplitude setting means the span of the points as they are, or of the converter."""
     MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
+    IDLE_AMPLITUDE_VPP: ClassVar[float] = IDLE_AMPLITUDE_VPP
+    MIN_AMPLITUDE_VPP: ClassVar[float] = 0.0
+    """Smallest amplitude into a high-impedance load, where a drive could be smaller."""
 
     _burst_end_s: float | None = None
     """End of the burst that was started here; unknown at first."""
@@ -114,7 +120,7 @@ class BurstGenerator(ABC):
         self._step_v = step_v
         self._step_interval_s = step_interval_s
         self.identity: Identity = self._scpi.identify()
-        if not self.identity.model.upper().startswith(self.MODELS):
+        if not self.supports_model(self.identity.model):
             link.close()
             raise InstrumentError(
                 f"{link.name} answered as '{self.identity}'; this driver is for {self.PRODUCT_NAMES}. "
@@ -122,6 +128,12 @@ class BurstGenerator(ABC):
             )
         self._scpi.instrument = f"function generator {self.identity.model}"
         self._stored_waveform: str | None = None  # digest of the downloaded waveform; unknown at first
+
+    @classmethod
+    def supports_model(cls, model: str) -> bool:
+        """Return whether this driver is for a model, by the name that `*IDN?` reports."""
+        name = model.upper()
+        return name.startswith(cls.MODELS) and re.match(cls.MODEL_PATTERN, name) is not None
 
     def reconnect(self) -> None:
         self._scpi.link.reopen()
@@ -146,7 +158,7 @@ class BurstGenerator(ABC):
         if not self._is_output_on() or not self._has_our_setup(rest_v, low_v, high_v):
             return False
         away = abs(self.idle_level_v() - rest_v) > LEVEL_TOLERANCE_V
-        return away or (self.CAN_FREEZE_RANGE and self._query_amplitude() > 2 * IDLE_AMPLITUDE_VPP)
+        return away or (self.CAN_FREEZE_RANGE and self._query_amplitude() > 2 * self.IDLE_AMPLITUDE_VPP)
 
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         self._rest_v, self._stored_waveform = rest_v, None
@@ -197,6 +209,11 @@ class BurstGenerator(ABC):
         cycles = drive.cycles if isinstance(drive, Sine) else drive.periods if isinstance(drive, PeriodicSweep) else 1
         if cycles > self.MAX_BURST_CYCLES:
             return f"{name} plays {self.MAX_BURST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
+        if not isinstance(drive, Hold | Ramp) and drive.high_v - drive.low_v < self.MIN_AMPLITUDE_VPP * (1 - 1e-9):
+            return (
+                f"{name} cannot play less than {1e3 * self.MIN_AMPLITUDE_VPP:g} mV peak to peak, not "
+                f"{1e3 * (drive.high_v - drive.low_v):.3g} mV; raise the drive's amplitude. Nothing was sent"
+            )
         if (
             not self.CAN_FREEZE_RANGE
             and not isinstance(drive, Hold | Ramp)
@@ -230,9 +247,9 @@ class BurstGenerator(ABC):
             way.raise_first_error()  # neither read nor set: a step could increase it
             return
         # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
-        steps = max(math.ceil((amplitude - IDLE_AMPLITUDE_VPP) / 2 / self._step_v), 0)
+        steps = max(math.ceil((amplitude - self.IDLE_AMPLITUDE_VPP) / 2 / self._step_v), 0)
         for i in range(1, steps + 1):
-            self._last_amplitude_vpp = vpp = amplitude + (IDLE_AMPLITUDE_VPP - amplitude) * i / steps
+            self._last_amplitude_vpp = vpp = amplitude + (self.IDLE_AMPLITUDE_VPP - amplitude) * i / steps
             way.step(self._amplitude_command(vpp), partial(self._set_amplitude, vpp))
             self._clock.sleep(self._step_interval_s)
         for command in self._abort_commands():
@@ -241,7 +258,9 @@ class BurstGenerator(ABC):
         left = way.query(self._query_amplitude)
         way.raise_first_error()
         if left is not None:
-            self._check_readback(left, IDLE_AMPLITUDE_VPP, IDLE_AMPLITUDE_VPP, "the amplitude in volts peak to peak")
+            self._check_readback(
+                left, self.IDLE_AMPLITUDE_VPP, self.IDLE_AMPLITUDE_VPP, "the amplitude in volts peak to peak"
+            )
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         way = self._ramp_down(best_effort=level_v == self._rest_v)
@@ -362,7 +381,7 @@ class BurstGenerator(ABC):
         if expected == self._stored_waveform:
             return
         if self.CAN_FREEZE_RANGE:
-            self._change_amplitude(IDLE_AMPLITUDE_VPP)  # a transient during the download then stays this small
+            self._change_amplitude(self.IDLE_AMPLITUDE_VPP)  # a transient during the download then stays this small
         self._stored_waveform = None
         self._download_waveform(points)
         self._stored_waveform = expected

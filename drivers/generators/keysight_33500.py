@@ -7,7 +7,7 @@ collected in docs/generators.md.
 from collections.abc import Iterable, Sequence
 
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
-from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V
+from drivers.generators.burst_generator import LEVEL_TOLERANCE_V
 from drivers.generators.expected_setting import (
     ExpectedSetting,
     NeutralSetting,
@@ -31,6 +31,7 @@ class Keysight33500(ScpiBurstGenerator):
     """A `Source` that smooths its waveforms, freezes its range and limits its own output."""
 
     MODELS = ("335", "336")
+    MODEL_PATTERN = r"33[56][12][12]"
     PRODUCT_NAMES = "Keysight 33500B and 33600A"
     CAN_FREEZE_RANGE = True
     AMPLITUDE_IS_WAVEFORM_SPAN = True
@@ -39,6 +40,7 @@ class Keysight33500(ScpiBurstGenerator):
         NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL")),
         NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL")),
     )
+    IDLE_AMPLITUDE_VPP = 0.01
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
 
@@ -59,10 +61,10 @@ class Keysight33500(ScpiBurstGenerator):
             expect_keyword("FORM:BORD", "SWAP"),
             expect_value("BURS:PHAS", 0.0, 1e-3),
             expect_keyword("TRIG:SOUR", "BUS"),
-            expect_range("VOLT", 0.0, 2 * IDLE_AMPLITUDE_VPP),
+            expect_range("VOLT", 0.0, 2 * self.IDLE_AMPLITUDE_VPP),
             expect_keyword("VOLT:RANG:AUTO", "0"),
-            expect_value("VOLT:LIM:LOW", low_v - IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V),
-            expect_value("VOLT:LIM:HIGH", high_v + IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V),
+            expect_value("VOLT:LIM:LOW", low_v - self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V),
+            expect_value("VOLT:LIM:HIGH", high_v + self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V),
             expect_keyword("VOLT:LIM:STAT", "1"),
         )
 
@@ -73,7 +75,7 @@ class Keysight33500(ScpiBurstGenerator):
         self._write_checked("VOLT:UNIT VPP", "UNIT:ANGL DEG", "VOLT:RANG:AUTO ON", "SWE:STAT OFF")
         # In this order no intermediate setting conflicts with the present ones.
         self._write_checked(
-            f"VOLT {IDLE_AMPLITUDE_VPP}", "ABOR", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD SWAP", "DATA:VOL:CLE"
+            f"VOLT {self.IDLE_AMPLITUDE_VPP}", "ABOR", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD SWAP", "DATA:VOL:CLE"
         )
         self._stored_waveform = None
         self._load_waveform(SINE_CYCLE)
@@ -82,7 +84,7 @@ class Keysight33500(ScpiBurstGenerator):
         self._write_checked("BURS:MODE TRIG", "BURS:NCYC 1", "BURS:PHAS 0", "TRIG:SOUR BUS", "BURS:STAT ON")
         self._freeze_range(rest_v, high_v - low_v)
         # The armed but idle burst counts against the limits, so they leave room for its small amplitude.
-        low_v, high_v = low_v - IDLE_AMPLITUDE_VPP / 2, high_v + IDLE_AMPLITUDE_VPP / 2
+        low_v, high_v = low_v - self.IDLE_AMPLITUDE_VPP / 2, high_v + self.IDLE_AMPLITUDE_VPP / 2
         self._write_checked(f"VOLT:LIM:LOW {low_v:.6f}", f"VOLT:LIM:HIGH {high_v:.6f}", "VOLT:LIM:STAT ON")
 
     def _download_waveform(self, points: Points) -> None:

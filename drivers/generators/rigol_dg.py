@@ -1,19 +1,22 @@
 """Rigol DG1000Z and DG800 function generators.
 
-Peculiarities: VOLT:OFFS? replies 0 whatever a DC level is, only the query APPL? reports it (the command APPL would switch
-the output on; the query does not); switches are replied as ON and OFF; a download selects the waveform function by
-itself, and one of more than 8192 points the sample-rate mode, so that mode is set from the start.
+Peculiarities: a packet of a waveform carries 16 384 bytes, half of what the guide says, and 8 points at least; nothing
+follows a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 whatever a DC level
+is, only the query APPL? reports it (the command APPL would switch the output on; the query does not); switches are replied
+as ON and OFF; a download selects the waveform function by itself, and one of more than 8192 points the sample-rate mode, so
+that mode is set from the start.
 
-Sources: DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold); DG800 Programming Guide 2-43, 2-47, 2-64.
+Sources: Menlo Systems' DG1000Z driver (packets, trigger source); DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold); DG800 Programming Guide 2-43, 2-47, 2-64.
 """
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from drivers.errors import LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
-from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V
+from drivers.generators.burst_generator import LEVEL_TOLERANCE_V
 from drivers.generators.expected_setting import (
     ExpectedSetting,
     NeutralSetting,
@@ -24,13 +27,14 @@ from drivers.generators.expected_setting import (
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
 
 FULL_SCALE = 16383
-PACKET_POINTS = 16_384
+PACKET_POINTS = 8192
 
 
 class RigolDg(ScpiBurstGenerator):
     """A `Source` that freezes its range and holds each point of a waveform until the next."""
 
     MODELS = ("DG10", "DG8")
+    MODEL_PATTERN = r"DG10[2-6]2Z|DG8\d\d(?! ?PRO)"
     PRODUCT_NAMES = "Rigol DG1000Z and DG800"
     CAN_FREEZE_RANGE = True
     SOURCE_PREFIX = ":SOUR1:"
@@ -38,6 +42,7 @@ class RigolDg(ScpiBurstGenerator):
     LOAD_HEADER = ":OUTP1:LOAD"
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
+    IDLE_AMPLITUDE_VPP = 0.01
     TRIGGER_COMMAND = ":SOUR1:BURS:TRIG"
     NEUTRAL_SETTINGS = (
         NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL")),
@@ -58,12 +63,12 @@ class RigolDg(ScpiBurstGenerator):
             expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
             expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
             expect_keyword(":SOUR1:BURS:IDLE", "CENTER"),
-            expect_range(":SOUR1:VOLT", 0.0, 2 * IDLE_AMPLITUDE_VPP),
+            expect_range(":SOUR1:VOLT", 0.0, 2 * self.IDLE_AMPLITUDE_VPP),
             expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
         )
         if self._has_output_limits:
-            yield expect_value(":OUTP1:VOLL:LOW", low_v - IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
-            yield expect_value(":OUTP1:VOLL:HIGH", high_v + IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
+            yield expect_value(":OUTP1:VOLL:LOW", low_v - self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
+            yield expect_value(":OUTP1:VOLL:HIGH", high_v + self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
             yield expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
 
     def idle_level_v(self) -> float:
@@ -87,7 +92,7 @@ class RigolDg(ScpiBurstGenerator):
             self._write_checked(":OUTP1:VOLL:STAT OFF")
         self._set_high_impedance_load()
         self._write_checked(":SOUR1:VOLT:UNIT VPP", ":SOUR1:VOLT:RANG:AUTO ON", ":SOUR1:SWE:STAT OFF")
-        self._write_checked(f":SOUR1:VOLT {IDLE_AMPLITUDE_VPP}", ":SOUR1:BURS:STAT OFF")
+        self._write_checked(f":SOUR1:VOLT {self.IDLE_AMPLITUDE_VPP}", ":SOUR1:BURS:STAT OFF")
         self._write_checked(f":SOUR1:VOLT:OFFS {rest_v:.6f}", ":SOUR1:FUNC:ARB:MODE SRAT")
         self._stored_waveform = None
         self._load_waveform(SINE_CYCLE)
@@ -97,15 +102,20 @@ class RigolDg(ScpiBurstGenerator):
         self._write_checked(":SOUR1:BURS:IDLE CENTER", ":SOUR1:BURS:STAT ON")
         self._freeze_range(rest_v, high_v - low_v)
         if self._has_output_limits:
-            low_v, high_v = low_v - IDLE_AMPLITUDE_VPP / 2, high_v + IDLE_AMPLITUDE_VPP / 2
+            low_v, high_v = low_v - self.IDLE_AMPLITUDE_VPP / 2, high_v + self.IDLE_AMPLITUDE_VPP / 2
             self._write_checked(f":OUTP1:VOLL:LOW {low_v:.6f}", f":OUTP1:VOLL:HIGH {high_v:.6f}", ":OUTP1:VOLL:STAT ON")
 
     def _download_waveform(self, points: Points) -> None:
         counts = np.rint((points + 1) / 2 * (FULL_SCALE - 1)).astype("<u2")  # an even span, so that 0 is a count
-        for first in range(0, counts.size, PACKET_POINTS):
-            flag = "END" if first + PACKET_POINTS >= counts.size else "CON"
-            packet = counts[first : first + PACKET_POINTS]
-            self._write_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{definite_length_block(packet.tobytes())}")
+        packets = np.array_split(counts, math.ceil(counts.size / PACKET_POINTS))  # of equal size: none is too small
+        for packet in packets:
+            flag = "END" if packet is packets[-1] else "CON"
+            block = definite_length_block(packet.tobytes())
+            self._scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
+
+    def _trigger(self) -> None:
+        self._write_checked(":SOUR1:BURS:TRIG:SOUR MAN")
+        super()._trigger()
 
     def _max_points(self) -> int:
         return PACKET_POINTS if self._has_output_limits else 1_000_000

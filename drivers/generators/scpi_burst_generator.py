@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from drivers.deprecated import renamed
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V, BurstGenerator
+from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
     ExpectedSetting,
     NeutralSetting,
@@ -115,7 +115,7 @@ class ScpiBurstGenerator(BurstGenerator):
         A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99).
         """
         source = self.SOURCE_PREFIX
-        wide, small = f"{source}VOLT {span_v:.6f}", f"{source}VOLT {IDLE_AMPLITUDE_VPP}"
+        wide, small = f"{source}VOLT {span_v:.6f}", f"{source}VOLT {self.IDLE_AMPLITUDE_VPP}"
         self._write_checked(f"{source}VOLT:OFFS {rest_v:.6f}", wide, f"{source}VOLT:RANG:AUTO OFF", small)
 
     @staticmethod

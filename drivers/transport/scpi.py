@@ -115,7 +115,19 @@ class ScpiSession:
         Raises:
             InstrumentError: the instrument rejected it; the message carries its error text.
         """
-        answer = self.query(f"{command};:SYST:ERR?")
+        self._check_error_report(command, self.query(f"{command};:SYST:ERR?"))
+
+    def write_block_checked(self, command: str) -> None:
+        """Send a command that ends in a binary block, in a message of its own, and check the error queue.
+
+        Raises:
+            InstrumentError: the instrument rejected it; the message carries its error text.
+        """
+        self.link.write(command)
+        self.query("*OPC?")
+        self._check_error_report(command, self.query("SYST:ERR?"))
+
+    def _check_error_report(self, command: str, answer: str) -> None:
         shown = command.partition(",#")[0]
         code, _, text = answer.partition(",")
         try:

@@ -1,7 +1,8 @@
 """Simulated Agilent 33210A/33220A/33250A: as a 33500B, with one volatile waveform and no abort.
 
-Pitfalls: no limits that would reject a wrong level, 50 000 cycles at most, integers in big-endian order, and a download
-that immediately replaces the waveform being played.
+Pitfalls: no limits that would reject a wrong level, 50 000 cycles at most, integers in big-endian order, a download that
+immediately replaces the waveform being played, at least 10 mVpp into 50 ohm (PyMeasure agilent33220A at 32503b8: limits
+double with High Z, and values outside are clipped), and 12-bit integers on a 33250A (Agilent's Visual Basic sample).
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,9 @@ from sim_hardware.wires.scpi_engine import (
     single_argument,
 )
 
-MEMORY_POINTS = 65_536
-FULL_SCALE = 8191
+MEMORY_POINTS = {"33210": 8192}
+FULL_SCALE = {"33250": 2047}
+"""By model, where they are not 65 536 and 8191."""
 
 
 class SimulatedKeysight33200(SimulatedKeysightGenerator):
@@ -26,6 +28,14 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
 
     MAX_BURST_CYCLES = 50_000.0
     ARBITRARY_KEYWORD = "USER"
+
+    @property
+    def _min_emf_vpp(self) -> float:
+        return 0.02
+
+    @property
+    def _full_scale(self) -> int:
+        return FULL_SCALE.get(self._model[:5], 8191)
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
@@ -39,10 +49,10 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
     def _download(self, a: Arguments) -> None:
         check_argument_count(a, 2)
         match_keyword(a[0], "VOLATILE")
-        points = decode_block(a[1], ">i2" if self._big_endian else "<i2", -FULL_SCALE, FULL_SCALE)
-        if points.size > MEMORY_POINTS:
+        points = decode_block(a[1], ">i2" if self._big_endian else "<i2", -self._full_scale, self._full_scale)
+        if points.size > MEMORY_POINTS.get(self._model[:5], 65_536):
             raise ScpiError(-225)
-        self._load_waveform(points / FULL_SCALE)
+        self._load_waveform(points / self._full_scale)
 
     def _select(self, a: Arguments) -> None:
         match_keyword(single_argument(a), "VOLATILE")

@@ -2,7 +2,8 @@
 
 Pitfalls: VOLT:OFFS? replies 0 in DC mode whatever the level that APPL? reports; a download selects the waveform function,
 and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied
-as ON and OFF; the idle level of a burst is a setting of its own; polarity, gating, coupling, tracking and the sum with the
+as ON and OFF; a packet carries 16 384 bytes, not points, and 8 points at least, what follows it in its message is lost, and
+the trigger source must be set anew after a burst (Menlo Systems' DG1000Z driver); the idle level of a burst is a setting of its own; polarity, gating, coupling, tracking and the sum with the
 other channel are settings that persist.
 """
 
@@ -28,7 +29,7 @@ from sim_hardware.wires.scpi_engine import (
 )
 
 FULL_SCALE = 16383
-PACKET_POINTS = 16_384
+PACKET_POINTS, MIN_PACKET_POINTS = 8192, 8
 FREQUENCY_MODE_POINTS = 8192
 
 
@@ -38,6 +39,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
     MAX_FREQUENCY_HZ = 25e6
     MAX_BURST_CYCLES = 1e6
     TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"INTernal": "IMM", "EXTernal": "EXT", "MANual": "BUS"}
+    BLOCK_ENDS_MESSAGE = True
     BURST_HEADER = "BURSt[:STATe]"
     TRIGGER_HEADER = SOURCE_PATTERN + "BURSt:TRIGger"
 
@@ -52,6 +54,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         self._sample_rate_mode = False
         self._rate_hz = 20e6
         self._idle_keyword = "FPT"
+        self._trigger_lost = False
 
     def reset(self) -> None:
         super().reset()
@@ -112,6 +115,16 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
         ]
 
+    def trigger(self) -> None:
+        if self._trigger_lost:
+            return
+        super().trigger()
+        self._trigger_lost = True
+
+    def _select_trigger(self, source: str) -> None:
+        super()._select_trigger(source)
+        self._trigger_lost = False
+
     def format_polarity(self, inverted: bool) -> str:
         return (
             "INVERTED" if inverted else "NORMAL"
@@ -171,7 +184,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         match_keyword(a[0], "VOLATILE")
         last = match_keyword(a[1], "CON", "END") == "END"
         points = decode_block(a[2], "<u2", 0, FULL_SCALE)
-        if points.size > PACKET_POINTS or (self._is_dg800 and not last):
+        if not MIN_PACKET_POINTS <= points.size <= PACKET_POINTS or (self._is_dg800 and not last):
             raise ScpiError(-225)
         self._packets.append(2 * points / (FULL_SCALE - 1) - 1)
         if not last:

@@ -12,7 +12,7 @@ import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.scpi_levels import MAX_EMF_V, OutputLevels
+from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLevels
 from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires.scpi_engine import (
     Arguments,
@@ -43,6 +43,8 @@ class SimulatedScpiGenerator:
         queue_error: puts an error into the engine's queue although the command is carried out.
     """
 
+    BLOCK_ENDS_MESSAGE: ClassVar[bool] = False
+    """Whether what follows a binary block in its message is lost."""
     MAX_FREQUENCY_HZ: ClassVar[float] = 20e6
     MAX_BURST_CYCLES: ClassVar[float] = 1e8
     AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
@@ -62,7 +64,12 @@ class SimulatedScpiGenerator:
         self._generator = generator
         self._now = now
         self._keyword_settings: dict[str, str] = {}
-        self._levels = OutputLevels(generator, self._queue_error, self.format_number)
+        self._levels = OutputLevels(generator, self._queue_error, self.format_number, self._min_emf_vpp)
+
+    @property
+    def _min_emf_vpp(self) -> float:
+        """Smallest amplitude of the model at the open output: twice that into 50 ohm."""
+        return MIN_EMF_VPP
 
     def format_number(self, value: float) -> str:
         """Return a number as this family writes it."""

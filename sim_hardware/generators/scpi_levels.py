@@ -33,6 +33,7 @@ class OutputLevels:
         generator: the output stage.
         queue_error: puts an error into the queue although the command is carried out, which is common.
         format_number: writes a number as this family does.
+        min_emf_vpp: smallest amplitude at the open output.
     """
 
     def __init__(
@@ -40,10 +41,12 @@ class OutputLevels:
         generator: SimulatedGenerator,
         queue_error: Callable[[ScpiError], None],
         format_number: Callable[[float], str] = format_real,
+        min_emf_vpp: float = MIN_EMF_VPP,
     ) -> None:
         self._generator = generator
         self._queue_error = queue_error
         self._format_number = format_number
+        self._min_emf_vpp = min_emf_vpp
         self.reset()
 
     def reset(self) -> None:
@@ -94,10 +97,10 @@ class OutputLevels:
         unit = next((u for u in ("VPP", "VRMS", "DBM") if text.strip().upper().endswith(u)), self._unit)
         s = self._generator.settings
         top = min(2 * (MAX_EMF_V - abs(s.emf_offset_v)), self._frozen_range_vpp)
-        low, high = (self._from_vpp(emf * self.display_ratio, unit) for emf in (MIN_EMF_VPP, top))
+        low, high = (self._from_vpp(emf * self.display_ratio, unit) for emf in (self._min_emf_vpp, top))
         value = parse_number(text, unit if unit in text.upper() else "V", low, high)
         emf = self._to_vpp(value, unit) / self.display_ratio
-        self._apply_levels(self.clip(emf, MIN_EMF_VPP, top), s.emf_offset_v)
+        self._apply_levels(self.clip(emf, self._min_emf_vpp, top), s.emf_offset_v)
 
     def set_offset(self, text: str) -> None:
         """Offset in volts."""
@@ -130,7 +133,7 @@ class OutputLevels:
         value = parse_number(single_argument(a), "V", -most, most) / self.display_ratio
         low_v = s.emf_offset_v - s.emf_vpp / 2 if high else value
         high_v = value if high else s.emf_offset_v + s.emf_vpp / 2
-        if high_v - low_v < MIN_EMF_VPP:
+        if high_v - low_v < self._min_emf_vpp:
             raise ScpiError(-221, "high level must be above low level")
         if max(abs(low_v), abs(high_v)) > MAX_EMF_V * (1 + 1e-9):
             raise ScpiError(-222)

@@ -13,6 +13,7 @@ import numpy as np
 
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_levels import MIN_EMF_VPP
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
@@ -57,6 +58,11 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         self._generator.apply_settings(period_s=1e-3)
         if self._is_afg1000 and self._high_z:
             self._levels.set_load(["INF"])
+
+    @property
+    def _min_emf_vpp(self) -> float:
+        # Into 50 ohm 10, 20 and 50 mVpp by the group of models, AFG1000 1 mVpp (tm_devices at db887dd).
+        return {"AFG30": 0.02, "AFG31": 0.04, "AFG32": 0.1}.get(self._model[:5], MIN_EMF_VPP)
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:

@@ -268,6 +268,8 @@ class ScpiEngine:
         self._delay_s = 0.0
         answers, path, has_set = [], "", False
         message, blocks = extract_blocks(message)
+        if blocks and getattr(self._instrument, "BLOCK_ENDS_MESSAGE", False):
+            message = message.partition(_PLACEHOLDER)[0] + _PLACEHOLDER
         for part in split_message(message.strip(), ";"):
             if not part:
                 continue

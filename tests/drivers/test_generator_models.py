@@ -1,0 +1,93 @@
+"""Differences between the models of a family: supported or not, converter, smallest amplitude, size of a packet."""
+
+import numpy as np
+import pytest
+
+from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from drivers.drive import LinearSweep, Sine
+from drivers.errors import InstrumentError
+from tests.drivers.test_generator_foreign_settings import opened
+from tests.helpers.simulated_bench import assert_safe_voltage
+
+ARMED = 2.5, 0.0, 5.0
+
+SUPPORTED = {
+    "33511B": "keysight-33500",
+    "33522A": "keysight-33500",
+    "33622A": "keysight-33500",
+    "33210A": "keysight-33200",
+    "33220A": "keysight-33200",
+    "33250A": "keysight-33200",
+    "DG1022Z": "rigol-dg",
+    "DG1062Z": "rigol-dg",
+    "DG811": "rigol-dg",
+    "DG832": "rigol-dg",
+    "SDG1032X": "siglent-sdg",
+    "SDG2122X": "siglent-sdg",
+    "T3AFG80": "siglent-sdg",
+    "AFG3022C": "tektronix-afg",
+    "AFG31052": "tektronix-afg",
+    "AFG1022": "tektronix-afg",
+}
+
+RELATIVES = ("33509B", "33510B", "33519B", "33520B", "DG1022", "DG1022U", "DG1022A", "DG812 Pro", "DG832 Pro")
+"""Without arbitrary waveforms, or with another command set: named like supported models, but none of them."""
+
+
+def drivers_for(model: str) -> list[str]:
+    return [name for name in BUILT_IN[SOURCES] if load_driver(SOURCES, name).supports_model(model)]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("model", SUPPORTED)
+def test_each_supported_model_has_one_driver(model: str) -> None:
+    assert drivers_for(model) == [SUPPORTED[model]]
+
+
+@pytest.mark.parametrize("model", RELATIVES)
+def test_a_relative_with_another_command_set_has_none(model: str) -> None:
+    assert drivers_for(model) == []
+
+
+@pytest.mark.parametrize("model", ["33210A", "33220A", "33250A"])
+def test_a_332xx_is_armed_at_twenty_millivolts_and_plays(model: str) -> None:
+    """Into a high-impedance load 10 mVpp is out of its range, and it says so: it never armed."""
+    source, bench, _ = opened(model)
+    source.initialize_at_rest(*ARMED)
+    assert source.is_at_rest(*ARMED)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    source.start_drive(Sine(50.0, 2.5, 2.5, 10))
+    bench.clock.sleep(0.3)
+    report = bench.report()
+    assert_safe_voltage(report)
+    assert (report.lowest_v, report.highest_v) == (pytest.approx(0.0, abs=2e-3), pytest.approx(5.0, abs=2e-3))
+
+
+def test_a_drive_below_the_smallest_amplitude_is_refused_before_anything_is_sent() -> None:
+    source, bench, _ = opened("33220A")
+    source.initialize_at_rest(*ARMED)
+    with pytest.raises(InstrumentError, match=r"less than 20 mV peak to peak, not 10 mV; .*Nothing was sent"):
+        source.start_drive(Sine(50.0, 0.005, 2.5, 10))
+    assert bench.report().outside_rest_s == 0
+
+
+def test_a_rigol_sweeps_and_then_starts_the_next_drive() -> None:
+    """A packet carries 8192 points, and after a burst the trigger source must be set anew."""
+    source, bench, _ = opened("DG1032Z")
+    source.initialize_at_rest(*ARMED)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    for drive in (LinearSweep(10.0, 60.0, 1.0, 1.0, 2.5), Sine(50.0, 1.0, 2.5, 20), Sine(50.0, 1.0, 2.5, 20)):
+        before_s = bench.report().outside_rest_s
+        source.start_drive(drive)
+        bench.clock.sleep(drive.duration_s + 0.1)
+        assert bench.report().outside_rest_s - before_s == pytest.approx(drive.duration_s, rel=0.05), drive
+    assert_safe_voltage(bench.report())
+
+
+@pytest.mark.parametrize("points", [8193, 16_385, 24_577])
+def test_no_packet_of_a_rigol_is_too_small(points: int) -> None:
+    """Cut at 8192, the last packet of each would have one point, and a real DG1000Z rejects less than eight."""
+    source, _, _ = opened("DG1032Z")
+    source.initialize_at_rest(*ARMED)
+    source._download_waveform(np.zeros(points))
