@@ -54,6 +54,7 @@ from .generators.tektronix_afg import TektronixAfg as TektronixAfg
 from .interfaces import Block as Block
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker
+from .interfaces import HoldRenewer as HoldRenewer
 from .interfaces import Identity as Identity
 from .interfaces import InputChannel as InputChannel
 from .interfaces import LiveChecker as LiveChecker

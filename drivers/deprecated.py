@@ -29,7 +29,7 @@ MODULES = {
     "drivers.nidaq_output": "drivers.nidaq.analog_output NiOutput=NiAnalogOutput",
     "drivers.optoncdt": "drivers.sensors.optoncdt",
     "drivers.ports": "drivers.interfaces Choosy=DriveChecker",
-    "drivers.rendering": "drivers.nidaq.analog_output rate_for=sample_rate_for count_of=sample_count rendered=render_samples resting_v=idle_level_after_stop_v dying=fade_out",
+    "drivers.rendering": "drivers.nidaq.rendering rate_for=sample_rate_for count_of=sample_count rendered=render_samples resting_v=idle_level_after_stop_v dying=fade_out",
     "drivers.rigol_dg": "drivers.generators.rigol_dg",
     "drivers.scpi": "drivers.transport.scpi Scpi=ScpiSession",
     "drivers.scpi_burst": "drivers.generators.scpi_burst_generator",

@@ -204,6 +204,21 @@ class RestTimer(Protocol):
 
 
 @runtime_checkable
+class HoldRenewer(Protocol):
+    """A source that holds a level other than rest only as long as it is renewed, and else returns to rest by itself."""
+
+    lease_s: float
+    """How long a level is held without renewal, seconds of bench time."""
+
+    def renew_hold(self) -> None:
+        """Hold the present level for another `lease_s`; called with every block that is read, and often nothing to do.
+
+        Raises:
+            InstrumentError: it came too late, and the source returns to rest; or the instrument does not answer.
+        """
+
+
+@runtime_checkable
 class LiveChecker(Protocol):
     """A source that can tell whether an earlier program left a drive or a level on it. Others are assumed to be so left."""
 

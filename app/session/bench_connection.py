@@ -28,7 +28,7 @@ from sim_hardware.operator import BenchControls, SimulatedOperator
 
 SERVED_OUTPUT_WARNING = (
     "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
-    "dies while the bench is live, a drive ends by itself at rest, but a held level stays on the specimen"
+    "dies while the bench is live, a drive ends by itself at rest, and a held level returns to rest after 5 s"
 )
 
 

@@ -10,6 +10,9 @@ from drivers import Clock, Digitizer, Link, Meter, Source
 DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
 
+HOLD_LEASE_S = 5.0
+"""Wall time for which the card's output holds a level that this program does not renew."""
+
 
 def open_source(
     config: BenchConfig, clock: Clock, open_link: Callable[[float], Link], server: str, stack: ExitStack
@@ -49,6 +52,7 @@ def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
                 "channel": config.source.channel,
                 "start_trigger": config.source.start_trigger,
                 "margin_s": DRIVE_MARGIN_S * speed,
+                "lease_s": HOLD_LEASE_S * max(speed, 1.0),
             }
         case "dc-supply":
             return {

@@ -12,7 +12,7 @@ from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, Identity, LiveChecker, RestTimer, Source
+from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, RestTimer, Source
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
@@ -183,6 +183,15 @@ class HvAmplifier:
                 self._drive_end_s = float("inf")
                 self._ramp(drive.level_v)
             self._source.start_drive(drive)
+
+    def renew_hold(self) -> None:
+        """Renew a held level where the source needs it; else it returns to rest by itself.
+
+        Raises:
+            InstrumentError: it was renewed too late, or the source does not answer.
+        """
+        if self._drive_end_s == math.inf and isinstance(self._source, HoldRenewer):
+            self._source.renew_hold()
 
     @property
     def remaining_s(self) -> float:

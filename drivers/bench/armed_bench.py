@@ -114,6 +114,7 @@ class ArmedBench:
         self.last_block = block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
+        self.amplifier.renew_hold()
         if self.monitor is not None:
             self.monitor.block_read(block)
         return block

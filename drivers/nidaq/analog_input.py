@@ -6,8 +6,10 @@ which also serves the simulated card. Raw 16-bit integers are kept, with the car
 
 import contextlib
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakValueDictionary
 
 import nidaqmx
 import numpy as np
@@ -16,6 +18,7 @@ from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.grpc_session_options import SessionInitializationBehavior
 from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.system import System
+from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.closing import Closeable
@@ -39,6 +42,9 @@ ABANDONED_AFTER_S = 3.0
 """An input session that nobody has read for so long belongs to a program that is dead: one that runs reads every block."""
 
 POLL_S = 0.25
+_RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()
+"""The acquisitions of this program that run, by the `key` of their card."""
+
 OUTPUT_END_TIMEOUT_S = 10.0
 """Longest wait for the drive of a dead program to end before its output task is cleared."""
 
@@ -64,6 +70,11 @@ class NiConnection:
         self._created: set[str] = set()
         self.identity = self.reopen()
         self.description = f"DAQ card {device} ({self.identity.model})"
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Which card this is: the server, empty for this computer, and the name of the device there."""
+        return self._server or "", self.device.lower()
 
     @property
     def is_remote(self) -> bool:
@@ -220,7 +231,11 @@ class NiDigitizer:
                     sample_mode=AcquisitionType.CONTINUOUS,
                     samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
                 )
-                return NiStream(task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT))
+                stream = NiStream(
+                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT)
+                )
+                _RUNNING[self._connection.key] = stream
+                return stream
         except BaseException:
             with contextlib.suppress(InstrumentError):
                 self._connection.close_task(task, INPUT)
@@ -239,6 +254,7 @@ class NiStream(Closeable):
     ) -> None:
         self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
+        self._read_ahead: deque[Block] = deque()
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
         self.scales = tuple(
@@ -252,6 +268,18 @@ class NiStream(Closeable):
         self.start_time_s = clock.now()
 
     def read(self) -> Block:
+        return self._read_ahead.popleft() if self._read_ahead else self._read_block()
+
+    def newest_drive_volts(self) -> NDArray[np.float64]:
+        """Return the drive in a block that was taken after this call; `read` returns it, and those before it, later."""
+        called_s = self._clock.now()
+        while True:
+            block = self._read_block()
+            self._read_ahead.append(block)
+            if self.start_time_s + block.start / self.rate_hz >= called_s:
+                return self.scales[0].to_volts(block.raw[0])
+
+    def _read_block(self) -> Block:
         if self._task is None:
             raise AcquisitionError(f"{self._description}: the acquisition is closed")
         with translate_errors(self._description):
@@ -275,6 +303,15 @@ class NiStream(Closeable):
             # An unplugged card or a dead server cannot be stopped, and need not be.
             with contextlib.suppress(InstrumentError):
                 self._close_task()
+
+
+def newest_drive_volts(key: tuple[str, str]) -> NDArray[np.float64] | None:
+    """Return the drive as this program's acquisition on a card measures it now; None if it runs none, or it fails."""
+    stream = _RUNNING.get(key)
+    try:
+        return None if stream is None else stream.newest_drive_volts()
+    except AcquisitionError:
+        return None
 
 
 def _is_being_read(task: Any) -> bool:

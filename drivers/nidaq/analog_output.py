@@ -1,11 +1,12 @@
 """NI analogue output as a `Source`: renders drives to samples, on the same timebase as the input.
 
 A drive is rendered and written to the card completely before it starts, so that a drive ends by itself if the program
-hangs. Input and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
+hangs. A level other than rest is held by a finite buffer, too, which returns to rest unless the program renews it. Input
+and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
 
 Never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and stopping a
-task in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting the samples not yet
-played as a fade-out; only then is its task released.
+task in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting the samples that
+are not on their way yet as a fade-out; its task is released only when the output is measured where it then idles.
 
 Sources: X Series User Manual ch. 5 (FIFO, reference); NI-DAQmx help: regeneration, states after a reset, internal
 channels. Rewriting a running buffer was not tested on a real card: see docs/decisions/0014-analogue-output.md.
@@ -13,81 +14,51 @@ channels. Rewriting a running buffer was not tested on a real card: see docs/dec
 
 import contextlib
 import math
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from nidaqmx.constants import AcquisitionType, WriteRelativeTo
-from nidaqmx.stream_writers import AnalogSingleChannelWriter
-from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine
+from drivers.drive import Drive, Hold, Ramp
 from drivers.errors import BenchError, CardInUseError, InstrumentError
-from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
+from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection, newest_drive_volts
 from drivers.nidaq.errors import translate_errors
-
-SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
-"""Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
-
-STEP_V = 0.02
-"""Largest step between two samples: 12 V on the specimen."""
-
-SAMPLES_PER_CYCLE = 100
-FADE_S = 0.05
-HOLD_AFTER_FADE_S = 1.0
-"""Rest after a fade: longer than it takes anybody to let go of the card."""
-
-Array = NDArray[np.float64]
-
-
-def sample_rate_for(drive: Drive) -> float:
-    """Samples per second."""
-    fine = drive.slew_v_per_s / STEP_V
-    if isinstance(drive, Sine):
-        fine = max(fine, SAMPLES_PER_CYCLE * drive.frequency_hz)
-    if isinstance(drive, LinearSweep | PeriodicSweep):
-        fine = max(fine, SAMPLES_PER_CYCLE * max(drive.start_hz, drive.stop_hz))
-    return next((rate for rate in SAMPLE_RATES_HZ if rate >= fine), SAMPLE_RATES_HZ[-1])
-
-
-def sample_count(drive: Drive, rate_hz: float) -> int:
-    """Samples of the whole drive; the last one is where it ends."""
-    return math.ceil(drive.duration_s * rate_hz) + 1
-
-
-def render_samples(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
-    """Samples `first` to `first + count`, shape (count,); beyond its end the drive stays where it ended."""
-    t = np.arange(first, first + count) / rate_hz
-    return np.ascontiguousarray(drive.volts(np.minimum(t, drive.duration_s)))
-
-
-def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
-    """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
-    last = sample_count(drive, rate_hz) - 1
-    if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
-        return drive.offset_v
-    return float(render_samples(drive, rate_hz, min(first, last), 1)[0])
-
-
-def fade_out(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
-    """Return what to play from sample `first` on instead of the drive, and how many of these samples are the fade."""
-    left = sample_count(drive, rate_hz) - first
-    fade = min(math.ceil(FADE_S * rate_hz), left)
-    level_v = idle_level_after_stop_v(drive, rate_hz, first)
-    wave = np.full(fade, level_v)
-    if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
-        wave += np.linspace(1.0, 0.0, fade) * (render_samples(drive, rate_hz, first, fade) - level_v)
-    return np.concatenate((wave, np.full(min(math.ceil(HOLD_AFTER_FADE_S * rate_hz), left - fade), level_v))), fade
-
+from drivers.nidaq.output_task import OutputQueue, OutputTask, find_queue, write_level
+from drivers.nidaq.rendering import (
+    FADE_S,
+    LONG_DRIVE_RATE_HZ,
+    MAX_SAMPLES,
+    QUEUE_S,
+    RETURN_V_PER_S,
+    SAMPLE_RATES_HZ,
+    STEP_V,
+    Array,
+    HeldLevel,
+    fade_out,
+    idle_level_after_stop_v,
+    render_samples,
+    sample_count,
+    sample_rate_for,
+)
 
 LEVEL_TOLERANCE_V = 5e-3
-MAX_SAMPLES = 50_000_000
-SAMPLES_PER_WRITE = 200_000
-"""Samples in one message: below the 4 MB that a gRPC server takes by default."""
+RELEASE_TOLERANCE_V = 0.05
+"""Largest deviation of the output, as the run's acquisition measures it, from the level at which its task is released."""
 
-FIFO_SAMPLES = 8191
-"""Samples that the card may have fetched already and will play whatever is written over them."""
+RELEASE_S = 0.2
+"""Allowance for measuring that, in the prediction of the way to rest."""
+
+RELEASE_TIMEOUT_S = 2.0
+"""Longest wait for that."""
+
+WRITE_PAUSE_S = 1e-4
+"""Pause after each message of a long drive, in which the clock sends its heartbeat."""
+
+HOLD_TASK_LEASES = 6
+"""Length of a held level's buffer; where it comes to its end, the next one takes over at the same level."""
+
+STOP_ROUND_TRIPS, RAMP_ROUND_TRIPS = 12, 24
 
 
 @renamed(SOURCE_METHODS)
@@ -101,8 +72,9 @@ class NiAnalogOutput:
         server: `host:port` of a gRPC device server, or None for the local driver.
         start_trigger: empty, or the signal that starts a drive, e.g. `ai/SampleClock`: the drive's first sample then
             falls on a scan of the running input, whose phase is so the same each time.
-        margin_s: how far ahead of the sample being played a stopped drive is rewritten: the time that the computer and
+        margin_s: how far ahead of the samples on their way a stopped drive is rewritten: the time that the computer and
             the bus have for it.
+        lease_s: how long a level other than rest is held without `renew_hold`.
 
     Raises:
         InstrumentError: the driver, the server or the card is not there.
@@ -117,25 +89,28 @@ class NiAnalogOutput:
         server: str | None = None,
         start_trigger: str = "",
         margin_s: float = 0.1,
+        lease_s: float = 5.0,
     ) -> None:
         self._connection = NiConnection(device, server)
         self._physical_channel, self._readback_channel = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
         self._trigger = f"/{device}/{start_trigger}" if start_trigger else ""
-        self._clock, self._margin_s = clock, margin_s
+        self._clock, self._margin_s, self.lease_s = clock, margin_s, lease_s
         self._description = f"{self._connection.description} output {channel}"
         self.identity = self._connection.identity
-        self._task: Any = None
+        self._task: OutputTask | None = None
         self._drive: Drive | None = None
-        self._rate_hz, self._samples = SAMPLE_RATES_HZ[0], 0
-        self._start_s = 0.0
+        self._hold: HeldLevel | None = None
+        self._start_s = self._renew_at_s = 0.0
         self._rest_v: float | None = None
+        self._found_queue: OutputQueue | None = None
+        self._reply_s = 0.0
         with contextlib.suppress(CardInUseError):  # by a program that runs: starting the acquisition reports it
             self._connection.clear_abandoned(INPUT, OUTPUT, READBACK)
         self._level_v = self._read_back_v()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         del low_v, high_v  # the card's output range is fixed at +-10 V; HvAmplifier checks the amplifier's
-        if self._task is not None and not self._is_done():
+        if self._is_playing():
             return False
         rests = self._level_v is not None and abs(self.idle_level_v() - rest_v) <= LEVEL_TOLERANCE_V
         self._rest_v = rest_v if rests else self._rest_v
@@ -143,8 +118,7 @@ class NiAnalogOutput:
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
         del low_v, high_v
-        playing = self._task is not None and not self._is_done()
-        return playing or self._level_v is None or abs(self._level_v - rest_v) > LEVEL_TOLERANCE_V
+        return self._is_playing() or self._level_v is None or abs(self._level_v - rest_v) > LEVEL_TOLERANCE_V
 
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v, high_v
@@ -163,60 +137,117 @@ class NiAnalogOutput:
                 f"(limit ±{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
             )
 
+    def reason_unsupported(self, drive: Drive) -> str:
+        if isinstance(drive, Hold | Ramp):
+            return ""
+        rate = self._rate_for(drive)
+        if (samples := sample_count(drive, rate)) > MAX_SAMPLES:
+            return (
+                f"{self._description}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
+                f"{MAX_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
+            )
+        return ""
+
+    def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
+        replies_s = (STOP_ROUND_TRIPS + RAMP_ROUND_TRIPS) * self._reply_s
+        return 2 * self._margin_s + self._queue_limit_s() + FADE_S + RELEASE_S + distance_v / ramp_v_per_s + replies_s
+
     def start_drive(self, drive: Drive) -> None:
         begins_v, _ = drive.end_levels_v
         idle_v = self.idle_level_v()
-        if self._task is not None:
+        if self._task is not None and self._hold is None:
             raise InstrumentError(f"{self._description} still plays; stop that first. Nothing was sent")
         if abs(idle_v - begins_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
                 f"{self._description} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
             )
-        if not isinstance(drive, Hold):
-            self._start(drive, self._trigger)
+        if why := self.reason_unsupported(drive):
+            raise InstrumentError(why)
+        if isinstance(drive, Hold):
+            return
+        self._end_hold()
+        rate = self._rate_for(drive)
+        task = OutputTask(
+            self._connection, self._physical_channel, self._description, rate, sample_count(drive, rate), self._trigger
+        )
+        self._start(task, lambda first, count: render_samples(drive, task.rate_hz, first, count), drive, None)
+
+    def renew_hold(self) -> None:
+        hold, task = self._hold, self._task
+        if hold is None or task is None or self._clock.now() < self._renew_at_s:
+            return
+        generated = task.generated()
+        if generated + task.queue_samples + math.ceil(self._margin_s * task.rate_hz) >= hold.return_sample:
+            raise InstrumentError(
+                f"{self._description}: the level of {hold.level_v:g} V was not renewed for {self.lease_s:g} s, because this "
+                "program was held up, and returns to rest by itself; close other programs and run again"
+            )
+        wanted = generated + math.ceil(self.lease_s * task.rate_hz)
+        if wanted > hold.latest_return_sample:
+            # The output stays at the sample that was converted last, which is the level itself.
+            level_v = hold.level_v
+            self._release_task()
+            self._level_v = level_v
+            self._start_hold(level_v, level_v, 0.0)
+            return
+        begins, hold.return_sample = hold.return_sample, wanted
+        task.rewrite(begins, hold.samples(begins, wanted + hold.fall + 1 - begins))
+        self._renew_at_s = self._clock.now() + self.lease_s / 4
 
     def stop(self) -> None:
         task, drive = self._task, self._drive
-        if task is None or drive is None or self._is_done():
+        if self._hold is not None:
+            self._end_hold()
+            return
+        if task is None or drive is None or task.is_done():
             self.idle_level_v()
             return
-        rate = self._rate_hz
-        with translate_errors(self._description):
-            first = task.out_stream.total_samp_per_chan_generated + FIFO_SAMPLES + math.ceil(self._margin_s * rate)
-            total = self._samples
-            end = self._rewrite_with_fade(task, drive, first) if first < total else total
-            began = self._clock.now()
-            patience_s = (end - first + FIFO_SAMPLES) / rate + 2 * self._margin_s + 2.0
-            while (played := task.out_stream.total_samp_per_chan_generated) < end:
-                waited_s = self._clock.now() - began
-                if played == 0 and self._trigger and waited_s > self._margin_s:
-                    break  # armed, but the trigger never came: nothing has moved
-                if waited_s > patience_s:
-                    raise InstrumentError(
-                        f"{self._description} plays no further; check the card's power and its USB cable"
-                    )
-                self._clock.sleep(min((end - played) / rate, 0.02))
-            level_v = drive.end_levels_v[0] if played == 0 else idle_level_after_stop_v(drive, rate, first)
+        rate = task.rate_hz
+        first = task.generated() + task.queue_samples + math.ceil(self._margin_s * rate)
+        level_v = idle_level_after_stop_v(drive, rate, first)
+        end = task.total
+        if first < task.total:
+            wave = fade_out(drive, rate, first)
+            end = first + wave.size
+            hold = math.ceil((self._margin_s + RELEASE_TIMEOUT_S) * rate)
+            task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))))
+            self._drive = Hold(level_v, drive.duration_s)
+            self._fill(task, end + hold, level_v, end)
+        if self._await_sample(task, end):
+            self._await_level(task, level_v)
+        else:  # armed, but the trigger never came: nothing has moved
+            level_v = drive.end_levels_v[0]
         self._release_task()
         self._write_level(level_v)
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         idle_v = self.idle_level_v()
+        self._end_hold()
+        idle_v = idle_v if self._level_v is None else self._level_v
+        if self._rest_v is not None and abs(level_v - self._rest_v) > LEVEL_TOLERANCE_V:
+            self._start_hold(idle_v, level_v, duration_s)
+            if self._hold is not None and self._task is not None:
+                self._await_sample(self._task, self._hold.rise + 1)
+            return
         if abs(level_v - idle_v) > STEP_V / 4:
+            ramp = Ramp(idle_v, level_v, duration_s)
+            rate = sample_rate_for(ramp)
             # Never triggered: a ramp to rest must not wait for a clock that may have stopped.
-            self._start(Ramp(idle_v, level_v, duration_s), "")
-            began = self._clock.now()
-            while not self._is_done():
-                if self._clock.now() - began > duration_s + 2.0:
-                    raise InstrumentError(
-                        f"{self._description} did not reach {level_v:g} V within {duration_s + 2:.1f} s; check the card"
-                    )
-                self._clock.sleep(min(max(began + duration_s - self._clock.now(), 1e-3), 0.02))
+            task = OutputTask(
+                self._connection, self._physical_channel, self._description, rate, sample_count(ramp, rate)
+            )
+            self._start(task, lambda first, count: render_samples(ramp, task.rate_hz, first, count), ramp, None)
+            self._await_sample(task, task.total)
             self._release_task()
         self._write_level(level_v)
 
     def idle_level_v(self) -> float:
-        if self._is_done() and self._drive is not None:
+        task, hold = self._task, self._hold
+        if task is not None and hold is not None:
+            if task.generated() < hold.return_sample:
+                return hold.level_v
+            self._end_hold()
+        elif task is not None and self._drive is not None and task.is_done():
             level_v = self._drive.end_levels_v[1]
             self._release_task()
             self._write_level(level_v)
@@ -225,17 +256,19 @@ class NiAnalogOutput:
         return self._level_v
 
     def reconnect(self) -> None:
-        drive, elapsed_s = self._drive, self._clock.now() - self._start_s
+        expected_v = self._expected_v()
         with contextlib.suppress(BenchError):
             self._release_task()  # with a lost connection the task is gone, too
+        self._task = self._drive = self._hold = None
         self._connection.reopen()
-        self._drive = None
         measured = self._read_back_v()
         if measured is not None:
             self._level_v = measured
-        elif drive is not None:
-            # The input is busy. The output is at the level of the drive when its task died, or when it ended.
-            self._level_v = float(drive.volts(np.array([min(elapsed_s, drive.duration_s)]))[0])
+        elif expected_v is not None:
+            # The input is busy. A reading of the drive's cable may confirm a level, but is no level to start from.
+            seen = newest_drive_volts(self._connection.key)
+            confirmed = seen is not None and bool(np.abs(seen - expected_v).max() <= RELEASE_TOLERANCE_V)
+            self._level_v = expected_v if confirmed else None
 
     def close(self) -> None:
         """Release the card. A playing drive is brought to its offset, and rest is written last."""
@@ -247,72 +280,164 @@ class NiAnalogOutput:
             self._release_task()
         self._connection.close()
 
-    def _start(self, drive: Drive, trigger: str) -> None:
-        rate = sample_rate_for(drive)
-        samples = sample_count(drive, rate)
-        if samples > MAX_SAMPLES:
-            raise InstrumentError(
-                f"{self._description}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
-                f"{MAX_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
+    def _queue(self) -> OutputQueue:
+        if self._found_queue is None:
+            begin_s = self._clock.now()
+            self._found_queue = find_queue(
+                self._connection, self._physical_channel, self._description, SAMPLE_RATES_HZ[0]
             )
+            self._reply_s = (self._clock.now() - begin_s) / STOP_ROUND_TRIPS
+        return self._found_queue
+
+    def _rate_for(self, drive: Drive) -> float:
+        """Return the sample rate of a drive: fine enough, and not slower than the queue permits."""
+        queue, limit_s = self._queue(), self._queue_limit_s()
+        slowest = next(
+            (rate for rate in SAMPLE_RATES_HZ if queue.samples_at(rate) <= limit_s * rate), SAMPLE_RATES_HZ[-1]
+        )
+        return sample_rate_for(drive, slowest)
+
+    def _queue_limit_s(self) -> float:
+        """Return the longest time that samples of a drive are on their way; longer only on a card that leaves no choice."""
+        return max(QUEUE_S, self._queue().samples_at(LONG_DRIVE_RATE_HZ) / LONG_DRIVE_RATE_HZ)
+
+    def _start_hold(self, from_v: float, level_v: float, duration_s: float) -> None:
+        rest_v = level_v if self._rest_v is None else self._rest_v
+        ramp = Ramp(from_v, level_v, max(duration_s, 1e-3))
+        queue = self._queue()
+        rate = max(
+            sample_rate_for(ramp),
+            next((r for r in SAMPLE_RATES_HZ if queue.samples_at(r) <= self.lease_s / 4 * r), SAMPLE_RATES_HZ[-1]),
+        )
+        lease = math.ceil(self.lease_s * rate)
+        rise, fall = math.ceil(ramp.duration_s * rate), math.ceil(abs(level_v - rest_v) / RETURN_V_PER_S * rate) + 1
+        hold = HeldLevel(
+            from_v, level_v, rest_v, rise, fall, rise + lease, rise + HOLD_TASK_LEASES * lease + fall + 1
+        )  # fmt: skip
+        task = OutputTask(self._connection, self._physical_channel, self._description, rate, hold.total)
+        self._start(task, hold.samples, None, hold)
+        self._renew_at_s = self._start_s + ramp.duration_s + self.lease_s / 4
+
+    def _end_hold(self) -> None:
+        """Let go of a held level: stay at it, or at rest where its return has begun."""
+        hold, task = self._hold, self._task
+        if hold is None or task is None:
+            return
+        self._await_sample(task, hold.rise + 1)
+        level_v = hold.level_v
+        if task.generated() >= hold.return_sample - math.ceil(self._margin_s * task.rate_hz):
+            self._await_sample(task, hold.return_sample + hold.fall + 1)
+            level_v = hold.rest_v
         self._release_task()
-        task = self._connection.new_task(OUTPUT)
+        self._write_level(level_v)
+
+    def _start(
+        self,
+        task: OutputTask,
+        render: Callable[[int, int], Array],
+        drive: Drive | None,
+        hold: HeldLevel | None,
+    ) -> None:
         try:
-            with translate_errors(self._description):
-                task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
-                task.timing.cfg_samp_clk_timing(rate, sample_mode=AcquisitionType.FINITE, samps_per_chan=samples)
-                if trigger:
-                    task.triggers.start_trigger.cfg_dig_edge_start_trig(trigger)
-                task.out_stream.output_buf_size = samples
-                self._rate_hz, self._samples = float(task.timing.samp_clk_rate), samples
-                writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
-                for first in range(0, samples, SAMPLES_PER_WRITE):
-                    count = min(SAMPLES_PER_WRITE, samples - first)
-                    writer.write_many_sample(render_samples(drive, self._rate_hz, first, count))
-                # Set before the task starts: if the reply is lost, the drive must be assumed to play.
-                self._task, self._drive, self._start_s = task, drive, self._clock.now()
-                task.start()
+            task.write(render, lambda: self._clock.sleep(WRITE_PAUSE_S))
+            # Set before the task starts: if the reply is lost, the drive must be assumed to play.
+            self._task, self._drive, self._hold, self._start_s = task, drive, hold, self._clock.now()
+            task.start()
         except BaseException:
-            self._task = self._drive = None
+            self._task = self._drive = self._hold = None
             with contextlib.suppress(BenchError):
-                self._connection.close_task(task, OUTPUT)
+                task.release()
             raise
 
-    def _rewrite_with_fade(self, task: Any, drive: Drive, first: int) -> int:
-        """Rewrite the drive from sample `first` on as a fade-out; return the sample at which it ends."""
-        wave, fade = fade_out(drive, self._rate_hz, first)
-        writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
-        task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
-        for k in range(0, wave.size, SAMPLES_PER_WRITE):
-            task.out_stream.offset = first + k
-            writer.write_many_sample(np.ascontiguousarray(wave[k : k + SAMPLES_PER_WRITE]))
-        return first + fade
+    def _fill(self, task: OutputTask, first: int, level_v: float, played: int) -> None:
+        """Rewrite the remainder of a stopped drive with its idle level, until the fade-out has been played.
 
-    def _is_done(self) -> bool:
-        if self._task is None:
-            return False
-        with translate_errors(self._description):
-            return bool(self._task.is_task_done())
+        What is left of the drive would follow the fade if this program died before it releases the task.
+        """
+        piece = math.ceil(task.rate_hz)
+        while first < task.total and task.generated() < played:
+            count = min(piece, task.total - first)
+            task.rewrite(first, np.full(count, level_v))
+            first += count
+            self._clock.sleep(0.02)
+
+    def _await_sample(self, task: OutputTask, sample: int) -> bool:
+        """Wait until a sample has been converted; return False if the task still waits for its trigger.
+
+        Raises:
+            InstrumentError: the output does not continue.
+        """
+        sample = min(sample, task.total)
+        began_s, begins = self._clock.now(), task.generated()
+        patience_s = (sample - begins) / task.rate_hz + 2 * self._margin_s + 2.0
+        while (played := task.generated()) < sample:
+            waited_s = self._clock.now() - began_s
+            if played == 0 and task.trigger and waited_s > self._margin_s:
+                return False
+            if waited_s > patience_s:
+                raise InstrumentError(f"{self._description} plays no further; check the card's power and its USB cable")
+            self._clock.sleep(min(max((sample - played) / task.rate_hz, 1e-4), 0.02))
+        return True
+
+    def _await_level(self, task: OutputTask, level_v: float) -> None:
+        """Wait until the output is measured at a level, where it can be measured, before its task is released.
+
+        Raises:
+            InstrumentError: it is not there; the task is kept.
+        """
+        deadline_s = self._clock.now() + RELEASE_TIMEOUT_S
+        while True:
+            seen = self._measured_volts()
+            if seen is None or np.abs(seen - level_v).max() <= RELEASE_TOLERANCE_V or task.is_done():
+                return
+            if self._clock.now() > deadline_s:
+                self._level_v = None
+                raise InstrumentError(
+                    f"{self._description} was stopped and should idle at {level_v:.3f} V, but measures "
+                    f"{float(seen.min()):.3f} to {float(seen.max()):.3f} V (limit ±{RELEASE_TOLERANCE_V:g} V); check the cable "
+                    "from the output to the card's drive channel"
+                )
+            self._clock.sleep(0.01)
+
+    def _measured_volts(self) -> Array | None:
+        """Return the output as measured now: inside the card, or by the run's acquisition, or None."""
+        inside = [self._read_back_v()]
+        if inside[0] is None:
+            return newest_drive_volts(self._connection.key)
+        for _ in range(2):  # one reading of a wave may happen to be the level
+            self._clock.sleep(0.007)
+            inside.append(self._read_back_v())
+        return np.array([seen for seen in inside if seen is not None])
+
+    def _expected_v(self) -> float | None:
+        """Return the volts of the sample at which the task is, or was when its connection broke; None if unknown."""
+        task, drive, hold = self._task, self._drive, self._hold
+        if task is None:
+            return self._level_v
+        try:
+            played = task.generated()
+        except BenchError:
+            played = math.floor((self._clock.now() - self._start_s) * task.rate_hz)
+        last = min(max(played - 1, 0), task.total - 1)
+        if hold is not None:
+            return float(hold.samples(last, 1)[0])
+        return None if drive is None else float(render_samples(drive, task.rate_hz, last, 1)[0])
+
+    def _is_playing(self) -> bool:
+        return self._task is not None and not self._task.is_done()
 
     def _release_task(self) -> None:
-        task, self._task, self._drive = self._task, None, None
+        task, self._task, self._drive, self._hold = self._task, None, None, None
         if task is not None:
-            self._connection.close_task(task, OUTPUT)
+            task.release()
 
     def _write_level(self, level_v: float) -> None:
-        """Write one level immediately, without a clock."""
-        task = self._connection.new_task(OUTPUT)
-        try:
-            with translate_errors(self._description):
-                task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
-                task.write(level_v, auto_start=True)
-        finally:
-            self._connection.close_task(task, OUTPUT)
+        write_level(self._connection, self._physical_channel, self._description, level_v)
         self._level_v = level_v
 
     def _read_back_v(self) -> float | None:
         """Return the output as measured inside the card; None if its converter is busy or has no such channel."""
-        task: Any = None
+        task = None
         try:
             task = self._connection.new_task(READBACK)
             with translate_errors(self._description):

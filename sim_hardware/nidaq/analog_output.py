@@ -13,11 +13,11 @@ from sim_hardware.plant import ConstantSegment, Segment, VoltageHistory
 
 RANGE_V = 10.0
 VOLTS_PER_COUNT = 2 * RANGE_V / 65536
-FIFO_SAMPLES = 8191
-"""Samples in the memory of the card, which cannot be changed any more (X Series manual; USB-6341)."""
-
 _STEP_V = 0.04
 """A step of a rendered drive that is larger is reported as a jump."""
+
+_PAGE_SAMPLES = 4_000_000
+"""Samples that are searched for jumps at a time: a drive may have 80 million."""
 
 Counts = NDArray[np.int16]
 
@@ -43,9 +43,13 @@ class SampledSegment:
     def breakpoints_s(self) -> tuple[float, ...]:
         if not math.isfinite(self.origin_s):
             return ()
-        before = np.rint(self.initial_v / self.volts_per_count)
-        steps = np.abs(np.diff(self.counts.astype(np.int32), prepend=np.int32(before))) * self.volts_per_count
-        return tuple(self.origin_s + np.flatnonzero(steps > _STEP_V) / self.rate_hz)
+        before, jumps = np.int32(np.rint(self.initial_v / self.volts_per_count)), []
+        for first in range(0, self.counts.size, _PAGE_SAMPLES):
+            page = self.counts[first : first + _PAGE_SAMPLES].astype(np.int32)
+            steps = np.abs(np.diff(page, prepend=before)) * self.volts_per_count
+            jumps += (first + np.flatnonzero(steps > _STEP_V)).tolist()
+            before = page[-1]
+        return tuple(self.origin_s + k / self.rate_hz for k in jumps)
 
     def volts(self, t: Array) -> Array:
         if not math.isfinite(self.origin_s):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers import Scale
 from model import Array
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
+from sim_hardware.nidaq.output_queue import OutputQueue
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
 Counts = NDArray[np.int16]
@@ -137,6 +138,17 @@ class SimulatedCard:
             self.plant.keep_specimen_voltage()
         self._acquisition_count += 1
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
+
+    def new_output_queue(self) -> OutputQueue:
+        """Return the queue of a new output task, as the parameters give it or drawn from the seed."""
+        queue, given = OutputQueue.drawn(self.seed), self.parameters
+        if given.usb_requests:
+            queue.requests = given.usb_requests
+        if given.usb_request_bytes:
+            queue.request_bytes = given.usb_request_bytes
+        if given.usb_adjustable is not None:
+            queue.adjustable = given.usb_adjustable
+        return queue
 
     def channel_voltage(self, channel: int, t: Array) -> tuple[Array, float]:
         """Volts at the channel's terminal without noise, and the rms noise it will carry."""

@@ -142,6 +142,7 @@ class NiGrpcServer(Closeable):
             "WriteAnalogScalarF64": self._write_scalar,
             "ResetDevice": lambda _: self.device.reset(),
             "SetWriteAttributeInt32": lambda q: self._output(q).set_property(q.attribute_raw, q.value_raw or q.value),
+            "SetChanAttributeUInt32": lambda q: self._output(q).set_property(q.attribute_raw, q.value),
             "CfgSampClkTiming": lambda q: self._task(q).configure_clock(
                 q.rate, q.sample_mode_raw or q.sample_mode, q.samps_per_chan
             ),

@@ -6,6 +6,7 @@ from typing import Any
 from sim_hardware.nidaq.card import convert_interval_s
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.input_task import NiInputTask
+from sim_hardware.nidaq.output_queue import FIFO_SAMPLES, ONBOARD_BUFFER, REQUEST_COUNT, REQUEST_SIZE
 from sim_hardware.nidaq.output_task import NiOutputTask
 from sim_hardware.nidaq.task import FINITE, SimulatedNiDevice, TaskChannel
 
@@ -43,7 +44,7 @@ DEVICE_PROPERTIES: Properties = {
     **dict.fromkeys((0x298C, 0x298D), lambda device: device.card.parameters.max_rate_hz),  # one channel, all channels
     0x298F: lambda device: device.card.parameters.convert_s == 0,  # simultaneous sampling
     0x2990: lambda device: [-device.card.parameters.range_v, device.card.parameters.range_v],
-    0x2326: lambda _: 12588,  # bus: USB
+    0x2326: lambda _: 12586,  # bus: USB
     0x29A9: lambda _: 15858,  # category: X series
 }
 
@@ -91,6 +92,9 @@ OUTPUT_TASK_PROPERTIES: Properties = {
     0x192B: lambda task: task.samples_generated(),
     0x190C: lambda task: task.relative_to,  # where a write begins
     0x190D: lambda task: task.offset,
+    ONBOARD_BUFFER: lambda _: FIFO_SAMPLES,
+    REQUEST_SIZE: lambda task: task.queue.request_bytes,
+    REQUEST_COUNT: lambda task: task.queue.requests,
 }
 
 INPUT_CHANNEL_PROPERTIES: Mapping[int, Callable[[SimulatedNiDevice, TaskChannel], Any]] = {

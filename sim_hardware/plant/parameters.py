@@ -136,6 +136,8 @@ class CardParameters:
             together. NI's default is the converter's fastest and 10 us more for the inputs to settle.
         latency_s: from the start of a task to its first sample.
         coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
+        usb_requests, usb_request_bytes: transfers under way to its analogue output; 0 draws them from the seed.
+        usb_adjustable: whether their size can be changed; None draws it.
     """
 
     product: str = "USB-6341"
@@ -147,10 +149,14 @@ class CardParameters:
     convert_s: float = 12e-6
     latency_s: float = 0.0
     coefficients: tuple[float, ...] = (-1.7e-4, 3.2054e-4, 2.0e-14, -3.1e-19)
+    usb_requests: int = 0
+    usb_request_bytes: int = 0
+    usb_adjustable: bool | None = None
 
     def __post_init__(self) -> None:
         _positive("card", range_v=self.range_v, max_rate_hz=self.max_rate_hz, channels=self.channels)
         _not_negative("card", noise_v=self.noise_v, convert_s=self.convert_s, latency_s=self.latency_s)
+        _not_negative("card", usb_requests=self.usb_requests, usb_request_bytes=self.usb_request_bytes)
         if len(self.coefficients) < 2 or self.coefficients[1] == 0:
             raise ValueError("card.coefficients must hold at least an offset and a gain that is not 0")
 

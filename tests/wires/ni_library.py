@@ -79,6 +79,10 @@ class NiLibrary:
             "GetExtendedErrorInfo": (lambda into, size: self._write_error(0, into, size), (_ANY, _UINT)),
             "SetBufferAttribute": (lambda h, _number, n: self._tasks[h].set_buffer(n), (_TASK, _INT, _UINT)),
             "SetWriteAttribute": (lambda h, k, v: self._tasks.output(h).set_property(k, v), (_TASK, _INT, _INT)),
+            "SetChanAttribute": (
+                lambda h, _name, k, v: self._tasks.output(h).set_property(k, v),
+                (_TASK, _TEXT, _INT, _UINT),
+            ),
             "GetChanAttribute": (
                 lambda h, name, k, into, size: _give(task_property(self._tasks[h], k, name.decode()), k, into, size),
                 (_TASK, _TEXT, _INT, _ANY, _UINT),

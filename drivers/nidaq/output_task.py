@@ -1,0 +1,186 @@
+"""NI output task: a finite buffer of samples that is written whole, started, and rewritten while it plays.
+
+Samples on their way to the converter cannot be rewritten any more: those in the card's FIFO (8191 on X Series, user
+manual ch. 5) and, on USB, those in the transfer requests that NI's driver keeps under way (NI-DAQmx properties
+AO.UsbXferReqSize and AO.UsbXferReqCount; 4 requests of 32 768 bytes on a USB-6281, README of NIDAQ.jl).
+"""
+
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from nidaqmx.constants import AcquisitionType, BusType, WriteRelativeTo
+from nidaqmx.errors import DaqError, RpcError
+from nidaqmx.stream_writers import AnalogSingleChannelWriter
+
+from drivers.errors import BenchError, InstrumentError
+from drivers.nidaq.analog_input import OUTPUT, NiConnection
+from drivers.nidaq.errors import translate_errors
+from drivers.nidaq.rendering import Array
+
+FIFO_SAMPLES = 8191
+BYTES_PER_SAMPLE = 2
+USB_REQUESTS, USB_REQUEST_BYTES = 4, 32_768
+"""Assumed where a card does not report them."""
+
+USB_QUEUE_S = 0.15
+"""Seconds of samples in USB requests that the driver asks for: enough for a busy computer, short for a stop."""
+
+USB_PACKET_BYTES = 512
+SAMPLES_PER_WRITE = 200_000
+"""Samples in one message: below the 4 MB that a gRPC server takes by default."""
+
+_UNSUPPORTED = DaqError, RpcError
+_WITHOUT_USB = (BusType.PCI, BusType.PCIE, BusType.PXI, BusType.PXIE)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputQueue:
+    """What lies between NI's buffer and the converter, and whether its USB part can be made shorter."""
+
+    fifo: int = FIFO_SAMPLES
+    requests: int = USB_REQUESTS
+    request_bytes: int = USB_REQUEST_BYTES
+    adjustable: bool = False
+
+    def samples_at(self, rate_hz: float) -> int:
+        """Return how many samples are on their way at a sample rate, after `adjusted_request_bytes` was asked for."""
+        request_bytes = self.adjusted_request_bytes(rate_hz) if self.adjustable else self.request_bytes
+        return self.fifo + math.ceil(self.requests * request_bytes / BYTES_PER_SAMPLE)
+
+    def adjusted_request_bytes(self, rate_hz: float) -> int:
+        """Return the size of a request at which all of them are USB_QUEUE_S of samples; never more than it was."""
+        wanted = USB_QUEUE_S * rate_hz * BYTES_PER_SAMPLE / max(self.requests, 1)
+        return min(max(math.ceil(wanted / USB_PACKET_BYTES), 1) * USB_PACKET_BYTES, self.request_bytes)
+
+
+class OutputTask:
+    """One NI task on one output, with a buffer for all of its samples.
+
+    Args:
+        connection: the card.
+        physical_channel: e.g. `Dev1/ao0`.
+        description: of the output, for messages.
+        rate_hz: samples per second.
+        total: number of samples; 0 for a task that only reports its queue.
+        trigger: terminal whose edge starts it; empty starts it at once.
+    """
+
+    def __init__(
+        self,
+        connection: NiConnection,
+        physical_channel: str,
+        description: str,
+        rate_hz: float,
+        total: int,
+        trigger: str = "",
+    ) -> None:
+        self._connection, self._description = connection, description
+        self.trigger, self.total = trigger, total
+        self._task: Any = connection.new_task(OUTPUT)
+        try:
+            with translate_errors(description):
+                channel = self._task.ao_channels.add_ao_voltage_chan(physical_channel, min_val=-10.0, max_val=10.0)
+                self._task.timing.cfg_samp_clk_timing(
+                    rate_hz, sample_mode=AcquisitionType.FINITE, samps_per_chan=max(total, 2)
+                )
+                if trigger:
+                    self._task.triggers.start_trigger.cfg_dig_edge_start_trig(trigger)
+                if total:
+                    self._task.out_stream.output_buf_size = total
+                self.rate_hz = float(self._task.timing.samp_clk_rate)
+            self.queue = self._find_queue(channel)
+            self.queue_samples = self._shorten_queue(channel)
+            """Samples that may be on their way to the converter, as the card reports them."""
+        except BaseException:
+            self.release()
+            raise
+
+    def write(self, render: Callable[[int, int], Array], pause: Callable[[], None]) -> None:
+        """Write all samples, `render(first, count)` at a time; `pause` is called after each message."""
+        with translate_errors(self._description):
+            for first in range(0, self.total, SAMPLES_PER_WRITE):
+                self._write(render(first, min(SAMPLES_PER_WRITE, self.total - first)))
+                pause()
+
+    def start(self) -> None:
+        with translate_errors(self._description):
+            self._task.start()
+
+    def rewrite(self, first: int, wave: Array) -> None:
+        """Replace samples from `first` on; they must not be on their way yet."""
+        with translate_errors(self._description):
+            self._task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
+            for k in range(0, wave.size, SAMPLES_PER_WRITE):
+                self._task.out_stream.offset = first + k
+                self._write(wave[k : k + SAMPLES_PER_WRITE])
+
+    def generated(self) -> int:
+        """Return how many samples have been converted."""
+        with translate_errors(self._description):
+            return int(self._task.out_stream.total_samp_per_chan_generated)
+
+    def is_done(self) -> bool:
+        with translate_errors(self._description):
+            return bool(self._task.is_task_done())
+
+    def release(self) -> None:
+        """Clear the task; the output stays at the sample that was converted last."""
+        self._connection.close_task(self._task, OUTPUT)
+
+    def _write(self, samples: Array) -> None:
+        writer = AnalogSingleChannelWriter(self._task.out_stream, auto_start=False)
+        written = writer.write_many_sample(np.ascontiguousarray(samples))
+        if written != samples.size:
+            raise InstrumentError(
+                f"{self._description} took {written} of {samples.size} samples; restart the program, and NI's driver if it recurs"
+            )
+
+    def _find_queue(self, channel: Any) -> OutputQueue:
+        """Return what the card reports, or what is assumed of one that does not."""
+        fifo, requests, request_bytes, adjustable = FIFO_SAMPLES, USB_REQUESTS, USB_REQUEST_BYTES, False
+        with contextlib.suppress(*_UNSUPPORTED):
+            fifo = max(int(self._task.out_stream.output_onbrd_buf_size), fifo)
+        with contextlib.suppress(*_UNSUPPORTED):
+            if all(device.bus_type in _WITHOUT_USB for device in self._task.devices):
+                requests = 0
+            else:
+                requests, request_bytes = int(channel.ao_usb_xfer_req_count), int(channel.ao_usb_xfer_req_size)
+                channel.ao_usb_xfer_req_size = request_bytes
+                adjustable = True
+        return OutputQueue(fifo, requests, request_bytes, adjustable)
+
+    def _shorten_queue(self, channel: Any) -> int:
+        """Ask for short USB requests; return how many samples may then be on their way."""
+        request_bytes = self.queue.request_bytes
+        if self.queue.adjustable:
+            with contextlib.suppress(*_UNSUPPORTED):
+                channel.ao_usb_xfer_req_size = self.queue.adjusted_request_bytes(self.rate_hz)
+            with contextlib.suppress(*_UNSUPPORTED):
+                request_bytes = int(channel.ao_usb_xfer_req_size)
+        return self.queue.fifo + math.ceil(self.queue.requests * request_bytes / BYTES_PER_SAMPLE)
+
+
+def write_level(connection: NiConnection, physical_channel: str, description: str, level_v: float) -> None:
+    """Write one level immediately, without a clock."""
+    task = connection.new_task(OUTPUT)
+    try:
+        with translate_errors(description):
+            task.ao_channels.add_ao_voltage_chan(physical_channel, min_val=-10.0, max_val=10.0)
+            task.write(level_v, auto_start=True)
+    finally:
+        connection.close_task(task, OUTPUT)
+
+
+def find_queue(connection: NiConnection, physical_channel: str, description: str, rate_hz: float) -> OutputQueue:
+    """Return the queue of an output, from a task that is never started; as assumed if the card does not answer."""
+    try:
+        probe = OutputTask(connection, physical_channel, description, rate_hz, 0)
+    except BenchError:
+        return OutputQueue()
+    with contextlib.suppress(BenchError):
+        probe.release()
+    return probe.queue

@@ -1,0 +1,109 @@
+"""Rendering of drives to samples of an analogue output: sample rate, fade-out, held level with its return to rest."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine
+
+SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 250e3, 500e3)
+"""Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
+
+STEP_V = 0.02
+"""Largest step between two samples: 12 V on the specimen."""
+
+COARSE_STEP_V = 0.035
+"""Largest step of a drive that would need more than MAX_SAMPLES otherwise: 21 V on the specimen."""
+
+MAX_SAMPLES = 80_000_000
+"""Samples of the longest drive: 160 MB in NI's driver, and the paper's sweep of 300 s at 5 V peak to peak."""
+
+QUEUE_S = 0.5
+"""Longest time that samples are on their way to the converter; a sample rate is taken at which they are not for longer."""
+
+LONG_DRIVE_RATE_HZ = 250e3
+"""Sample rate of the steepest drive of MAX_SAMPLES."""
+
+SAMPLES_PER_CYCLE = 100
+FADE_S = 0.05
+RETURN_V_PER_S = 5.0
+"""Slope at which a held level that is not renewed returns to rest."""
+
+Array = NDArray[np.float64]
+
+
+def sample_rate_for(drive: Drive, slowest_hz: float = 0.0) -> float:
+    """Return samples per second: fine enough for the drive, and at least `slowest_hz`."""
+    rate_hz = SAMPLE_RATES_HZ[-1]
+    for step_v in (STEP_V, COARSE_STEP_V):
+        fine = max(drive.slew_v_per_s / step_v, slowest_hz)
+        if isinstance(drive, Sine):
+            fine = max(fine, SAMPLES_PER_CYCLE * drive.frequency_hz)
+        if isinstance(drive, LinearSweep | PeriodicSweep):
+            fine = max(fine, SAMPLES_PER_CYCLE * max(drive.start_hz, drive.stop_hz))
+        rate_hz = next((rate for rate in SAMPLE_RATES_HZ if rate >= fine), SAMPLE_RATES_HZ[-1])
+        if sample_count(drive, rate_hz) <= MAX_SAMPLES:
+            break
+    return rate_hz
+
+
+def sample_count(drive: Drive, rate_hz: float) -> int:
+    """Samples of the whole drive; the last one is where it ends."""
+    return math.ceil(drive.duration_s * rate_hz) + 1
+
+
+def render_samples(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
+    """Samples `first` to `first + count`, shape (count,); beyond its end the drive stays where it ended."""
+    t = np.arange(first, first + count) / rate_hz
+    return np.ascontiguousarray(drive.volts(np.minimum(t, drive.duration_s)))
+
+
+def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
+    """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
+    last = sample_count(drive, rate_hz) - 1
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
+        return drive.offset_v
+    return float(render_samples(drive, rate_hz, min(first, last), 1)[0])
+
+
+def fade_out(drive: Drive, rate_hz: float, first: int) -> Array:
+    """Return the samples, from `first` on, in which a drive dies down to where it idles; fewer near its end."""
+    fade = min(math.ceil(FADE_S * rate_hz), sample_count(drive, rate_hz) - first)
+    level_v = idle_level_after_stop_v(drive, rate_hz, first)
+    wave = np.full(fade, level_v)
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
+        wave += np.linspace(1.0, 0.0, fade) * (render_samples(drive, rate_hz, first, fade) - level_v)
+    return wave
+
+
+@dataclass(slots=True)
+class HeldLevel:
+    """A level that is reached in a straight line, held, and left for rest in another line unless it is renewed.
+
+    Attributes:
+        start_v, level_v, rest_v: where it begins, what is held, where it returns.
+        rise, fall: samples of the two lines.
+        return_sample: where the line to rest begins; moved by a renewal.
+        total: samples altogether, the last of them at rest.
+    """
+
+    start_v: float
+    level_v: float
+    rest_v: float
+    rise: int
+    fall: int
+    return_sample: int
+    total: int
+
+    @property
+    def latest_return_sample(self) -> int:
+        return self.total - self.fall - 1
+
+    def samples(self, first: int, count: int) -> Array:
+        """Samples `first` to `first + count`, shape (count,)."""
+        knots = [0, self.rise, self.return_sample, self.return_sample + self.fall]
+        return np.interp(
+            np.arange(first, first + count), knots, [self.start_v, self.level_v, self.level_v, self.rest_v]
+        )
