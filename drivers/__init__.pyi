@@ -8,7 +8,6 @@ from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
-from .bench.shutdown import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .bench.shutdown import LiveWarning as LiveWarning
 from .bench.shutdown import channel_skew_s as channel_skew_s
 from .bench.watchdog_interface import WATCHDOG_DISABLED_WARNING as WATCHDOG_DISABLED_WARNING
@@ -27,6 +26,7 @@ from .drive import Sine as Sine
 from .drive import Steps as Steps
 from .drive import as_record as as_record
 from .drive import from_record as from_record
+from .errors import MANUAL_SHUTDOWN_INSTRUCTIONS as MANUAL_SHUTDOWN_INSTRUCTIONS
 from .errors import AcquisitionError as AcquisitionError
 from .errors import BenchError as BenchError
 from .errors import CardInUseError as CardInUseError

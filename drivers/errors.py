@@ -32,5 +32,11 @@ class DriveRejectedError(BenchError):
     """A drive violates the drive limits. Nothing was sent to the source."""
 
 
+MANUAL_SHUTDOWN_INSTRUCTIONS = (
+    "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
+    "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"
+)
+
+
 class UnsafeError(BenchError):
     """Rest could not be confirmed by measurement. The message gives the manual steps."""

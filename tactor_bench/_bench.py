@@ -64,8 +64,11 @@ class BenchSession(Closeable):
         self._running = threading.Lock()
         self._front = front_end(progress=progress)
         self._session = Session(
-            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S), [self._observe, self._front.observe], self._front.operator
-        )  # fmt: skip
+            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S),
+            [self._observe, self._front.observe],
+            self._front.operator,
+            folder,
+        )
         self._session.start()
         _close_at_exit(self)
         try:

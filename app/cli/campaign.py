@@ -94,10 +94,12 @@ class RunItemCommand(CampaignCommand):
         check_bench_kind(known, bench.config.simulated)
         line: ItemState | None = first_item(known, self.item, self.hands_free, self.verb == "resume")
         runner, go_on = CampaignRunner(known), self.all or self.hands_free
+        folder = None
         if line is not None:
             request = runner.prepare(line)
             refuse_unreachable_operator(bench, request.protocol, request.prepare)
-        with headless_session(bench, self.json, [runner], self.faults) as front:
+            folder = request.folder
+        with headless_session(bench, self.json, [runner], self.faults, folder) as front:
             while line is not None:
                 if not self.json:
                     action = ACTION_LABELS[line.next_action].lower()

@@ -125,7 +125,7 @@ def run_headless(
     """
     check_planned_faults(bench, planned_faults)
     refuse_unreachable_operator(bench, request.protocol, request.prepare)
-    with headless_session(bench, as_json, observers, planned_faults) as front:
+    with headless_session(bench, as_json, observers, planned_faults, request.folder) as front:
         front.session.run(request)
         front.wait()
     return front.exit_code, front.session.path if front.session.outcome else None
@@ -180,8 +180,11 @@ def headless_session(
     as_json: bool,
     observers: Sequence[Callable[[Any], None]] = (),
     planned_faults: Sequence[str] = (),
+    folder: Path | None = None,
 ) -> Iterator[HeadlessSession]:
     """Open a bench as a session with the terminal as its front end; at the end it is closed at rest.
+
+    What the watchdog wrote into `folder` since the last start is printed first.
 
     Raises:
         UsageError: faults were planned for a real bench.
@@ -197,7 +200,7 @@ def headless_session(
     observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
     with observer:
         opener = plan.wrap(lambda: connect(bench.config, bench.speed, UNATTENDED_BLOCK_S))
-        front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator))
+        front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator, folder))
         plan.on_switched = front.session.inject_event
         with handling_stop_signals(front.stop), operator.listening(front.session):
             front.session.start()

@@ -143,7 +143,8 @@ class MainWindow(QMainWindow):
         if self._autostart and view.can_run:
             self._autostart = False
             self.start_run()
-        if self.controller.closing and self.adapter.session.close(0.0):
+        session = self.adapter.session
+        if self.controller.closing and (session.close(0.0) or session.abandoned):
             self._close_if_acknowledged()
 
     def paintEvent(self, event: QPaintEvent) -> None:

@@ -34,7 +34,8 @@ class SessionController(QObject):
         return self.state.can_run and not self.closing
 
     def process_events(self) -> None:
-        """Reduce the events since the last call to the window state."""
+        """Reduce the events since the last call to the window state; give up a stopped session that hangs in a driver."""
+        self.adapter.session.abandon_if_hung()
         view = self.state
         for event in self.adapter.pending_events():
             view = reduce(view, event)

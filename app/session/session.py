@@ -116,6 +116,7 @@ class Session:
         connect: opens the bench; a context manager that also closes it.
         observers: called with every event, in the session's thread.
         operator: answers prompts if the bench has no operator of its own.
+        folder: whose watchdog log is reported before the bench is opened, which may fail; None to report it with a run.
     """
 
     def __init__(
@@ -123,8 +124,9 @@ class Session:
         connect: Callable[[], AbstractContextManager[ConnectedBench]],
         observers: Sequence[Observer],
         operator: Operator,
+        folder: Path | None = None,
     ) -> None:
-        self._connect, self._operator = connect, operator
+        self._connect, self._operator, self._folder = connect, operator, folder
         self._events = EventBus(self._on_event, *observers)
         self._restore: Prompt | None = None
         """Set-up that the next run of another protocol asks for; None if the tactor is under the sensor."""
@@ -216,6 +218,7 @@ class Session:
         self.outcome = RunEnded(RunStatus.UNSAFE, reason, str(self.path or ""), (), verdict)
         self._events.publish(RestMeasured(False, math.nan, f"rest was not measured: {hangs}"))
         self._events.publish(self.outcome)
+        self._fail(f"{hangs[:1].upper()}{hangs[1:]}; end this program and start it again")
         self.finished.set()
 
     def pause(self) -> None:
@@ -242,6 +245,8 @@ class Session:
 
     def _work(self) -> None:
         try:
+            if self._folder is not None:
+                self._report_watchdog_log(self._folder)
             with self._connect() as connected:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))
@@ -272,8 +277,7 @@ class Session:
         self._forward_injected()
         try:
             request = load()
-            for note in unreported_watchdog_messages(request.folder):
-                self._events.publish(note)
+            self._report_watchdog_log(request.folder)
             for sentence in repair_folder(request.folder):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
@@ -292,6 +296,10 @@ class Session:
             self.outcome = runner.run()
             self.path = runner.path
         self.finished.set()
+
+    def _report_watchdog_log(self, folder: Path) -> None:
+        for note in unreported_watchdog_messages(folder):
+            self._events.publish(note)
 
     def _with_restored_setup(self, request: RunRequest) -> RunRequest:
         """Return the request with a prompt that undoes the set-up of the last run, and note what this one leaves."""

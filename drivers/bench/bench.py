@@ -15,7 +15,6 @@ from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
 from drivers.bench.levels import LevelSettings
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.bench.shutdown import (
-    MANUAL_SHUTDOWN_INSTRUCTIONS,
     REST_TIMEOUT_S,
     LiveWarning,
     SafeShutdown,
@@ -25,6 +24,7 @@ from drivers.bench.shutdown import (
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import (
+    MANUAL_SHUTDOWN_INSTRUCTIONS,
     AcquisitionError,
     BenchError,
     CardInUseError,

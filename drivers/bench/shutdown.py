@@ -24,11 +24,6 @@ MAX_DRIVE_WAIT_S = 10.0
 SHUTDOWN_SILENCE_S = 8.0
 """Longest silence during a shutdown before the watchdog takes over: reconnecting, opening a second stream."""
 
-MANUAL_SHUTDOWN_INSTRUCTIONS = (
-    "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
-    "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"
-)
-
 SWITCH_OFF_NOW = "By hand, now: switch the high voltage OFF at the amplifier itself; do not touch the specimen or the generator's cable"
 
 BlockSink = Callable[[Block], None]

@@ -17,10 +17,11 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
+import psutil
 from filelock import FileLock, Timeout
 
 from drivers.closing import Closeable
-from drivers.errors import InstrumentError
+from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS, InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 
 WATCHDOG_TIMEOUT_S = 10.0
@@ -70,6 +71,7 @@ class InstrumentLocks(Closeable):
 
         Raises:
             InstrumentError: another program controls it; the message names that program.
+            UnsafeError: that program is stopped, or has ended and its watchdog has not: the specimen may be live.
         """
         self._lock(address_key(address), f"{instrument} at {address}")
 
@@ -102,15 +104,21 @@ class InstrumentLocks(Closeable):
             try:
                 lock.acquire(timeout=0)
             except Timeout:
+                if _is_holder_stopped(path):
+                    raise UnsafeError(
+                        f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {instrument} is in use by a program that is stopped and may have left a drive on "
+                        f"the specimen: {_holder(path)}. Then continue or end that program"
+                    ) from None
                 raise InstrumentError(f"{instrument} is in use: {_holder(path)}; end that program first") from None
             try:
                 with _make_lock(_watchdog_file(path)).acquire(timeout=WATCHDOG_TIMEOUT_S):
                     pass
             except Timeout:
                 lock.release()
-                raise InstrumentError(
-                    f"{instrument} is in use: the watchdog of an ended program still brings it to rest ({_holder(path)}); "
-                    "read watchdog.log beside its runs, and try again when it is done"
+                raise UnsafeError(
+                    f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {instrument} is in use: the watchdog of an ended program has not brought it to "
+                    f"rest within {WATCHDOG_TIMEOUT_S:g} s ({_holder(path)}). Then read watchdog.log beside its runs, and try again "
+                    "when it is done"
                 ) from None
             self._locks[str(path)] = lock
             _write_holder(path, self._bench)
@@ -181,6 +189,15 @@ def _holder(path: Path) -> str:
         )
     except (OSError, ValueError, KeyError, TypeError):
         return f"another program controls it (lock {path})"
+
+
+def _is_holder_stopped(path: Path) -> bool:
+    """Return whether the program that holds the lock is stopped, as far as this user may see."""
+    try:
+        pid = int(json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["pid"])
+        return psutil.Process(pid).status() in (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
+    except (OSError, ValueError, KeyError, TypeError, psutil.Error):
+        return False
 
 
 def _printable(text: object) -> str:

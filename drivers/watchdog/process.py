@@ -141,6 +141,13 @@ class WatchdogLoop:
             try:
                 self._try_to_rest(reconnect=bool(first))
             except Exception as error:  # noqa: BLE001 - make-safe: whatever fails is retried
+                if (
+                    not first and to_stderr
+                ):  # the program is dead or hangs: nothing else warns of the specimen meanwhile
+                    self._log(
+                        f"{reason}. The specimen may be live: the source does not obey: {error}. The watchdog tries again for "
+                        f"{timeout_s:g} s. {SWITCH_OFF_INSTRUCTION}"
+                    )
                 first = first or f"{error}"
                 self._close_source()
                 if time.monotonic() - begin > timeout_s:

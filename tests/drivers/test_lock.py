@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
 from drivers.transport.lock import InstrumentLocks, address_key, identity_key, lock_as_watchdog
@@ -73,6 +74,18 @@ def test_the_refusal_names_the_holder_and_a_killed_holder_holds_nothing(folder: 
         pass
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="programs cannot be stopped here")
+def test_a_holder_that_is_stopped_may_have_left_the_specimen_live(folder: Path) -> None:
+    with another_program(folder) as other, InstrumentLocks("mine") as locks:
+        other.send_signal(signal.SIGSTOP)
+        os.waitpid(other.pid, os.WUNTRACED)
+        with pytest.raises(
+            UnsafeError, match=r"switch the high voltage OFF .* by a program that is stopped .*bench of Anna"
+        ):
+            locks.lock_address("the source", ADDRESS)
+        other.send_signal(signal.SIGCONT)
+
+
 def test_an_instrument_stays_locked_until_the_watchdog_has_ended_too(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,7 +96,7 @@ def test_an_instrument_stays_locked_until_the_watchdog_has_ended_too(
     with (
         another_program(folder, f"held = lock.lock_as_watchdog({files!r})"),
         InstrumentLocks("mine") as locks,
-        pytest.raises(InstrumentError, match="the watchdog of an ended program still brings it to rest"),
+        pytest.raises(UnsafeError, match=r"the watchdog of an ended program has not brought it to rest within 0\.1 s"),
     ):
         locks.lock_address("the source", ADDRESS)
     with InstrumentLocks("mine") as locks:

@@ -67,6 +67,7 @@ class ListeningSession:
     closed: bool = False
     lets_go: bool = True
     """Whether it ends immediately when closed."""
+    abandoned: bool = False
 
     def start(self) -> None: ...
 
@@ -90,6 +91,8 @@ class ListeningSession:
         self.stops += 1
 
     def inject_event(self, event: Any) -> None: ...
+
+    def abandon_if_hung(self) -> None: ...
 
     def close(self, _timeout_s: float | None = None) -> bool:
         self.closed = True

@@ -79,6 +79,15 @@ def test_rest_is_reported_only_if_the_source_says_that_it_is_at_rest(tmp_path: P
         assert "was brought to rest" not in program.log
 
 
+def test_a_source_that_does_not_obey_a_dead_program_is_reported_before_the_watchdog_tries_again(tmp_path: Path) -> None:
+    with watched(tmp_path, stays_away=True) as program:
+        program.die()
+        first, last = program.log.splitlines()
+    assert "The specimen may be live: the source does not obey: " in first
+    assert "tries again for 0.1 s. Switch the high voltage OFF at the amplifier itself" in first
+    assert "could NOT be brought to rest" in last
+
+
 def test_a_cut_connection_is_opened_again_between_two_attempts(tmp_path: Path) -> None:
     with watched(tmp_path, cut=True) as program:
         program.die()

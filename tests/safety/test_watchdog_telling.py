@@ -1,13 +1,15 @@
 """Watchdog reports: each action is reported once, and so is the absence of a watchdog."""
 
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
 from app.session.bench_connection import connect
-from app.session.session import Session
+from app.session.session import BenchFailed, ConnectedBench, Session
 from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, NoWatchdog
+from drivers.errors import BenchError
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME, take_unreported_lines
@@ -31,6 +33,22 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
         assert len(notes) == text
         assert all("was brought to rest" in note for note in notes)
     assert take_unreported_lines(tmp_path) == []
+
+
+def test_what_it_wrote_is_told_although_the_bench_cannot_be_opened(tmp_path: Path) -> None:
+    (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  The source could NOT be brought to rest\n")
+
+    @contextmanager
+    def refused() -> Iterator[ConnectedBench]:
+        raise BenchError("the generator cannot be reached")
+        yield
+
+    events: list[object] = []
+    session = Session(refused, [events.append], None, tmp_path)  # type: ignore[arg-type]
+    session.start()
+    session.close()
+    assert [type(event) for event in events] == [LogMessage, BenchFailed]
+    assert "could NOT be brought to rest" in events[0].text  # type: ignore[attr-defined]
 
 
 def test_no_watchdog_on_virtual_clock_and_warning_when_disabled() -> None:

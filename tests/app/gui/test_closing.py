@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.main_window import MainWindow
 from app.session.bench_connection import connect
 from app.session.state import BenchState
+from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
+from drivers.generators.keysight_33500 import Keysight33500
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import Stage, find, until
+from tests.helpers.main_window import Bench, Stage, find, press, until, whole_window
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 
@@ -82,6 +85,38 @@ def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: 
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     until(lambda: not stage.window.isVisible())
     assert stage.window.state.exit_code == 3
+
+
+def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the_window(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over, hangs = threading.Event(), threading.Event()
+
+    def hang(*_: object) -> None:
+        hangs.set()
+        over.wait()
+
+    monkeypatch.setattr("app.session.session.HUNG_S", 0.2)
+    monkeypatch.setattr(Keysight33500, "start_drive", hang)
+    bench = Bench(config)
+    with whole_window(bench, config, SineDwell(frequencies_hz=(100.0,)), tmp_path, settings) as window:
+        press(window, Qt.Key.Key_F5)
+        until(hangs.is_set, "for the driver to hang")
+        assert window.state.busy
+        press(window, Qt.Key.Key_Escape)
+        until(lambda: not window.state.busy, "for the run to be given up")
+        assert find(window, "status.state").text == "UNSAFE"
+        assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
+        assert "driver hangs" in find(window, "notices.unsafe.detail").text()
+        assert not window.state.can_run, "its thread would never begin another run"
+        window.close_session()
+        until(lambda: not find(window, "notices.closing").isVisible(), "for the window to wait for the acknowledgement")
+        assert window.isVisible()
+        window.controller.acknowledge()
+        until(lambda: not window.isVisible(), "for the window to close")
+        assert window.state.exit_code == 3
+    over.set()
+    bench.session._thread.join()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
-from drivers.bench.shutdown import MANUAL_SHUTDOWN_INSTRUCTIONS
+from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import ResumableRun, load_resumable
