@@ -8,6 +8,7 @@ from functools import partial
 from app.config import BenchConfig
 from app.session.instruments import ReadDisplacement, open_digitizer, open_meters, open_source, source_options
 from app.session.session import BuiltInOperator
+from app.session.suspend import suspend_inhibited
 from drivers import (
     MANUAL_SHUTDOWN_INSTRUCTIONS,
     WATCHDOG_DISABLED_WARNING,
@@ -62,9 +63,12 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
     """
     with ExitStack() as stack:
         if not config.simulated:
-            yield _open_instruments(
+            suspend_warning = stack.enter_context(suspend_inhibited())
+            connection = _open_instruments(
                 config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server
             )
+            connection.bench.suspend_warning = suspend_warning
+            yield connection
         elif speed is None:
             from sim_hardware.bench import SimulatedBench
             from sim_hardware.clock import VirtualClock

@@ -60,6 +60,8 @@ class Bench:
     levels: LevelSettings = field(default_factory=LevelSettings)
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
+    suspend_warning: str = ""
+    """Why the computer cannot be kept from suspending; empty if it is kept."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was switched on since this bench was opened."""
 

@@ -156,7 +156,13 @@ class Runner:
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
         self._recorder.publish_external()  # faults injected before the run
-        for message in (self._bench.watchdog.inactive_reason, self._calibration_warning, self._resume_state.message):
+        bench = self._bench
+        for message in (
+            bench.watchdog.inactive_reason,
+            bench.suspend_warning,
+            self._calibration_warning,
+            self._resume_state.message,
+        ):
             if message:
                 self._recorder.publish(LogMessage(message))
         for numerics in PRELOADED_MODULES:
