@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
 from app.session.instruments import ReadDisplacement, open_digitizer, open_meters, open_source, source_options
@@ -26,6 +27,9 @@ from drivers import (
     Watchdog,
 )
 from sim_hardware.operator import BenchControls, SimulatedOperator
+
+if TYPE_CHECKING:
+    from drivers import InstrumentLocks
 
 SERVED_OUTPUT_WARNING = (
     "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
@@ -109,10 +113,39 @@ def _open_instruments(
     server: str,
     read_displacement: ReadDisplacement | None = None,
 ) -> BenchConnection:
-    """Open the instruments: the same code for a real bench and a served simulated one."""
-    from drivers import InstrumentLocks, VisaLink
+    """Open the instruments: the same code for a real bench and a served simulated one.
+
+    Raises:
+        InstrumentError: one does not reply, is another one, or is controlled by another program.
+        UnsafeError: the same, after a program that ended without releasing the bench.
+    """
+    from drivers import InstrumentLocks
 
     locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
+    try:
+        connection = _open_locked_instruments(config, stack, clock, resource, server, read_displacement, locks)
+    except InstrumentError as error:
+        if locks.left_by:
+            raise UnsafeError(
+                f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {error}. The last program ended without releasing the bench, and may have left a drive "
+                f"or a level on the specimen: {locks.left_by}"
+            ) from error
+        raise
+    locks.forget_earlier_program()
+    return connection
+
+
+def _open_locked_instruments(
+    config: BenchConfig,
+    stack: ExitStack,
+    clock: HeartbeatClock,
+    resource: str,
+    server: str,
+    read_displacement: ReadDisplacement | None,
+    locks: "InstrumentLocks",
+) -> BenchConnection:
+    from drivers import VisaLink
+
     card = f"{server or 'this computer'}/{config.card.device}"
     locks.lock_address("the card", card)
     open_link = partial(VisaLink, resource, baud=config.source_connection.baud)

@@ -27,6 +27,9 @@ from drivers.interfaces import Identity
 WATCHDOG_TIMEOUT_S = 10.0
 """Longest wait for the watchdog of a program that has ended: it may be bringing the source to rest."""
 
+RELEASED = "{}"
+"""Record of an instrument that its last program released."""
+
 LOOPBACK = re.compile(r"(?<![\w.-])(localhost|127(\.\d+){3}|\[::1\])(?![\w.-])", re.IGNORECASE)
 
 
@@ -65,6 +68,10 @@ class InstrumentLocks(Closeable):
     def __init__(self, bench: str, simulated: bool = False) -> None:
         self._bench, self._simulated = bench, simulated
         self._locks: dict[str, FileLock] = {}
+        self.left_by = ""
+        """The program that ended without releasing one of the instruments; empty if there was none."""
+        self._left_records: dict[str, str] = {}
+        """Records of that program, by lock."""
 
     def lock_address(self, instrument: str, address: str) -> None:
         """Lock an instrument by its address, before it is opened.
@@ -89,9 +96,15 @@ class InstrumentLocks(Closeable):
         """Paths of the lock files, for the watchdog."""
         return tuple(self._locks)
 
+    def forget_earlier_program(self) -> None:
+        """Take the instruments over: all of them reply, and what an earlier program left is measured by the next run."""
+        self.left_by = ""
+        self._left_records.clear()
+
     def close(self) -> None:
-        """Release all locks."""
-        for lock in self._locks.values():
+        """Release all locks; what an earlier program left stays on record until a program has taken the instruments over."""
+        for path, lock in self._locks.items():
+            _write_record(Path(path), self._left_records.get(path, RELEASED))
             lock.release()
         self._locks.clear()
 
@@ -121,6 +134,11 @@ class InstrumentLocks(Closeable):
                     "when it is done"
                 ) from None
             self._locks[str(path)] = lock
+            with contextlib.suppress(OSError):
+                record = path.with_suffix(".json").read_text(encoding="utf-8")
+                if record != RELEASED:
+                    self._left_records[str(path)] = record
+                    self.left_by = self.left_by or _holder(path)
             _write_holder(path, self._bench)
 
 
@@ -170,11 +188,16 @@ def _write_holder(path: Path, bench: str) -> None:
     }
     with contextlib.suppress(OSError, KeyError, ImportError):
         holder["user"] = getpass.getuser()
+    _write_record(path, json.dumps(holder))
+
+
+def _write_record(path: Path, record: str) -> None:
+    """Write who holds a lock into the file beside it."""
     file = path.with_suffix(".json")
     # Without O_CREAT where it exists: Linux refuses that in a shared folder for a file of another user.
     flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | (0 if file.exists() else os.O_CREAT)
     with contextlib.suppress(OSError), os.fdopen(os.open(file, flags, 0o666), "w", encoding="utf-8") as out:
-        json.dump(holder, out)
+        out.write(record)
         with contextlib.suppress(PermissionError):
             file.chmod(0o666)
 

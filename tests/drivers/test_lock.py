@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from app.config.bench_file import BenchConfig
+from app.session.bench_connection import connect
 from drivers.errors import InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
@@ -84,6 +86,41 @@ def test_a_holder_that_is_stopped_may_have_left_the_specimen_live(folder: Path) 
         ):
             locks.lock_address("the source", ADDRESS)
         other.send_signal(signal.SIGCONT)
+
+
+def test_what_a_killed_holder_left_stays_on_record_until_a_program_has_taken_the_instrument_over(folder: Path) -> None:
+    with another_program(folder):
+        pass
+    for _ in range(2):  # neither reaches the instrument
+        with InstrumentLocks("mine") as locks:
+            locks.lock_address("the source", ADDRESS)
+            assert "with the bench 'bench of Anna' since" in locks.left_by
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        locks.forget_earlier_program()
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        assert locks.left_by == ""
+
+
+def test_a_bench_that_cannot_be_opened_after_its_program_was_killed_is_unsafe(folder: Path) -> None:
+    address = "127.0.0.1:9"  # nothing listens there
+    config = BenchConfig.model_validate(
+        {"generator": {"resource": "TCPIP::127.0.0.1::9::SOCKET"}, "card": {"server": address}}
+    )
+    with pytest.raises(InstrumentError, match="does not answer"), connect(config):
+        pass
+    dead = InstrumentLocks("bench of Anna")
+    dead.lock_address("the card", f"{address}/Dev1")
+    for held in dead._locks.values():
+        held.release()
+    with (
+        pytest.raises(
+            UnsafeError, match=r"(?s)high voltage OFF .*does not answer.*may have left a drive .*bench of Anna"
+        ),
+        connect(config),
+    ):
+        pass
 
 
 def test_an_instrument_stays_locked_until_the_watchdog_has_ended_too(
