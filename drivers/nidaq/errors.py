@@ -9,12 +9,23 @@ from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, Sc
 
 REMEDIES = {
     -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
-    -200278: "scans were lost because the program read too late; lower the rate or the load on this computer",
+    -200621: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
+    -200018: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
+    -200016: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
+    -200290: "the output ran out of samples and stays where it was; lower the load on this computer",
     -200361: "scans were lost on the USB bus; connect the card to a port of its own, or lower the rate",
     -200284: "the card gave no samples in time; check that it is powered and its sample clock runs",
     -200220: "no such device; check its name in NI MAX and in the bench file",
     -88705: "the card is not connected; check its USB cable and power",
     -201003: "the card was disconnected; check its USB cable and power",
+    -200324: "the card is absent; check its USB cable and power",
+    -50405: "the USB transfer was broken off; check the USB cable, and connect the card without a hub",
+    -50808: "the USB transfer failed; check the USB cable, and connect the card without a hub",
+    -201190: "the card has to be reconnected; with high voltage off at the amplifier, pull its USB cable and put it back",
+    -200088: "the card's task is gone, as after a pulled USB cable; run again",
+    -200022: "the card's lines are in use by another task or program; close that first",
+    -89137: "the route of the start signal is in use by another task; leave start_trigger empty in the bench file",
+    -200278: "more scans were asked of the card than its task takes; run again, and report it if it recurs",
     -50103: "the card is in use by another task or program; close that first",
     -200077: "the card cannot do this setting; correct rate, range or channel",
     -200081: "the card cannot sample that fast; lower the rate",
@@ -29,7 +40,7 @@ REMEDIES = {
 RESERVED = -50103
 REMOTE_RESERVED_REMEDY = "the card is reserved at the gRPC device server by another client, which may have died; close it, or start the server again"
 
-SCANS_LOST = (-200279, -200278, -200361)
+SCANS_LOST = (-200279, -200361)
 
 
 @contextlib.contextmanager

@@ -20,6 +20,7 @@ ERROR_REASONS = {
     "21": "the command has a wrong count of parameters",
     "22": "a parameter is not valid",
     "88": "its head did not answer in time; check the head's cable",
+    "99": "it reports an error of another kind; look at its display",
 }
 NUMBER_PATTERN = re.compile(r"[+-][0-9]*\.?[0-9]+")
 

@@ -1,8 +1,9 @@
 """Micro-Epsilon optoNCDT 1420/1750/1900 laser sensors over RS-422: single readings for static tests.
 
 The sensor continuously sends a word of three bytes for each measurement: 00 and six low bits, 01 and six middle bits,
-1x and the high bits (ILD1402/1420 manuals, ch. RS422). Millimetres are (x 102 / 65520 - 1) / 100 of the measuring range;
-values above 65520 are codes for "no target", "too near", "too far", and never a displacement.
+10 and the high bits (ILD1402/1420 manuals, ch. RS422); 11 marks an additional value such as the intensity (ILD1420 p. 84). Millimetres are (x 102 / 65520 - 1) / 100 of the measuring range;
+values above 65520 are codes for "no target", "too near", "too far", and never a displacement. With a master value another
+formula holds (p. 65): both settings of an earlier user are taken back when the sensor is opened.
 
 RS-422 and the analogue output exclude each other (ILD1420 manual p. 116): a bench that records the sensor through the card
 cannot use this driver on the same sensor. The fields of GETINFO are from memory: a different range raises an error.
@@ -37,6 +38,8 @@ class OptoNcdt:
         self._port, self._clock, self._range_m = port, clock, range_m
         try:
             port.query(b"OUTPUT NONE\r\n", b"->")
+            port.query(b"OUTADD_RS422 NONE\r\n", b"->")  # if it is refused, those values are told apart by their flag
+            self._remove_master_value()
             info = port.query(b"GETINFO\r\n", b"->")
             port.write(b"OUTPUT RS422\r\n")
             self.identity = self._parse_identity(info)
@@ -57,6 +60,15 @@ class OptoNcdt:
     def close(self) -> None:
         self._port.close()
 
+    def _remove_master_value(self) -> None:
+        answer = self._port.query(b"MASTERMV NONE\r\n", b"->")
+        refusal = re.search(r"\bE\d+.*", answer)
+        if refusal and "unknown" not in refusal[0].lower():  # a model without the command has no such master value
+            raise InstrumentError(
+                f"the sensor at {self._port.name} refuses to take its master value back ({refusal[0].strip()}); log in as "
+                "professional with the sensor's own tool and send MASTERMV NONE"
+            )
+
     def _read_count(self) -> int:
         last = b""
         for _ in range(3 * MAX_FRAMES):
@@ -67,7 +79,7 @@ class OptoNcdt:
                     "sends over RS422"
                 )
             last = (last + byte)[-3:]
-            if len(last) == 3 and last[0] >> 6 == 0 and last[1] >> 6 == 1 and last[2] >> 7 == 1:
+            if len(last) == 3 and last[0] >> 6 == 0 and last[1] >> 6 == 1 and last[2] >> 6 == 2:
                 return last[0] & 63 | (last[1] & 63) << 6 | (last[2] & 63) << 12
         raise LinkError(f"{self._port.name} sends bytes that are no measurement; check the baud rate")
 

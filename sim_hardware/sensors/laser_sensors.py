@@ -36,13 +36,18 @@ class SimulatedKeyenceLkg:
 
 
 class SimulatedOptoNcdt:
-    """The sensor: commands by line, measurements all the time while its output is RS422."""
+    """The sensor: commands by line, measurements all the time while its output is RS422.
+
+    As another user left it: with an additional value after each displacement (ILD1420 manual p. 84: bit 6 of the third byte)
+    and with a master value (p. 65: another formula, and displacements of up to 18 bits).
+    """
 
     def __init__(self, read_displacement: ReadDisplacement, range_m: float = 10e-3, serial: str = "1234570") -> None:
         self._read_displacement, self._range_m, self._serial = read_displacement, range_m, serial
         self._partial_line = b""
         self.streaming = False
         """At power-on its output is the analogue one."""
+        self.additional_values = self.mastered = True
 
     def receive(self, data: bytes) -> bytes:
         *lines, self._partial_line = (self._partial_line + data).split(b"\r\n")
@@ -58,6 +63,10 @@ class SimulatedOptoNcdt:
                 self.streaming = True
             case ["OUTPUT", "NONE" | "ANALOG"]:
                 self.streaming = False
+            case ["OUTADD_RS422", "NONE"]:
+                self.additional_values = False
+            case ["MASTERMV", "NONE"]:
+                self.mastered = False
             case ["GETINFO"]:
                 reply = (
                     f"Name: ILD1420-{self._range_m * 1e3:.0f}\r\nSerial: {self._serial}\r\n"
@@ -71,5 +80,9 @@ class SimulatedOptoNcdt:
         """Its zero is the middle of its range; beyond it, the code for 'no target'."""
         seen = self._read_displacement()
         place = None if seen is None else seen / self._range_m + 0.5
-        count = 262075 if place is None or not 0 <= place <= 1 else round((place * 100 + 1) * 65520 / 102)
-        return bytes((count & 63, 64 | count >> 6 & 63, 128 | count >> 12 & 63))
+        beyond = place is None or not 0 <= place <= 1
+        offset = 51 if self.mastered else 1
+        count = 262075 if place is None or beyond else round((place * 100 + offset) * 65520 / 102)
+        word = bytes((count & 63, 64 | count >> 6 & 63, 128 | count >> 12 & 63))
+        intensity = bytes((500 & 63, 64 | 500 >> 6, 192))
+        return word + intensity * self.additional_values

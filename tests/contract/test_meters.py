@@ -166,3 +166,35 @@ def test_another_measuring_range_than_the_bench_file_says_is_refused() -> None:
         pytest.raises(InstrumentError, match=r"has a measuring range of 10.00 mm, the bench file says 25 mm"),
     ):
         OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), VirtualClock(), range_m=25e-3)
+
+
+def optoncdt(model: SimulatedOptoNcdt, wire: PtyServer) -> OptoNcdt:
+    return OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), VirtualClock(0.1), range_m=10e-3)
+
+
+def test_an_additional_value_is_no_displacement() -> None:
+    """It is sent all the same where the sensor refuses OUTADD_RS422: bit 6 of the third byte tells it (ILD1420 p. 84)."""
+    model = SimulatedOptoNcdt(lambda: 1e-3)
+    with PtyServer(model) as wire:
+        meter = optoncdt(model, wire)
+        model.additional_values = True
+        for _ in range(5):
+            assert meter.read().value == pytest.approx(6e-3, abs=2e-7)
+        meter.close()
+
+
+@pytest.mark.parametrize(
+    ("reply", "says"),
+    [("E01 Unknown command", ""), ("E09 Access denied", "send MASTERMV NONE")],
+    ids=["unknown", "denied"],
+)
+def test_a_master_value_that_stays_is_a_sentence(reply: str, says: str) -> None:
+    model = SimulatedOptoNcdt(lambda: 1e-3)
+    obey = model._respond
+    model._respond = lambda line: f"{line}\r\n{reply}\r\n->".encode() if "MASTER" in line else obey(line)  # type: ignore[method-assign]
+    with PtyServer(model) as wire:
+        if says:
+            with pytest.raises(InstrumentError, match=says):
+                optoncdt(model, wire)
+        else:
+            optoncdt(model, wire).close()
