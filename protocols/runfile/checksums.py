@@ -2,17 +2,21 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import h5py
 import numpy as np
+
+from protocols.runfile.structure import READ_ERRORS, Found, as_text, walk
 
 CHECKSUMS = "entry/checksums"
 """Text dataset with the digests: JSON, path -> digest."""
 DIGEST_BYTES = 8
 PIECE_BYTES = 8_000_000
 """Length of the pieces in which a dataset is read."""
+MAX_KNOWN_TYPES = 1000
 
 
 def store_checksums(file: h5py.File) -> None:
@@ -36,121 +40,113 @@ def stored_digests(file: h5py.File) -> dict[str, str] | None:
     return found
 
 
-def changed_objects(file: h5py.File) -> list[str]:
-    """Return the objects whose digest is not the stored one; none if no digests are stored.
+def compute_digests(file: h5py.File) -> dict[str, str]:
+    """Return the digest of every object but the checksums."""
+    return {found.name: compute_digest(found) for found in walk(file) if found.name != CHECKSUMS}
 
-    Raises:
-        ValueError, OSError: the digests are damaged.
-    """
-    stored = stored_digests(file)
-    if stored is None:
-        return []
-    present = compute_digests(file)
+
+def changed_names(stored: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
+    """Return the objects whose digest is not the stored one."""
     names = stored.keys() | present.keys()
     return sorted(name or "/" for name in names if not present.get(name) or stored.get(name) != present[name])
 
 
-def compute_digests(file: h5py.File) -> dict[str, str]:
-    """Return the digest of every object but the checksums: kind, shape, type, attributes, and what HDF5 does not check.
+def has_chunk_checksums(created: h5py.h5p.PropDCID) -> bool:
+    """Whether HDF5 stores a checksum with every chunk of a dataset created with these properties."""
+    return any(created.get_filter(i)[0] == h5py.h5z.FILTER_FLETCHER32 for i in range(created.get_nfilters()))
+
+
+def pieces(data: h5py.h5d.DatasetID, chunk: int) -> Iterator[tuple[int, int]]:
+    """Yield the rows of a dataset in pieces of whole chunks of so many rows."""
+    rows, *beside = data.shape
+    row_bytes = max(math.prod(beside) * data.dtype.itemsize, 1)
+    step = max(PIECE_BYTES // row_bytes // chunk, 1) * chunk
+    for start in range(0, rows, step):
+        yield start, min(start + step, rows)
+
+
+def compute_digest(found: Found) -> str:
+    """Return the digest of an object: kind, shape, type, attributes, and what HDF5 does not check; of a link, its target.
 
     The data of a dataset with checksums of its own (Fletcher-32) is left out. A damaged object has an empty digest.
     """
-    digests: dict[str, str] = {}
-    pending: list[tuple[str, Any]] = [("", file)]
-    while pending:  # each object is looked up once, which takes most of the time
-        path, found = pending.pop()
-        digests[path] = _object_digest(found)
-        try:
-            names = sorted(found) if isinstance(found, h5py.Group) else []
-        except (OSError, RuntimeError, KeyError, ValueError):
-            continue
-        for name in names:
-            inside = f"{path}/{name}" if path else name
-            if inside == CHECKSUMS:
-                continue
-            try:
-                if found.id.links.get_info(name.encode("utf-8", "surrogateescape")).type == h5py.h5l.TYPE_HARD:
-                    pending.append((inside, found[name]))
-                else:
-                    digests[inside] = _link_digest(found.get(name, getlink=True))
-            except (OSError, RuntimeError, KeyError, ValueError):
-                digests[inside] = ""
-    return digests
+    if found.problem is not None:
+        return ""
+    if found.link == h5py.h5l.TYPE_EXTERNAL:
+        return _digest("external link", *map(as_text, found.target))
+    if found.id is None:
+        return _digest("link", as_text(found.target))
+    try:
+        if isinstance(found.id, h5py.h5g.GroupID):
+            place = f"{found.name}/".lstrip("/")
+            names = (name for name in map(as_text, found.names) if place + name != CHECKSUMS)
+            return _digest("Group" if found.path else "File", *_attribute_parts(found.id), *names)
+        if isinstance(found.id, h5py.h5d.DatasetID):
+            return _digest("Dataset", *_attribute_parts(found.id), *_dataset_parts(found.id))
+        return _digest("Datatype", *_attribute_parts(found.id))
+    except READ_ERRORS:
+        return ""
 
 
-def object_names(file: h5py.File) -> Iterator[str]:
-    """Yield the path of every object and link, the root as an empty one; links are not followed."""
-    pending = [""]
-    while pending:
-        path = pending.pop()
-        yield path
-        try:
-            group = file[path] if path else file
-            names = sorted(group) if isinstance(group, h5py.Group) else []
-            hard = [n for n in names if isinstance(group.get(n, getlink=True), h5py.HardLink)]
-        except (OSError, RuntimeError, KeyError, ValueError):
-            continue
-        for name in names:
-            inside = f"{path}/{name}" if path else name
-            if name not in hard:
-                yield inside
-            elif inside != CHECKSUMS:
-                pending.append(inside)
-
-
-def has_chunk_checksums(data: Any) -> bool:
-    """Whether HDF5 stores a checksum with every chunk of a dataset."""
-    return bool(data.fletcher32)
-
-
-def pieces(data: Any) -> Iterator[tuple[int, int]]:
-    """Yield the rows of a dataset in pieces of whole chunks."""
-    row_bytes = max(int(np.prod(data.shape[1:], dtype=np.int64)) * data.dtype.itemsize, 1)
-    chunk = data.chunks[0] if data.chunks else 1
-    step = max(PIECE_BYTES // row_bytes // chunk, 1) * chunk
-    for start in range(0, data.shape[0], step):
-        yield start, min(start + step, data.shape[0])
-
-
-def _new_digest(*parts: Any) -> "hashlib.blake2b":
+def _digest(*parts: Any) -> str:
+    """Return the digest of parts, each with its length; anything but bytes by its text."""
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
-    _add(digest, *parts)
-    return digest
-
-
-def _add(digest: "hashlib.blake2b", *parts: Any) -> None:
     for part in parts:
         data = part if isinstance(part, bytes) else str(part).encode("utf-8", "surrogateescape")
         digest.update(len(data).to_bytes(8, "little") + data)
-
-
-def _link_digest(link: Any) -> str:
-    if isinstance(link, h5py.ExternalLink):
-        return _new_digest("external link", link.filename, link.path).hexdigest()
-    return _new_digest("link", link.path).hexdigest()
-
-
-def _object_digest(found: Any) -> str:
-    try:
-        digest = _new_digest(type(found).__name__)
-        for name in sorted(found.attrs):
-            attribute = found.attrs.get_id(name)
-            value = np.empty(attribute.shape, attribute.dtype)
-            attribute.read(value)
-            _add(digest, name, attribute.shape, attribute.dtype.str, _value_bytes(value))
-        if isinstance(found, h5py.Group):
-            _add(digest, *(name for name in sorted(found) if f"{found.name}/{name}".strip("/") != CHECKSUMS))
-        elif isinstance(found, h5py.Dataset):
-            kind, chunks, checked = found.dtype, found.chunks, has_chunk_checksums(found)
-            _add(digest, found.shape, found.maxshape, kind.descr, chunks, checked)
-            if not found.shape:
-                _add(digest, _value_bytes(found[()]))
-            elif not checked:
-                for start, stop in pieces(found):
-                    _add(digest, _value_bytes(found[start:stop]))
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError):
-        return ""
     return digest.hexdigest()
+
+
+def _attribute_parts(found: Any) -> Iterator[Any]:
+    if not h5py.h5a.get_num_attrs(found):
+        return
+    names: list[bytes] = []
+    h5py.h5a.iterate(found, names.append)
+    for name in sorted(names):
+        attribute = h5py.h5a.open(found, name)
+        kind, memory = _types(attribute.get_type())
+        value = np.empty(attribute.get_space().get_simple_extent_dims(), kind)
+        attribute.read(value, memory)
+        yield from (name, value.shape, kind.str, _value_bytes(value))
+
+
+def _dataset_parts(data: h5py.h5d.DatasetID) -> Iterator[Any]:
+    space = data.get_space()
+    shape, longest = space.get_simple_extent_dims(), space.get_simple_extent_dims(True)
+    if shape is None:
+        raise ValueError("a dataset without data")
+    kind, memory = _types(data.get_type())
+    chunks, checked = None, False
+    if shape:  # a single value has neither chunks nor filters
+        created = data.get_create_plist()
+        checked = has_chunk_checksums(created)
+        chunks = created.get_chunk() if created.get_layout() == h5py.h5d.CHUNKED else None
+    yield shape
+    yield tuple(None if length == h5py.h5s.UNLIMITED else length for length in longest)
+    yield kind.descr if kind.names else [("", kind.str)]  # the same in less time
+    yield chunks
+    yield checked
+    if not shape:
+        value = np.empty((), kind)
+        data.read(h5py.h5s.ALL, h5py.h5s.ALL, value, memory)
+        yield _value_bytes(value[()])
+    elif not checked:
+        rows = h5py.Dataset(data)
+        for start, stop in pieces(data, chunks[0] if chunks else 1):
+            yield _value_bytes(rows[start:stop])
+
+
+_TYPES: dict[bytes, tuple[np.dtype[Any], Any]] = {}
+
+
+def _types(stored: h5py.h5t.TypeID) -> tuple[np.dtype[Any], h5py.h5t.TypeID]:
+    """Return the numpy type of a stored type and HDF5's type of it in memory; composing them takes longer than a look-up."""
+    key = stored.encode()
+    if key not in _TYPES:
+        if len(_TYPES) >= MAX_KNOWN_TYPES:
+            _TYPES.clear()
+        _TYPES[key] = stored.dtype, h5py.h5t.py_create(stored.dtype)
+    return _TYPES[key]
 
 
 def _value_bytes(value: Any) -> bytes:

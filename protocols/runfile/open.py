@@ -15,6 +15,7 @@ from protocols.runfile.fields import attribute_integer, attribute_text, read_tex
 from protocols.runfile.heaps import find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
 from protocols.runfile.structure import StructureError, check_structure
+from protocols.runfile.transaction import has_journal
 
 if TYPE_CHECKING:
     import h5py
@@ -35,6 +36,15 @@ class NotARunError(RunReadError):
 
 class NewerFormatError(RunReadError):
     """A run from a newer version of this program."""
+
+
+class UnfinishedStorageError(RunReadError):
+    """The program was killed while it stored results, which a journal holds."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(
+            f"{path}: results are being stored in it, or its program was killed meanwhile; 'tactor-bench verify --repair' completes it"
+        )
 
 
 @contextmanager
@@ -91,6 +101,17 @@ def open_run(path: Path) -> "h5py.File":
     Raises:
         RunReadError: it is missing, not an HDF5 file, cut off, damaged, or built as no file of this program is.
     """
+    try:
+        return _open(path)
+    except (NotARunError, NewerFormatError):
+        raise
+    except RunReadError as error:
+        if has_journal(path):
+            raise UnfinishedStorageError(path) from error
+        raise
+
+
+def _open(path: Path) -> "h5py.File":
     _check_readable(path)
     import h5py  # slow to import, and the window is painted first
 

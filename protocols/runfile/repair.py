@@ -21,7 +21,7 @@ from protocols.runfile.layout import creator_of
 from protocols.runfile.open import RunReadError, open_run, translate_read_errors
 from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, REPAIRED
 from protocols.runfile.superblock import Superblock
-from protocols.runfile.transaction import journal_path, replay_journal, transaction
+from protocols.runfile.transaction import has_journal, replay_journal, transaction
 from protocols.runfile.writing_process import process_is_alive, writer_is_alive
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
@@ -54,7 +54,7 @@ def needs_repair(path: Path) -> bool:
         OSError: it cannot be read.
     """
     block = Superblock.read(path)
-    return (block is not None and block.is_marked) or journal_path(path).exists()
+    return (block is not None and block.is_marked) or has_journal(path)
 
 
 def repair_run(path: Path) -> str:
@@ -65,6 +65,7 @@ def repair_run(path: Path) -> str:
         StorageError: a program still writes it, or it cannot be changed.
     """
     try:
+        replayed = replay_journal(path)  # first: a file that was being changed need not open
         block = Superblock.read(path)
         marked = block is not None and block.is_marked
         if block is not None and not block.is_readable:  # killed between creation and the first sample
@@ -76,7 +77,6 @@ def repair_run(path: Path) -> str:
             old = "verdict" not in entry  # of a version without checksums
         if marked or (status == RunStatus.RUNNING and not complete):
             _check_not_in_use(path, host, pid)
-        replayed = replay_journal(path)
         if not marked and (complete or old):
             return f"{path}: the results that a killed program had not stored are stored now" if replayed else ""
         with transaction(path) as changed:

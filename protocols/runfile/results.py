@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 
 from protocols.base import EstimatedQuantity, ResultCurve, Verdict
-from protocols.runfile.checksums import changed_objects, store_checksums, stored_digests
+from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group
 from protocols.runfile.transaction import transaction
@@ -31,14 +31,14 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
         transaction(path) as changed,
         h5py.File(changed, "r+", libver="latest") as file,
     ):
-        if different := changed_objects(file):
+        stored = stored_digests(file)
+        if stored is not None and (different := changed_names(stored, compute_digests(file))):
             raise StorageError(
                 f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
                 "another copy of it"
             )
-        has_checksums = new or stored_digests(file) is not None
         yield file
-        if has_checksums:
+        if new or stored is not None:
             store_checksums(file)
 
 

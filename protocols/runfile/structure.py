@@ -1,8 +1,9 @@
-"""Structure check of an HDF5 file before anything in it is read: links, storage, sizes and nesting."""
+"""Structure of an HDF5 file: walk through its objects, and check of links, storage, sizes and nesting before reading."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import h5py
@@ -30,6 +31,66 @@ class StructureError(Exception):
     """A file has a structure that no file of this program has; the message says where and which."""
 
 
+class Found(NamedTuple):
+    """An object or a link of a file."""
+
+    path: bytes
+    """Without a slash at either end; the root's is empty."""
+    depth: int
+    """Groups around it."""
+    id: Any
+    """Low-level identifier; None for a link, and for an object that cannot be opened."""
+    link: int
+    """Kind of the link that leads to it, as of `h5py.h5l`."""
+    target: Any
+    """Where a link leads: a path, or file and path."""
+    names: tuple[bytes, ...]
+    """Names in a group, in alphabetical order."""
+    problem: Exception | None
+    """Why it cannot be opened, or the group not be listed."""
+
+    @property
+    def name(self) -> str:
+        """The path as text."""
+        return as_text(self.path)
+
+
+READ_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)
+"""What h5py raises for a damaged object."""
+
+
+def walk(file: "h5py.File") -> Iterator[Found]:
+    """Yield everything in a file, the root first. Objects are opened one by one, so that a caller can end the walk."""
+    from h5py import h5g, h5l, h5o
+
+    pending: list[tuple[bytes, int, Any, bytes, int]] = [(b"", 0, None, b"", int(h5l.TYPE_HARD))]
+    while pending:
+        path, depth, group, name, kind = pending.pop()
+        opened: Any = None
+        target: Any = ""
+        problem: Exception | None = None
+        kinds: dict[bytes, int] = {}
+        try:
+            if group is None:
+                opened = file.id
+            elif kind == h5l.TYPE_HARD:
+                opened = h5o.open(group, name)
+            elif kind in (h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL):
+                target = group.links.get_val(name)
+            if isinstance(opened, h5g.GroupID):
+                opened.links.iterate(lambda inside, info, found=kinds: found.update({inside: info.type}), info=True)
+        except READ_ERRORS as error:
+            problem = error
+        yield Found(path, depth, opened, kind, target, tuple(kinds), problem)
+        before = path + b"/" if path else b""
+        pending.extend((before + each, depth + 1, opened, each, kinds[each]) for each in kinds)
+
+
+def as_text(name: bytes | str) -> str:
+    """Return a name in a file, or the target of a link, as text that keeps every byte."""
+    return name if isinstance(name, str) else name.decode("utf-8", "surrogateescape")
+
+
 def check_structure(file: "h5py.File") -> None:
     """Refuse a file with links, storage or sizes that must not be followed or read. No link is followed.
 
@@ -37,35 +98,24 @@ def check_structure(file: "h5py.File") -> None:
         StructureError: the first such place.
         OSError, RuntimeError, ValueError, KeyError: the file is damaged.
     """
-    from h5py import h5d, h5g, h5l, h5o
+    from h5py import h5d, h5g, h5l
 
     declared = compressed = objects = 0
-    pending: list[tuple[bytes, Any, int]] = [(b"", file.id, 0)]
-    while pending:
-        path, group, depth = pending.pop()
-        links = group.links
-        names: list[bytes] = []
-        links.iterate(names.append)
-        objects += len(names)
-        if objects > MAX_OBJECTS:
-            raise StructureError(f"there are more than {MAX_OBJECTS} objects in it")
-        for name in names:
-            inside = path + b"/" + name if path else name
-            kind = links.get_info(name).type
-            if kind != h5l.TYPE_HARD:
-                target: Any = links.get_val(name) if kind in (h5l.TYPE_SOFT, h5l.TYPE_EXTERNAL) else ""
-                if kind != h5l.TYPE_EXTERNAL or inside != CONTINUED_RUN_LINK or not is_run_beside(_text(target[0])):
-                    raise StructureError(f"{_text(inside)} is {_describe_link(kind, target)}")
-                continue
-            opened = h5o.open(group, name)
-            if isinstance(opened, h5g.GroupID):
-                if depth == MAX_DEPTH:
-                    raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
-                pending.append((inside, opened, depth + 1))
-            elif isinstance(opened, h5d.DatasetID):
-                size, is_compressed = _checked_size(_text(inside), opened)
-                declared += 0 if is_compressed else size
-                compressed += size if is_compressed else 0
+    for found in walk(file):
+        if found.problem is not None:
+            raise found.problem
+        if found.link != h5l.TYPE_HARD:
+            _check_link(found, h5l.TYPE_EXTERNAL)
+        elif isinstance(found.id, h5d.DatasetID):
+            size, is_compressed = _checked_size(found, h5d.CHUNKED, h5d.VIRTUAL)
+            declared += 0 if is_compressed else size
+            compressed += size if is_compressed else 0
+        elif isinstance(found.id, h5g.GroupID):
+            objects += len(found.names)
+            if objects > MAX_OBJECTS:
+                raise StructureError(f"there are more than {MAX_OBJECTS} objects in it")
+            if found.depth > MAX_DEPTH:
+                raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
     # The size is asked for last: a file that is being written grows meanwhile.
     size = Path(file.filename).stat().st_size
     if declared > size + UNWRITTEN_BYTES or compressed > MAX_COMPRESSED_BYTES:
@@ -81,32 +131,42 @@ def is_run_beside(name: str) -> bool:
     return not any(kind(name).is_absolute() or kind(name).anchor for kind in (PurePosixPath, PureWindowsPath))
 
 
-def _checked_size(name: str, dataset: Any) -> tuple[int, bool]:
-    """Return the bytes that a dataset declares, and whether they are compressed."""
-    from h5py import h5d, h5t
+def _check_link(found: Found, external: int) -> None:
+    beside = found.link == external and found.path == CONTINUED_RUN_LINK and is_run_beside(_text(found.target[0]))
+    if not beside:
+        raise StructureError(f"{_text(found.path)} is {_describe_link(found.link, found.target)}")
 
-    created, kind, space = dataset.get_create_plist(), dataset.get_type(), dataset.get_space()
+
+def _checked_size(found: Found, chunked: int, virtual: int) -> tuple[int, bool]:
+    """Return the bytes that a dataset declares, and whether they are compressed."""
+    kind = found.id.get_type()
+    width, elements = kind.get_size(), found.id.get_space().get_simple_extent_npoints()
+    if elements > 1 and _is_variable(kind):
+        raise StructureError(f"{_text(found.path)} is an array of texts of any length")
+    if found.id.get_offset() is not None:  # in one piece in this file, without filters
+        return elements * width, False
+    created = found.id.get_create_plist()
     layout = created.get_layout()
-    if layout == h5d.VIRTUAL:
-        raise StructureError(f"{name} is a virtual dataset, whose data is in other files")
+    if layout == virtual:
+        raise StructureError(f"{_text(found.path)} is a virtual dataset, whose data is in other files")
     if created.get_external_count():
-        raise StructureError(f"{name} has its data in another file, '{_text(created.get_external(0)[0])}'")
+        name = _text(created.get_external(0)[0])
+        raise StructureError(f"{_text(found.path)} has its data in another file, '{name}'")
     filters = {created.get_filter(i)[0] for i in range(created.get_nfilters())}
     if unknown := filters - PLAIN_FILTERS - {DEFLATE}:
-        raise StructureError(f"{name} is stored with a filter that this program does not use (number {min(unknown)})")
-    width = kind.get_size()
-    if layout == h5d.CHUNKED and math.prod(created.get_chunk()) * width > MAX_CHUNK_BYTES:
-        raise StructureError(f"{name} has chunks of {math.prod(created.get_chunk()) * width / 1e6:.4g} MB")
-    elements = space.get_simple_extent_npoints()
-    if elements > 1 and kind.get_class() in (h5t.STRING, h5t.VLEN) and _is_variable(kind):
-        raise StructureError(f"{name} is an array of texts of any length")
+        raise StructureError(
+            f"{_text(found.path)} is stored with a filter that this program does not use (number {min(unknown)})"
+        )
+    if layout == chunked and (size := math.prod(created.get_chunk()) * width) > MAX_CHUNK_BYTES:
+        raise StructureError(f"{_text(found.path)} has chunks of {size / 1e6:.4g} MB")
     return elements * width, DEFLATE in filters
 
 
 def _is_variable(kind: Any) -> bool:
     from h5py import h5t
 
-    return kind.get_class() == h5t.VLEN or bool(kind.is_variable_str())
+    found = kind.get_class()
+    return found == h5t.VLEN or (found == h5t.STRING and bool(kind.is_variable_str()))
 
 
 def _describe_link(kind: int, target: Any) -> str:

@@ -2,16 +2,23 @@
 
 import contextlib
 import hashlib
+import importlib
 import io
 import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+
+from protocols.runfile.errors import StorageError
+
+fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
 PAGE_BYTES = 4096
 _HEADER = struct.Struct("<8sQQ")
+_PAGE = struct.Struct("<QQ")
+"""Before each page: its place and its length."""
 _MAGIC = b"TBJRNL01"
 _DIGEST_BYTES = 16
 
@@ -96,23 +103,27 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
 
     Raises:
         OSError: the file cannot be read or written.
+        StorageError: another program changes it.
     """
     replay_journal(path)
     with BufferedFile(path) as changed:
         yield changed
-        body = b"".join(struct.pack("<QQ", start, len(data)) + data for start, data in changed.changes())
+        body = b"".join(_PAGE.pack(start, len(data)) + data for start, data in changed.changes())
         size = changed.size
     text = _HEADER.pack(_MAGIC, size, len(body)) + body
     journal = journal_path(path)
-    try:
-        with journal.open("wb") as file:
+    with journal.open("ab") as file:
+        _lock(path, file)  # another program's start does not take this journal for one left behind
+        try:
+            file.truncate(0)
             file.write(text + _digest(text))
             file.flush()
             os.fsync(file.fileno())
-    except OSError:
-        journal.unlink(missing_ok=True)
-        raise
-    _apply(path, size, body)
+        except OSError:
+            journal.unlink(missing_ok=True)
+            raise
+        _apply(path, size, body)
+        _remove_locked(journal)
     journal.unlink(missing_ok=True)
 
 
@@ -121,39 +132,87 @@ def journal_path(path: Path) -> Path:
     return path.with_name(f".{path.name}.journal")
 
 
+def has_journal(path: Path) -> bool:
+    """Whether changes of a file were being stored, or are, so that the file itself may be neither the old nor the new one."""
+    return journal_path(path).is_file()
+
+
 def replay_journal(path: Path) -> bool:
     """Apply the journal that a killed program left; return whether it was complete. An incomplete one is removed.
 
     Raises:
         OSError: the file cannot be written.
+        StorageError: the program that stores the changes still runs.
     """
     journal = journal_path(path)
-    try:
-        text = journal.read_bytes()
-    except OSError:
+    if not has_journal(path):
         return False
-    header, text_digest = text[: _HEADER.size], text[-_DIGEST_BYTES:]
-    complete = len(text) >= _HEADER.size + _DIGEST_BYTES and _digest(text[:-_DIGEST_BYTES]) == text_digest
-    if complete:
-        _, size, length = _HEADER.unpack(header)
-        _apply(path, size, text[_HEADER.size : _HEADER.size + length])
+    try:
+        file = journal.open("r+b")
+    except FileNotFoundError:
+        return False
+    with file:
+        _lock(path, file)
+        changes = _parse(file.read())
+        if changes is not None:
+            _apply(path, *changes)
+        _remove_locked(journal)
     journal.unlink(missing_ok=True)
-    return complete
+    return changes is not None
+
+
+def _parse(text: bytes) -> tuple[int, bytes] | None:
+    """Return size and pages of a complete journal; None for another."""
+    if len(text) < _HEADER.size + _DIGEST_BYTES or _digest(text[:-_DIGEST_BYTES]) != text[-_DIGEST_BYTES:]:
+        return None
+    magic, size, length = _HEADER.unpack_from(text)
+    body = text[_HEADER.size : -_DIGEST_BYTES]
+    try:
+        fits = all(start + len(data) <= size for start, data in _pages(body))
+    except struct.error:
+        return None
+    return (size, body) if magic == _MAGIC and length == len(body) and fits else None
+
+
+def _pages(body: bytes) -> Iterator[tuple[int, bytes]]:
+    place = 0
+    while place < len(body):
+        start, length = _PAGE.unpack_from(body, place)
+        place += _PAGE.size
+        yield start, body[place : place + length]
+        place += length
+
+
+def _lock(path: Path, journal: IO[bytes]) -> None:
+    """Lock a journal until it is closed, where the system has such locks.
+
+    Raises:
+        StorageError: another program has it locked.
+    """
+    if fcntl is not None:
+        try:
+            fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StorageError(f"another program is storing results in {path}; wait until it has ended") from None
+        except OSError:  # a file system without locks
+            return
 
 
 def _apply(path: Path, size: int, body: bytes) -> None:
     with path.open("r+b") as file:
-        place = 0
-        while place < len(body):
-            start, length = struct.unpack_from("<QQ", body, place)
-            place += 16
+        for start, data in _pages(body):
             file.seek(start)
-            file.write(body[place : place + length])
-            place += length
+            file.write(data)
         file.flush()
         file.truncate(size)
         with contextlib.suppress(OSError):  # not on every file system
             os.fsync(file.fileno())
+
+
+def _remove_locked(journal: Path) -> None:
+    """Remove a journal that was applied while it is still locked, where the system removes open files."""
+    with contextlib.suppress(OSError):
+        journal.unlink()
 
 
 def _digest(text: bytes) -> bytes:

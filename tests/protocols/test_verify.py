@@ -13,6 +13,7 @@ import pytest
 from app.cli.main import main
 from app.common import ExitCode
 from protocols.base import EstimatedQuantity
+from protocols.runfile import transaction
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
@@ -207,9 +208,6 @@ def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Pa
         file["entry/more"] = 1.0
     assert path.read_bytes() == before
     journal = journal_path(path).read_bytes()
-    path.write_bytes(before[:100] + bytes(48) + before[148:])  # a part was overwritten
-    assert main(["verify", "--repair", str(path)]) == ExitCode.FAILED
-    path.write_bytes(before)
     assert verify_run(path).state is FileState.NOT_CHECKABLE
     (sentence,) = repair_folder(tmp_path)
     assert "are stored now" in sentence
@@ -222,6 +220,69 @@ def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Pa
     repair_run(path)
     assert path.read_bytes() == after
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("pages", [1, 2, -1])
+def test_a_kill_between_two_pages_of_the_results_is_completed_by_the_next_start(
+    pages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file is then neither the old one nor the new one; the first page alone declares a longer file."""
+    path = finished_run(tmp_path)
+
+    def apply_some(file: Path, size: int, body: bytes) -> None:
+        every = list(transaction._pages(body))
+        some = b"".join(transaction._PAGE.pack(start, len(data)) + data for start, data in every[:pages])
+        apply(file, path.stat().st_size if pages > 0 else size, some)
+        raise KeyboardInterrupt
+
+    apply = transaction._apply
+    with (
+        mock.patch("protocols.runfile.transaction._apply", apply_some),
+        pytest.raises(KeyboardInterrupt),
+        append_results(path) as file,
+    ):
+        file["entry/more"] = np.ones(5000)
+    found = verify_run(path)
+    assert (found.state, "--repair" in found.findings[0]) == (FileState.NOT_CHECKABLE, True)
+    assert main(["show", str(path)]) in (ExitCode.DONE, ExitCode.USAGE, ExitCode.FAILED)
+    assert capsys.readouterr().err.count("\n") <= 1
+    (sentence,) = repair_folder(tmp_path)
+    assert "are stored now" in sentence
+    assert verify_run(path).state is FileState.GOOD
+    assert [path] == list(tmp_path.iterdir())
+    with h5py.File(path, "r") as after:
+        assert after["entry/more"].shape == (5000,)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs locks of files")
+def test_a_journal_that_a_program_is_applying_is_left_alone(tmp_path: Path) -> None:
+    path = finished_run(tmp_path)
+
+    def look(*_: object) -> None:
+        with pytest.raises(StorageError, match="another program is storing results"):
+            repair_run(path)
+        assert list(repair_folder(tmp_path)) == []
+        raise KeyboardInterrupt
+
+    with (
+        mock.patch("protocols.runfile.transaction._apply", look),
+        pytest.raises(KeyboardInterrupt),
+        append_results(path) as file,
+    ):
+        file["entry/more"] = 1.0
+    assert list(repair_folder(tmp_path))
+
+
+def test_a_journal_of_something_else_is_removed(tmp_path: Path) -> None:
+    path = finished_run(tmp_path)
+    before = path.read_bytes()
+    beyond = transaction._HEADER.pack(transaction._MAGIC, 10, 16) + transaction._PAGE.pack(1 << 60, 0)
+    for text in (b"", b"x" * 100, beyond + transaction._digest(beyond)):
+        journal_path(path).write_bytes(text)
+        assert repair_run(path) == ""
+        assert (path.read_bytes(), journal_path(path).exists()) == (before, False)
+    os.mkfifo(journal_path(path))
+    assert repair_run(path) == ""
 
 
 @pytest.mark.deep
