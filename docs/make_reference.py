@@ -9,9 +9,7 @@ import argparse
 import ast
 import inspect
 import os
-import re
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -20,11 +18,10 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-import h5py  # noqa: E402
-
 import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
+from docs.run_file_page import cell, run_file  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
@@ -82,65 +79,6 @@ def every_parser(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[s
         if isinstance(action, argparse._SubParsersAction):
             for word, child in action.choices.items():
                 yield from every_parser(f"{name} {word}", child)
-
-
-def run_file() -> str:
-    """Return the contents of a run file, listed from a real one."""
-    from protocols.base.quality import Quality
-    from protocols.measurements.sine_dwell import SineDwell
-    from tests.helpers.simulated_bench import laboratory, run
-
-    lines = [
-        "# The run file",
-        "",
-        "One HDF5 file per run, with NeXus classes: a NeXus viewer opens it with a default plot. The table below lists the contents of the file",
-        "of a sine dwell; other protocols have other columns under `points`.",
-        "",
-        "Raw samples are the card's integer counts. `displacement_scaling_factor` and `displacement_offset` convert them into metres",
-        "as defined by NeXus; the card's own polynomial is in `..._scaling_coefficients` (volts).",
-        "`status` is `running` until the run ends: a file that still has this status although its program has ended is that of a crashed run.",
-        "Raw data are never rewritten; results of later identification are appended under `estimates`.",
-        "",
-        "Every table and every channel has HDF5's Fletcher-32 checksums, so that a damaged part cannot be read by any program. `checksums` holds",
-        "a digest (JSON) of every other object, written when the run ends; `tactor-bench verify` compares them. `repaired` is the time at which a",
-        "crashed run was repaired; only such runs have it.",
-        "",
-        "The version of the format is the attribute `format_version` of the file (`FORMAT_VERSION` in protocols/runfile/schema.py). A reader",
-        "ignores groups, datasets without units, attributes and kinds of events that it does not know; a file of a newer version is",
-        "rejected with the advice to install a newer version of the program.",
-        "",
-        "An imported run also has `/entry/imported` (JSON): source files with SHA-256, columns and units, cautions. It has no",
-        "samples, events or instruments, and NaN for values that its table did not contain.",
-        "",
-        "`points/quality` is a sum of flags; 0 is good. Flags marked with * are informative; the value remains usable:",
-        "",
-        ", ".join(
-            f"{flag.value} {(flag.name or '').lower().replace('_', ' ')}{'*' if flag.usable else ''}"
-            for flag in Quality
-        )
-        + ".",
-        "",
-        "| path | type | unit | meaning |",
-        "|---|---|---|---|",
-    ]
-
-    def add_row(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Group):
-            kind, unit, meaning = str(item.attrs.get("NX_class", "group")), "", ""
-        else:
-            size = " x ".join("n" if most is None else str(most) for most in item.maxshape) if item.shape else ""
-            kind = "text" if item.dtype.kind in "OS" else str(item.dtype) if item.dtype.names is None else "table"
-            kind = f"{kind} [{size}]" if size else kind
-            unit, meaning = str(item.attrs.get("units", "")), str(item.attrs.get("long_name", ""))
-            if item.dtype.names:
-                meaning = "columns " + ", ".join(item.dtype.names)
-        lines.append(f"| `/{name}` | {kind} | {unit} | {cell(re.sub(r' [(][^)]*[)]$', '', meaning))} |")
-
-    with tempfile.TemporaryDirectory() as folder, laboratory() as lab:
-        ran = run(SineDwell(frequencies_hz=(100, 150, 160, 170, 200)), Path(folder), lab)
-        with h5py.File(ran.path) as file:
-            file.visititems(add_row)
-    return "\n".join([*lines, ""])
 
 
 def python_api() -> str:
@@ -219,11 +157,6 @@ def pictures() -> str:
         links = ", ".join(f"[{other.removeprefix(name)[1:].replace('-', ', ')}]({other}.png)" for other in variants)
         lines += [f"## {title}", "", f"![{title}]({name}.png)", "", *([f"Also: {links}.", ""] if links else [])]
     return "\n".join(lines)
-
-
-def cell(text: str) -> str:
-    """Return a text as one cell of a table."""
-    return " ".join(text.split()).replace("|", "\\|")
 
 
 if __name__ == "__main__":

@@ -7,9 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
 
 from app.cli.main import main
+from docs.run_file_page import meaning_of
+from protocols.base import CurveColumn, ResultCurve, Verdict
+from protocols.runfile.results import append_curves, append_results, store_verdict
+from tests.helpers.run_files import finished_run
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -31,6 +37,25 @@ def test_the_reference_is_what_the_code_gives() -> None:
     for name, text in reference().pages():
         page = ROOT / "docs" / name
         assert page.read_text("utf-8") == text, f"run 'python docs/make_reference.py': {name} is out of date"
+
+
+def test_every_object_and_attribute_of_a_run_file_is_explained(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "reference" / "run-file.md").read_text("utf-8")
+    path = finished_run(tmp_path)
+    further = r"entry/(repaired|earlier|imported)|entry/curves(/\w+_\d+(/\w+)?)?"
+    names: dict[str, str] = {}
+    with append_results(path) as file:
+        store_verdict(file, Verdict())
+        append_curves(file, [ResultCurve("loop", "1", "x", "y", {n: CurveColumn(np.ones(1), "m", n) for n in "xy"})])
+    with h5py.File(path) as file:
+        attributes = set(file.attrs)
+        file.visititems(lambda name, item: names.update({name: str(item.attrs.get("long_name", ""))}))
+        file.visititems(lambda name, item: attributes.update(item.attrs))
+    for name, meaning in names.items():
+        assert f"| `/{name}` |" in text or re.fullmatch(further, name), f"{name} is not named"
+        assert meaning or re.fullmatch(further, name) or meaning_of(name), f"{name} has no meaning"
+    for name in attributes:
+        assert f"| `{name}` |" in text, f"the attribute {name} is not named"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
