@@ -88,7 +88,7 @@ class SimulatedBench:
             self._segment_sink("generator"), parameters.seed, g.clock_ppm, g.relay_s, parameters.amplifier.open_v
         )
         self.generator.reset()
-        self._generator_model = make_generator(g, self.generator, self.clock.now)
+        self._generator_model = make_generator(g, self.generator, self.clock.now, parameters.seed)
         engine = ScpiEngine(self._generator_model)
         self._generator_model.queue_error = engine.queue_error
         self.message_port = MessagePort(engine, self.faults)

@@ -1,6 +1,7 @@
 """Template of a first bench file, filled in with the devices that were found."""
 
 import json
+import re
 from collections.abc import Sequence
 
 from app.config.discovery import FoundDevice
@@ -82,6 +83,9 @@ device = {device}         # {identity}
 serial = {serial}
 server = {server}  # host:port of NI's gRPC device server; "" where the card is in this computer"""
 
+SINGLE_SESSION = re.compile(r"\b(SDG|T3AFG)\d")
+"""Generators that answer one LAN client at a time."""
+
 
 def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     """Return the text of a bench file for the devices that were found."""
@@ -89,7 +93,7 @@ def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     supply = next((f for f in devices if f.role == "supply"), None)
     card = next((f for f in devices if f.role == "card"), None)
     source = generator or supply
-    lan = source is None or source.where.startswith("TCPIP")
+    lan = source is None or (source.where.startswith("TCPIP") and not SINGLE_SESSION.search(source.identity))
     ports = "".join(f"# serial port found: {f.where} {f.identity}\n" for f in devices if f.role == "serial port")
     hint = (
         '# [meters.display]      # a laser sensor read over its serial port\n# driver = "keyence-lkg"\n# port = "..."\n'
@@ -105,7 +109,7 @@ def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
         own="true" if lan else "false",
         own_why="LAN takes a second connection"
         if lan
-        else "this wire takes one connection only: a program that hangs is ended",
+        else "this instrument takes one connection only: a program that hangs is ended",
         ports=f"\n{ports}{hint}" if ports else "",
     )
 

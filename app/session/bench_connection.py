@@ -213,7 +213,10 @@ def _make_watchdog(
             speed=clock.speed,
             # Of bench time: only a simulated bench runs at raised speed, and its card then takes turns with the program.
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
-            own_connection=config.watchdog.own_connection and not card_output and _allows_second_connection(resource),
+            own_connection=config.watchdog.own_connection
+            and not card_output
+            and _allows_second_connection(resource)
+            and not getattr(source, "SINGLE_SESSION", False),
             patience_s=config.watchdog.patience_s,
             locks=locks,
         )

@@ -100,6 +100,8 @@ class BurstGenerator(ABC):
     """Whether a filter smooths the waveform from point to point."""
     AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
     """Whether the amplitude setting means the span of the points as they are, or of the converter."""
+    SINGLE_SESSION: ClassVar[bool] = False
+    """Whether the instrument answers one LAN client at a time: the watchdog connects after the program has ended."""
     MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
     IDLE_AMPLITUDE_VPP: ClassVar[float] = IDLE_AMPLITUDE_VPP
     MIN_AMPLITUDE_VPP: ClassVar[float] = 0.0

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from drivers.deprecated import renamed
-from drivers.errors import InstrumentError, LinkError
+from drivers.errors import LinkError
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
     ExpectedSetting,
@@ -75,14 +75,8 @@ class ScpiBurstGenerator(BurstGenerator):
 
     def _reset_foreign_settings(self) -> None:
         for setting in self._neutral_settings():
-            try:
+            if not setting.optional or self._query_optional_setting(setting.header) is not None:
                 self._write_checked(f"{setting.header} {setting.value}")
-            except LinkError:
-                raise
-            except InstrumentError as error:
-                if not (setting.optional and f"({UNDEFINED_HEADER})" in str(error)):
-                    raise
-                self._unknown_headers |= {setting.header}
 
     def _is_output_on(self) -> bool:
         return self._query_setting(self.OUTPUT_HEADER).upper() in ("1", "ON")

@@ -19,6 +19,9 @@ SCPI_INFINITY = 9.9e37
 """How SCPI writes infinity; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
 
 MEASURED_REPLIES = 15
+MAX_BLOCK_HEADER = 512
+"""Longest text before the bytes of a reply."""
+
 SLOW_REPLY_S = 0.01
 """From this reply time on, the steps of a ramp to rest are sent without waiting for the reply to each. A serial or USB line is
 never slow in this sense: its time is that of the bytes."""
@@ -108,6 +111,34 @@ class ScpiSession:
         if not abs(value) < SCPI_INFINITY:
             raise LinkError(f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is no value")
         return value
+
+    def query_block(self, query: str, marker: bytes, size: Callable[[str], int]) -> bytes:
+        """Return the bytes that follow `marker` in the reply to a query; `size` returns their number from what precedes it.
+
+        Raises:
+            LinkError: no such reply, or this kind of connection does not carry bytes.
+        """
+        read_bytes: Callable[[int], bytes] | None = getattr(self.link, "read_bytes", None)
+        if read_bytes is None:
+            raise LinkError(f"{self.link.name} does not carry the reply to '{query}'")
+        try:
+            self.link.write(query)
+            header = b""
+            while not header.endswith(marker):
+                header += read_bytes(1)
+                if len(header) > MAX_BLOCK_HEADER:
+                    raise LinkError(f"no waveform, but '{header[:60].decode('latin-1')}'")
+            data = read_bytes(size(header.decode("latin-1")))
+            self.link.write(
+                "*IDN?"
+            )  # whether an end of line follows the bytes differs: the next line of text is the identity
+            if not self.link.read().strip():
+                self.link.read()
+        except LinkError as error:
+            with contextlib.suppress(LinkError):
+                self.link.clear()
+            raise LinkError(f"{self.instrument}: no answer to '{query}': {error}") from error
+        return data
 
     def write_checked(self, command: str) -> None:
         """Send a command and check the instrument's error queue.

@@ -50,7 +50,12 @@ class VisaLink:
         self.timeout_s = timeout_s
         self._manager = pyvisa.ResourceManager(backend)
         self._session: Any = None
-        self.reopen()
+        _open_links.add(self)
+        try:
+            self.reopen()
+        except LinkError:
+            _open_links.discard(self)
+            raise
 
     @contextlib.contextmanager
     def _translate_errors(self) -> Iterator[None]:
@@ -88,6 +93,14 @@ class VisaLink:
             self._raise_if_closed(self.timeout_s)
             answer: str = session.read()
             return answer
+
+    def read_bytes(self, count: int) -> bytes:
+        """Return that many bytes of a reply. Raises LinkError if they do not come in time."""
+        with self._translate_errors():
+            session = self._open_session()
+            self._raise_if_closed(self.timeout_s)
+            data: bytes = session.read_bytes(count)
+            return data
 
     def _raise_if_closed(self, timeout_s: float) -> None:
         """Wait for input on a socket; raise LinkError if none comes, or if the other side has closed it.
@@ -159,8 +172,8 @@ class VisaLink:
 
     def close(self) -> None:
         self._close_session()
-        with contextlib.suppress(pyvisa.Error, OSError):
-            self._manager.close()
+        _open_links.discard(self)
+        _close_manager(self._manager)
 
     def _open_session(self) -> Any:
         if self._session is None:
@@ -168,10 +181,26 @@ class VisaLink:
         return self._session
 
     def _close_session(self) -> None:
-        session, self._session = self._session, None
+        wire, session, self._session = self._wire_session(), self._session, None
         if session is not None:
+            sock: Any = getattr(wire, "interface", None)
+            if isinstance(sock, socket.socket):
+                with contextlib.suppress(
+                    OSError
+                ):  # an instrument of one session serves the next one once it knows of the end
+                    sock.shutdown(socket.SHUT_RDWR)
             with contextlib.suppress(*VISA_ERRORS):
                 session.close()
+
+
+_open_links: set[VisaLink] = set()
+
+
+def _close_manager(manager: pyvisa.ResourceManager) -> None:
+    """Close a resource manager that no open link uses: PyVISA has one of each kind, and closing it closes all its sessions."""
+    if not any(link._manager is manager for link in _open_links):  # noqa: SLF001 - of this module
+        with contextlib.suppress(pyvisa.Error, OSError):
+            manager.close()
 
 
 def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
@@ -186,7 +215,7 @@ def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
     except (pyvisa.Error, OSError, ValueError) as error:
         return [], [f"VISA resources could not be listed: {error}"]
     finally:
-        manager.close()
+        _close_manager(manager)
     missing = []
     if "PyUSB" in debug_info:
         missing.append("USB instruments were not looked for: that needs libusb (a package of your system, libusb-1.0)")

@@ -40,8 +40,14 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
     FREQUENCY_HEADER = "FREQuency[:CW]"
     TRIGGER_HEADER = "TRIGger[1]"
 
-    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
-        super().__init__(generator, now, identity)
+    def __init__(
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(generator, now, identity, traits)
         self._big_endian = True
 
     @property
@@ -94,8 +100,14 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
 class SimulatedKeysight33500(SimulatedKeysightGenerator):
     """33500B and 33600A: named waveforms, a sample rate, a filter, output limits, ABORt."""
 
-    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
-        super().__init__(generator, now, identity)
+    def __init__(
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(generator, now, identity, traits)
         self._reset_waveforms()
 
     def _reset_waveforms(self) -> None:

@@ -10,6 +10,7 @@ from sim_hardware.generators.keysight_33500 import SimulatedKeysight33500
 from sim_hardware.generators.rigol_dg import SimulatedRigolDg
 from sim_hardware.generators.siglent_sdg import SimulatedSiglentSdg
 from sim_hardware.generators.tektronix_afg import SimulatedTektronixAfg
+from sim_hardware.generators.traits import draw_traits
 from sim_hardware.plant import GENERATOR_MAKERS, GeneratorParameters
 from sim_hardware.wires.scpi_engine import ScpiError, ScpiInstrument
 
@@ -21,17 +22,18 @@ class GeneratorModel(ScpiInstrument, Protocol):
 
 
 def make_generator(
-    parameters: GeneratorParameters, generator: SimulatedGenerator, now: Callable[[], float]
+    parameters: GeneratorParameters, generator: SimulatedGenerator, now: Callable[[], float], seed: int = 0
 ) -> GeneratorModel:
-    """Return the simulated generator that the parameters name."""
+    """Return the simulated generator that the parameters name; its traits that are not known are drawn from the seed."""
     family = next(name for name in GENERATOR_MAKERS if parameters.model.upper().startswith(name))
     maker = GENERATOR_MAKERS[family]
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"
-    models: dict[str, Callable[[SimulatedGenerator, Callable[[], float], str], GeneratorModel]] = {
+    traits = draw_traits(parameters.model, seed, parameters.traits)
+    models: dict[str, Callable[..., GeneratorModel]] = {
         "Keysight": SimulatedKeysight33500,
         "Agilent": SimulatedKeysight33200,
         "Rigol": SimulatedRigolDg,
         "TEKTRONIX": partial(SimulatedTektronixAfg, high_z=parameters.high_z_by_hand),
-        "Siglent": SimulatedSiglentSdg,
+        "Siglent": partial(SimulatedSiglentSdg, seed=seed),
     }
-    return models[maker.split()[0]](generator, now, identity)
+    return models[maker.split()[0]](generator, now, identity, traits=traits)

@@ -43,8 +43,14 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
     BURST_HEADER = "BURSt[:STATe]"
     TRIGGER_HEADER = SOURCE_PATTERN + "BURSt:TRIGger"
 
-    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
-        super().__init__(generator, now, identity)
+    def __init__(
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(generator, now, identity, traits)
         self._is_dg800 = ",DG8" in identity.upper()
         self._reset_waveform()
 
@@ -95,7 +101,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
                 levels.set_auto_range,
                 lambda _: self.format_switch(core.settings.auto_range),
             ),
-            self._gate_command(),
+            *([] if self.traits.get("gate") == "absent" else [self._gate_command()]),
             *self._other_channel_commands(),
             ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
             *super().commands,
@@ -119,7 +125,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         if self._trigger_lost:
             return
         super().trigger()
-        self._trigger_lost = True
+        self._trigger_lost = self.traits.get("trigger-source") == "lost-after-burst"
 
     def _select_trigger(self, source: str) -> None:
         super()._select_trigger(source)

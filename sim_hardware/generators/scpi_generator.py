@@ -37,11 +37,16 @@ class SimulatedScpiGenerator:
     Args:
         generator: the output stage.
         now: returns bench time, to know whether a burst is still running.
+        traits: its traits that no source settles (sim_hardware.generators.traits).
 
     Attributes:
         identity: the reply to `*IDN?`.
         queue_error: puts an error into the engine's queue although the command is carried out.
     """
+
+    @property
+    def UNKNOWN_HEADER_ENDS_MESSAGE(self) -> bool:
+        return self.traits.get("unknown-header") == "whole-message"
 
     BLOCK_ENDS_MESSAGE: ClassVar[bool] = False
     """Whether what follows a binary block in its message is lost."""
@@ -57,9 +62,16 @@ class SimulatedScpiGenerator:
     BURST_HEADER: ClassVar[str] = "BURSt:STATe"
     TRIGGER_HEADER: ClassVar[str]
 
-    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
+    def __init__(
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+    ) -> None:
         self.identity = identity
         self._model = identity.split(",")[1].strip().upper()
+        self.traits = dict(traits or {})
         self.queue_error: Callable[[ScpiError], None] = lambda _: None
         self._generator = generator
         self._now = now
@@ -99,11 +111,7 @@ class SimulatedScpiGenerator:
                 self._set_cycles,
                 lambda _: self.format_number(self._generator.settings.cycles),
             ),
-            ScpiCommand(
-                "OUTPut[1]:POLarity",
-                self._set_polarity,
-                lambda _: self.format_polarity(self._generator.settings.inverted),
-            ),
+            *self._polarity_commands(),
             ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
             ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
         ]
@@ -156,6 +164,17 @@ class SimulatedScpiGenerator:
             self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
 
         return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, short_form(names[0])))
+
+    def _polarity_commands(self) -> list[ScpiCommand]:
+        if self.traits.get("polarity") == "absent":
+            return []
+        return [
+            ScpiCommand(
+                "OUTPut[1]:POLarity",
+                self._set_polarity,
+                lambda _: self.format_polarity(self._generator.settings.inverted),
+            )
+        ]
 
     def _gate_command(self) -> ScpiCommand:
         """Make the setting that gates the output with the sync signal: between bursts there is no output."""

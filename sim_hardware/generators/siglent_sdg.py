@@ -1,16 +1,26 @@
-"""Simulated Siglent SDG1000X or SDG2000X function generator, after its programming guide.
+"""Simulated Siglent SDG1000X or SDG2000X function generator, after its programming guide and as real ones were seen.
 
 Pitfalls: an impossible value is clipped silently, and there is no error queue; burst parameters are ignored before
-`STATE,ON`; a selected waveform restores the frequency, amplitude and offset it was stored with; no range can be frozen;
-parameters that do not apply are missing from the reply; an inverted polarity is a setting that persists.
+`STATE,ON`; no range can be frozen; parameters that do not apply are missing from the reply; polarity, inversion, combining
+and coupling are settings that persist.
+
+Seen on real ones (benchctrl at 0c6e51e: SDG1032X, firmware 1.01.01.33R1B6; dmm6500-serial-decode at 0465be2: SDG2122X):
+the first byte 0x0A ends a waveform's message; what WVDT wrote is selected; ARWV? names a user's waveform with `.bin` and
+without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is taken in;
+one session is served; the third waveform above 64 kB hangs remote and panel while the output goes on, and one of less than
+four bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X.
 """
 
-from collections.abc import Callable, Sequence
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.scpi_generator import OTHER_CHANNEL_V
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP
 from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires.scpi_engine import Arguments, ScpiCommand, ScpiError
@@ -19,13 +29,29 @@ FULL_SCALE = 32767
 MAX_BURST_CYCLES = 1e6
 MAX_FREQUENCY_HZ = 30e6
 BUILT_IN_NAME = "StairUp"
+LARGE_BYTES = 65_536
 
 
 class SimulatedSiglentSdg:
     """One channel over a `SimulatedGenerator` (sim_hardware.wires.scpi_engine.ScpiInstrument)."""
 
-    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
+    SINGLE_SESSION = True
+
+    def __init__(
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+        seed: int = 0,
+    ) -> None:
         self.identity = identity
+        self.traits = dict(traits or {})
+        self._is_sdg1000 = ",SDG1" in identity.upper()
+        self._random = random.Random(f"{identity} {seed}")
+        self.hung = False
+        self._large_downloads = 0
+        self._silent_until_s = -math.inf
         self.queue_error: Callable[[ScpiError], None] = lambda _: None
         self._generator = generator
         self._now = now
@@ -33,7 +59,8 @@ class SimulatedSiglentSdg:
 
     def _reset_state(self) -> None:
         self._high_z = False
-        self._inverted = False
+        self._inverted = {"PLRT": False, "INVT": False}
+        self._switches: dict[str, bool] = {}
         self._selected_name = BUILT_IN_NAME
         self._stored_waveforms: dict[str, tuple[Array, dict[str, str]]] = {}
 
@@ -48,6 +75,11 @@ class SimulatedSiglentSdg:
         return self._generator.busy_s(self._now())
 
     @property
+    def silent(self) -> bool:
+        """Whether it answers nothing: it takes in a waveform, or hangs for good."""
+        return self.hung or self._now() < self._silent_until_s
+
+    @property
     def commands(self) -> Sequence[ScpiCommand]:
         return [
             ScpiCommand("C[1]:OUTP", self._set_output, lambda _: self._query_output()),
@@ -56,8 +88,71 @@ class SimulatedSiglentSdg:
             ),
             ScpiCommand("C[1]:BTWV", self._set_burst, lambda _: self._query_burst()),
             ScpiCommand("C[1]:WVDT", self._download),
-            ScpiCommand("C[1]:ARWV", self._select, lambda _: f"C1:ARWV INDEX,2,NAME,{self._selected_name}"),
+            ScpiCommand("WVDT", None, self._query_waveform),
+            ScpiCommand("C[1]:ARWV", self._select, lambda _: self._query_selection()),
+            ScpiCommand("C[1]:INVT", self._set_inversion, lambda _: f"C1:INVT {self._on(self._inverted['INVT'])}"),
+            ScpiCommand("C[1]:CMBN", self._set_combining, lambda _: f"C1:CMBN {self._on(self._is_on('CMBN'))}"),
+            ScpiCommand("COUP", self._set_coupling, lambda _: self._query_coupling()),
+            ScpiCommand("C[1]:SWWV", partial(self._set_mode, "SWWV"), partial(self._query_mode, "SWWV")),
+            ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
+            *(
+                []
+                if self._is_sdg1000
+                else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
+            ),
         ]
+
+    @staticmethod
+    def _on(on: bool) -> str:
+        return "ON" if on else "OFF"
+
+    def _is_on(self, switch: str) -> bool:
+        return self._switches.get(switch, False)
+
+    def _set_inversion(self, a: Arguments) -> None:
+        self._invert("INVT", a[0].upper() == "ON")
+
+    def _invert(self, switch: str, inverted: bool) -> None:
+        self._inverted[switch] = inverted
+        if self.traits.get("inversion") == "one-switch":
+            self._inverted = dict.fromkeys(self._inverted, inverted)
+            flipped = inverted
+        else:
+            flipped = self._inverted["PLRT"] != self._inverted["INVT"]
+        self._generator.apply_settings(inverted=flipped)
+
+    def _set_combining(self, a: Arguments) -> None:
+        self._switches["CMBN"] = a[0].upper() == "ON"
+        self._generator.apply_settings(added_v=OTHER_CHANNEL_V if self._is_on("CMBN") else 0.0)
+
+    @property
+    def _coupling_names(self) -> tuple[str, ...]:
+        return ("TRACE", "FCOUP", "PCOUP", "ACOUP") if self._is_sdg1000 else ("STATE", "TRACE")
+
+    def _set_coupling(self, a: Arguments) -> None:
+        for name, value in _parse_pairs(a).items():
+            if name in self._coupling_names:
+                self._switches[f"COUP {name}"] = value.upper() == "ON"
+
+    def _query_coupling(self) -> str:
+        pairs = ",".join(f"{name},{self._on(self._is_on(f'COUP {name}'))}" for name in self._coupling_names)
+        return f"COUP {pairs}"
+
+    def _set_mode(self, name: str, a: Arguments) -> None:
+        if "STATE" in (requested := _parse_pairs(a)):
+            self._switches[name] = requested["STATE"].upper() == "ON"
+            if self._is_on(name):
+                self._generator.apply_settings(burst=False)
+
+    def _query_mode(self, name: str, _: Arguments) -> str:
+        return f"C1:{name} STATE,{self._on(self._is_on(name))}"
+
+    def _set_rate_mode(self, a: Arguments) -> None:
+        if "MODE" in (requested := _parse_pairs(a)):
+            self._switches["TARB"] = requested["MODE"].upper() == "TARB"
+
+    def _query_rate(self) -> str:
+        return "C1:SRATE MODE,TARB,VALUE,1e+06Sa/s" if self._is_on("TARB") else "C1:SRATE MODE,DDS"
 
     @property
     def _display_ratio(self) -> float:
@@ -71,11 +166,11 @@ class SimulatedSiglentSdg:
         if "LOAD" in requested:
             self._high_z = requested["LOAD"] == "HZ"
         if "PLRT" in requested:
-            self._inverted = requested["PLRT"] == "INVT"
+            self._invert("PLRT", requested["PLRT"] == "INVT")
 
     def _query_output(self) -> str:
         on = "ON" if self._generator.settings.on else "OFF"
-        return f"C1:OUTP {on},LOAD,{'HZ' if self._high_z else '50'},PLRT,{'INVT' if self._inverted else 'NOR'}"
+        return f"C1:OUTP {on},LOAD,{'HZ' if self._high_z else '50'},PLRT,{'INVT' if self._inverted['PLRT'] else 'NOR'}"
 
     def _set_basic_wave(self, requested: dict[str, str]) -> None:
         s = self._generator.settings
@@ -107,7 +202,7 @@ class SimulatedSiglentSdg:
             return f"C1:BSWV WVTP,DC,{offset}"
         kind = {"SIN": "SINE"}.get(s.function, s.function)
         return (
-            f"C1:BSWV WVTP,{kind},FRQ,{s.frequency_hz:.10g}HZ,PERI,{1 / s.frequency_hz:.6g}S,"
+            f"C1:BSWV WVTP,{kind},FRQ,{s.frequency_hz:.6g}HZ,PERI,{1 / s.frequency_hz:.6g}S,"
             f"AMP,{s.emf_vpp * self._display_ratio:.6g}V,{offset},PHSE,0"
         )
 
@@ -121,6 +216,8 @@ class SimulatedSiglentSdg:
         on = requested.pop("STATE", "ON" if s.burst else "OFF") == "ON"
         if on != s.burst and not (on and s.function == "DC"):
             self._generator.apply_settings(burst=on)
+            if on:
+                self._switches["SWWV"] = self._switches["MDWV"] = False
         if not s.burst and not on:
             return  # ignored
         changed: dict[str, object] = {}
@@ -139,8 +236,8 @@ class SimulatedSiglentSdg:
             return "C1:BTWV STATE,OFF"
         source = {"IMM": "INT", "BUS": "MAN"}.get(s.trigger, "EXT")
         return (
-            f"C1:BTWV STATE,ON,PRD,{s.period_s:g}S,STPS,{s.phase_deg:g},TRSR,{source},TIME,{s.cycles:g},"
-            "GATE_NCYC,NCYC,CARR,WVTP,ARB"
+            f"C1:BTWV STATE,ON,PRD,{s.period_s:g}S,STPS,{s.phase_deg:g},TRSR,{source},TIME,{s.cycles:.0f},"
+            "DLAY,2.4e-07S,GATE_NCYC,NCYC,CARR,WVTP,ARB"
         )
 
     def _download(self, a: Arguments) -> None:
@@ -148,19 +245,48 @@ class SimulatedSiglentSdg:
         if len(parameters) % 2 == 0 or parameters[-1] != "WAVEDATA":
             return
         requested = _parse_pairs(parameters[:-1])
-        points = np.frombuffer(data.encode("latin-1"), "<i2") / FULL_SCALE
+        raw = data.encode("latin-1")
+        if not self._is_sdg1000 and len(requested) > 1:
+            return  # silently not stored
+        self._large_downloads += len(raw) > LARGE_BYTES
+        self.hung = self.hung or self._large_downloads >= 3 or len(raw) < 4
+        points = np.frombuffer(raw[: len(raw) // 2 * 2], "<i2") / FULL_SCALE
         self._stored_waveforms[requested["WVNM"]] = points, requested
-        if requested["WVNM"] == self._selected_name:
-            self._generator.apply_settings(wave=ArbitraryWaveform(points))
+        self._switch_to(requested["WVNM"])
+        self._be_silent(len(raw))
+
+    def _be_silent(self, size: int) -> None:
+        long = self.traits.get("silence") == "long" and self._random.random() < 0.3
+        self._silent_until_s = self._now() + (self._random.uniform(1.0, 5.5) if long else 0.05) + size / 100e3
 
     def _select(self, a: Arguments) -> None:
         name = _parse_pairs(a).get("NAME", "")
         if name not in self._stored_waveforms:
             return
+        if name != self._selected_name and self.traits.get("stale") == "often" and self._random.random() < 0.4:
+            return
+        self._switch_to(name)
+        self._be_silent(0)
+
+    def _switch_to(self, name: str) -> None:
         self._selected_name = name
         points, brought = self._stored_waveforms[name]
         self._generator.apply_settings(wave=ArbitraryWaveform(points))
-        self._set_basic_wave({own: brought[theirs] for own, theirs in _STORED_PARAMETERS if theirs in brought})
+        if self.traits.get("selection") == "restores-levels":
+            self._set_basic_wave({own: brought[theirs] for own, theirs in _STORED_PARAMETERS if theirs in brought})
+
+    def _query_selection(self) -> str:
+        name = self._selected_name
+        return f"C1:ARWV INDEX,2,NAME,{name}" if name == BUILT_IN_NAME else f"C1:ARWV NAME,{name}.bin"
+
+    def _query_waveform(self, a: Arguments) -> str:
+        name = a[-1]
+        raw = (
+            np.rint(self._stored_waveforms[name][0] * FULL_SCALE).astype("<i2").tobytes()
+            if name in self._stored_waveforms
+            else b""
+        )
+        return f"WVDT POS,Local/,WVNM,{name},LENGTH,{len(raw)}B,TYPE,5,WAVEDATA,{raw.decode('latin-1')}"
 
 
 _STORED_PARAMETERS = (("FRQ", "FREQ"), ("AMP", "AMPL"), ("OFST", "OFST"))

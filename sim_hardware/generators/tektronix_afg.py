@@ -41,9 +41,15 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     TRIGGER_HEADER = "TRIGger[:SEQuence]"
 
     def __init__(
-        self, generator: SimulatedGenerator, now: Callable[[], float], identity: str, *, high_z: bool = True
+        self,
+        generator: SimulatedGenerator,
+        now: Callable[[], float],
+        identity: str,
+        traits: Mapping[str, str] | None = None,
+        *,
+        high_z: bool = True,
     ) -> None:
-        super().__init__(generator, now, identity)
+        super().__init__(generator, now, identity, traits)
         self._is_afg1000 = ",AFG1" in identity.upper()
         self._memory_points = 8192 if self._is_afg1000 else 65_536
         self._edit_memory = np.zeros(1000)

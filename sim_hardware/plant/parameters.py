@@ -36,6 +36,7 @@ class GeneratorParameters:
         command_s: processing time of a message; real instruments need milliseconds.
         relay_s: how long an attenuator relay leaves the output at 0 V.
         high_z_by_hand: whether a person has set High Z on the front panel of a box whose wire cannot (AFG1000).
+        traits: traits that are not drawn from the seed, e.g. `silence=long stale=often` (sim_hardware.generators.traits).
     """
 
     model: str = "33511B"
@@ -45,6 +46,7 @@ class GeneratorParameters:
     command_s: float = 1e-3
     relay_s: float = 5e-3
     high_z_by_hand: bool = True
+    traits: str = ""
 
     def __post_init__(self) -> None:
         if not self.model.upper().startswith(tuple(GENERATOR_MAKERS)):

@@ -2,6 +2,7 @@
 
 from drivers import Clock, LinkError
 from sim_hardware.wires.port import MessagePort
+from sim_hardware.wires.scpi_engine import split_received
 
 
 class InProcessLink:
@@ -32,9 +33,11 @@ class InProcessLink:
         """Send one message. Raises LinkError if not connected."""
         self._check_connected()
         self._clock.sleep(self._command_s)
-        reply = self._port.handle(message)
-        if reply is not None:
-            self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.terminated))
+        messages, _ = split_received(f"{message}\n".encode("latin-1"))
+        for received in messages:  # one, unless a byte of the message ends it
+            reply = self._port.handle(received)
+            if reply is not None:
+                self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.terminated))
 
     def read(self) -> str:
         """The next answer without its end of line. Raises LinkError if none comes in time."""
@@ -47,6 +50,15 @@ class InProcessLink:
             self._raise_timeout("began an answer and did not end it")
         del self._pending[0]
         return text
+
+    def read_bytes(self, count: int) -> bytes:
+        """That many bytes of the next answer. Raises LinkError if they do not come in time."""
+        text = self.read()
+        if len(text) < count:
+            self._raise_timeout("sent too few bytes")
+        if rest := text[count:]:
+            self._pending.insert(0, (self._clock.now(), rest, True))
+        return text[:count].encode("latin-1")
 
     def clear(self) -> None:
         """Drop every answer that is still on its way."""

@@ -53,6 +53,11 @@ class MessagePort:
         self._engine.process_command = process_command
 
     @property
+    def single_session(self) -> bool:
+        """Whether the instrument serves one connection at a time."""
+        return self._engine.single_session
+
+    @property
     def connected(self) -> bool:
         """Whether the instrument is reachable."""
         return not (self._faults.is_active("scpi-dropped") or self._faults.is_active("generator-power-off"))
@@ -61,9 +66,12 @@ class MessagePort:
         """Run one message; None if nothing comes back."""
         if self._faults.is_active("scpi-silent") or not self.connected:
             return None
+        if self._engine.hung:
+            return None
         with self._lock:
+            silent = self._engine.silent
             answer = self._engine.execute(message)
-        if answer is None:
+        if answer is None or silent:
             return None
         text, ended, late = answer.text, True, 0.0
         if self._faults.is_active("scpi-late"):

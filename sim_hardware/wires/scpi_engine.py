@@ -4,8 +4,9 @@ An instrument declares its commands as patterns (`[SOURce[1]:]VOLTage[:LEVel]`);
 header, keeps the path from one command of a message to the next (IEEE 488.2, SCPI-99 Vol. 1 ch. 6), and joins replies.
 
 The bytes of a binary block may look like an end of line, a comma or a quote. A block is `#`, a digit, that many digits of
-length, and as many bytes (IEEE 488.2, 7.7.6). Siglent instruments write the length as a parameter (`LENGTH,4096B`) and the
-bytes bare after `WAVEDATA,`. Messages are bytes, or the same as Latin-1 text.
+length, and as many bytes (IEEE 488.2, 7.7.6). To a Siglent instrument the bytes go bare after `WAVEDATA,`: its socket reads
+lines, and the first byte 0x0A ends the message (benchctrl at 0c6e51e, on an SDG1032X). Messages are bytes, or the same as
+Latin-1 text.
 """
 
 import math
@@ -119,7 +120,7 @@ def check_argument_count(arguments: Arguments, count: int) -> None:
 
 
 _BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
-_SIGLENT_BLOCK_HEADER = re.compile(r"LENGTH,(\d+)B,[^\n]*?WAVEDATA,")
+_SIGLENT_BLOCK_HEADER = re.compile(r"WAVEDATA,")
 _PLACEHOLDER = "\x00"
 """Replaces a block in a message; no driver sends it."""
 
@@ -165,7 +166,7 @@ def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
         data = block.end() + digits
         found.append((block.start(), data + size, data))
     if bare := _SIGLENT_BLOCK_HEADER.search(text, start, end):
-        found.append((bare.end(), bare.end() + int(bare[1]), bare.end()))
+        found.append((bare.end(), end, bare.end()))
     return min(found, default=None)
 
 
@@ -289,10 +290,27 @@ class ScpiEngine:
                 answer = self._run(header, query, arguments)
             except ScpiError as error:
                 self.queue_error(error)
+                if error.code == -113 and getattr(self._instrument, "UNKNOWN_HEADER_ENDS_MESSAGE", False):
+                    break
                 continue
             if answer is not None:
                 answers.append(answer)
         return ScpiResponse(";".join(answers), self._delay_s) if answers else None
+
+    @property
+    def hung(self) -> bool:
+        """Whether the instrument's remote control is dead until its power returns."""
+        return bool(getattr(self._instrument, "hung", False))
+
+    @property
+    def silent(self) -> bool:
+        """Whether the instrument answers nothing at present."""
+        return bool(getattr(self._instrument, "silent", False))
+
+    @property
+    def single_session(self) -> bool:
+        """Whether the instrument serves one connection at a time."""
+        return bool(getattr(self._instrument, "SINGLE_SESSION", False))
 
     def queue_error(self, error: ScpiError) -> None:
         """Put an error into the queue."""

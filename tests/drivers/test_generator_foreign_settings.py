@@ -54,16 +54,17 @@ DRIVERS = {
     "DG": "DG1032Z",
     "AFG": "AFG3022C",
 }
+PRESENT = {"AFG1022": "polarity=present", "DG811": "gate=present"}
 CASES = [(model, setting) for model, settings in FOREIGN_SETTINGS.items() for setting in settings]
 
 
 @cache
-def parameters(model: str) -> SimulationParameters:
-    return simulated(generator={"model": model}).simulation_parameters
+def parameters(model: str, traits: str = "") -> SimulationParameters:
+    return simulated(generator={"model": model, "traits": traits}).simulation_parameters
 
 
-def opened(model: str) -> tuple[BurstGenerator, SimulatedBench, Link]:
-    bench = SimulatedBench(parameters(model), VirtualClock())
+def opened(model: str, traits: str = "") -> tuple[BurstGenerator, SimulatedBench, Link]:
+    bench = SimulatedBench(parameters(model, traits), VirtualClock())
     family = next(driver for start, driver in DRIVERS.items() if model.startswith(start))
     return BOXES[family](bench.link(), bench.clock), bench, bench.link()
 
@@ -81,7 +82,7 @@ def play_to_one_side(source: BurstGenerator, bench: SimulatedBench) -> None:
 
 @pytest.mark.parametrize(("model", "setting"), CASES)
 def test_arming_corrects_what_the_previous_user_left(model: str, setting: str) -> None:
-    source, bench, panel = opened(model)
+    source, bench, panel = opened(model, PRESENT.get(model, ""))
     press(panel, setting)
     assert not source.is_at_rest(2.5, 0.0, 5.0)
     source.initialize_at_rest(2.5, 0.0, 5.0)
@@ -91,11 +92,25 @@ def test_arming_corrects_what_the_previous_user_left(model: str, setting: str) -
 
 @pytest.mark.parametrize(("model", "setting"), CASES)
 def test_a_setting_changed_between_two_runs_is_noticed_and_corrected(model: str, setting: str) -> None:
-    source, bench, panel = opened(model)
+    source, bench, panel = opened(model, PRESENT.get(model, ""))
     source.initialize_at_rest(2.5, 0.0, 5.0)
     assert source.is_at_rest(2.5, 0.0, 5.0)
     press(panel, setting)
     assert not source.is_at_rest(2.5, 0.0, 5.0)
     source.initialize_at_rest(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    play_to_one_side(source, bench)
+
+
+ABSENT = [("AFG1022", "polarity=absent"), ("DG811", "gate=absent"), ("AFG3021C", ""), ("DG811", "")]
+
+
+@pytest.mark.parametrize("unknown", ["rest-of-message", "whole-message"])
+@pytest.mark.parametrize(("model", "trait"), ABSENT)
+def test_a_model_without_such_a_setting_is_armed_all_the_same(model: str, trait: str, unknown: str) -> None:
+    """It answers no query of an unknown header, and says so in its error queue; some do not read the rest of the message."""
+    source, bench, _ = opened(model, f"{trait} unknown-header={unknown}".strip())
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     play_to_one_side(source, bench)

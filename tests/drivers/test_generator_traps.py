@@ -160,7 +160,7 @@ def test_a_siglent_waveform_is_stored_with_the_levels_that_hold() -> None:
     source, bench, link = live("SDG1032X")
     source.ramp_to(3.0, 0.1)
     source.start_drive(Steps((3.0, 3.2, 3.0), 0.05, 0.05))
-    assert "OFST,3," in sent(link, "WVDT")[-1]
+    assert "OFST,3," in sent(link, "C1:WVDT")[-1]
     bench.clock.sleep(0.4)
     source.ramp_to(2.5, 0.1)
     assert_safe_voltage(bench.report())

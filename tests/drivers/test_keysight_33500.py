@@ -23,6 +23,9 @@ class Tapped:
     def read(self) -> str:
         return self._link.read()
 
+    def read_bytes(self, count: int) -> bytes:
+        return self._link.read_bytes(count)
+
     def clear(self) -> None:
         self._link.clear()
 

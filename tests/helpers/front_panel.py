@@ -14,7 +14,8 @@ def made(model: str) -> tuple[BurstGenerator, SimulatedBench, Link]:
 
 
 def press(panel: Link, command: str) -> None:
-    panel.write(f"{command};*IDN?")
+    panel.write(command)
+    panel.write("*IDN?")  # a message of its own: a wrong command may leave the rest of its message unread
     panel.read()
 
 

@@ -206,7 +206,7 @@ def test_sweep_too_long_for_generator_is_rejected_before_arming(model: str, fits
 @pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG2042X", "AFG3022C"])
 def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Path) -> None:
     """Most hold each of their points until the next, and the card folds those steps into the band: alike in every period."""
-    protocol = Sweep(sweep_s=0.15, periods=6)
+    protocol = Sweep(sweep_s=0.09, periods=12) if model == "SDG2042X" else Sweep(sweep_s=0.15, periods=6)
     with laboratory(simulated(generator={"model": model})) as lab:
         ran = run(protocol, tmp_path, lab)
     assert ran.status == "completed", ran.reason

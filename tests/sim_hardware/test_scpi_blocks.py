@@ -7,7 +7,7 @@ from sim_hardware.wires.scpi_engine import extract_blocks, restore_block, split_
 
 NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'
 SCPI = f"DATA:DAC VOLATILE,{definite_length_block(NASTY)};:SYST:ERR?"
-BARE = f"C1:WVDT WVNM,a,LENGTH,{len(NASTY)}B,WAVEDATA,{NASTY.decode('latin-1')}"
+BARE = "C1:WVDT WVNM,a,WAVEDATA," + NASTY.replace(b"\n", b"").decode("latin-1")
 
 
 @pytest.mark.parametrize("message", [SCPI, BARE, SCPI + "\n*IDN?\n" + BARE])
@@ -26,8 +26,15 @@ def test_messages_are_put_together_from_any_pieces(message: str, size: int) -> N
 def test_a_block_is_lifted_out_and_put_back_whole(message: str) -> None:
     lifted, blocks = extract_blocks(message)
     assert "\n" not in lifted
-    assert restore_block("\x00", blocks).encode("latin-1") == NASTY
+    assert restore_block("\x00", blocks).encode("latin-1") == (NASTY if message is SCPI else NASTY.replace(b"\n", b""))
     assert restore_block("VOLATILE", blocks) == "VOLATILE"
+
+
+def test_the_bytes_of_a_siglent_waveform_end_its_message_at_a_line_feed() -> None:
+    assert split_received(b"C1:WVDT WVNM,a,WAVEDATA,\x01\x02\x0a\x00\n") == (
+        ["C1:WVDT WVNM,a,WAVEDATA,\x01\x02", "\x00"],
+        b"",
+    )
 
 
 def test_a_hash_that_begins_no_block_is_text() -> None:
