@@ -45,6 +45,10 @@ POLL_S = 0.25
 _RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()
 """The acquisitions of this program that run, by the `key` of their card."""
 
+GROUND_CHANNEL = "_aignd_vs_aignd"
+"""The card's ground, converted before the drive where the rate leaves time: an open input shows what was converted before it,
+and must not look like rest because the laser's output is near 2.5 V."""
+
 OUTPUT_END_TIMEOUT_S = 10.0
 """Longest wait for the drive of a dead program to end before its output task is cleared."""
 
@@ -98,12 +102,16 @@ class NiConnection:
             self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
         try:
             with translate_errors(self.description):
-                system = System.remote(self._options) if self._server else System.local()
-                card = system.devices[self.device]
+                card = self.device_properties()
                 return Identity("NI", card.product_type, format(card.serial_num, "X"))
         except InstrumentError:
             self.close()
             raise
+
+    def device_properties(self) -> Any:
+        """Return NI's object of this device, for its properties."""
+        system = System.remote(self._options) if self._server else System.local()
+        return system.devices[self.device]
 
     def new_task(self, role: str) -> Any:
         """Return a new NI task on this card's driver; at a gRPC server that of a dead program is cleared first.
@@ -219,6 +227,7 @@ class NiDigitizer:
         task, where = self._connection.new_task(INPUT), self._connection.description
         try:
             with translate_errors(where, remote=self._connection.is_remote):
+                grounded = self._add_ground(task, rate_hz)
                 for terminal in self._channels:
                     task.ai_channels.add_ai_voltage_chan(
                         f"{self._connection.device}/{terminal}",
@@ -232,7 +241,7 @@ class NiDigitizer:
                     samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
                 )
                 stream = NiStream(
-                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT)
+                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT), grounded
                 )
                 _RUNNING[self._connection.key] = stream
                 return stream
@@ -240,6 +249,21 @@ class NiDigitizer:
             with contextlib.suppress(InstrumentError):
                 self._connection.close_task(task, INPUT)
             raise
+
+    def _add_ground(self, task: Any, rate_hz: float) -> int:
+        """Add the card's ground as the first channel, if it has one converter and time for it; return how many were added."""
+        try:
+            card = self._connection.device_properties()
+            if card.ai_simultaneous_sampling_supported or card.ai_max_multi_chan_rate < rate_hz * (
+                len(self._channels) + 1
+            ):
+                return 0
+            task.ai_channels.add_ai_voltage_chan(
+                f"{self._connection.device}/{GROUND_CHANNEL}", min_val=-self._range_v, max_val=self._range_v
+            )
+        except (DaqError, RpcError):  # a card without this channel
+            return 0
+        return 1
 
     def close(self) -> None:
         self._connection.close()
@@ -250,22 +274,29 @@ class NiStream(Closeable):
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 
     def __init__(
-        self, task: Any, block_scans: int, clock: Clock, description: str, close_task: Callable[[], None]
+        self,
+        task: Any,
+        block_scans: int,
+        clock: Clock,
+        description: str,
+        close_task: Callable[[], None],
+        grounded: int = 0,
     ) -> None:
         self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
         self._read_ahead: deque[Block] = deque()
+        self._grounded = grounded
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
         self.scales = tuple(
-            Scale(tuple(map(float, channel.ai_dev_scaling_coeff)), skew_s=slot * convert_s)
+            Scale(tuple(map(float, channel.ai_dev_scaling_coeff)), skew_s=(slot - grounded) * convert_s)
             for slot, channel in enumerate(task.ai_channels)
-        )
-        self._raw = np.zeros((len(self.scales), block_scans), np.int16)
+        )[grounded:]
+        self._raw = np.zeros((grounded + len(self.scales), block_scans), np.int16)
         self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
         task.start()
-        self.start_time_s = clock.now()
+        self.start_time_s = clock.now() + grounded * convert_s
 
     def read(self) -> Block:
         return self._read_ahead.popleft() if self._read_ahead else self._read_block()
@@ -284,7 +315,7 @@ class NiStream(Closeable):
             raise AcquisitionError(f"{self._description}: the acquisition is closed")
         with translate_errors(self._description):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
-        block = Block(self._next_scan, self._raw.copy())
+        block = Block(self._next_scan, self._raw[self._grounded :].copy())
         self._next_scan = block.stop
         return block
 

@@ -21,6 +21,13 @@ Counts = NDArray[np.int16]
 DRIVE_CHANNEL, SENSOR_CHANNEL, VOLTAGE_MONITOR_CHANNEL, CURRENT_MONITOR_CHANNEL = 0, 1, 2, 3
 FIRST_OUTPUT_READBACK_CHANNEL = 1000
 """From this number on, a channel is an analogue output measured inside the card (`_ao0_vs_aognd`)."""
+GROUND_CHANNEL = 2000
+"""The channel inside the card that is its analogue ground (`_aignd_vs_aignd`)."""
+
+LAST_CONNECTED_CHANNEL = CURRENT_MONITOR_CHANNEL
+GHOST_SHARE = 0.98
+"""Share of the volts converted before it that an open input shows: the multiplexer's capacitance keeps its charge."""
+
 TIMEBASE_HZ = 100e6
 _NOISE_PAGE_SAMPLES = 8192
 
@@ -99,10 +106,23 @@ class Acquisition:
         if not count:
             return out
         t = self.start_time_s + np.arange(first, first + count) / self.rate_hz
-        for slot, (channel, noise) in enumerate(zip(self.channels, self._noise, strict=True)):
-            clean, sigma = self._card.channel_voltage(channel, t + slot * self.convert_s)
+        for slot, noise in enumerate(self._noise):
+            clean, sigma = self._slot_voltage(slot, t)
             out[slot] = self._card.quantize(clean + sigma * noise(first, count))
         return out
+
+    def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, float]:
+        """Volts in a place of the scans at times `t`, and their noise; an open input shows the place before it."""
+        share = 1.0
+        for before in range(len(self.channels)):
+            place = slot - before
+            if not self._card.is_open(self.channels[place]):
+                # Of the scan before this one, if the list of channels has been gone through.
+                when = t + place * self.convert_s if place >= 0 else t - 1 / self.rate_hz
+                clean, sigma = self._card.channel_voltage(self.channels[place], np.maximum(when, 0.0))
+                return share * clean, sigma
+            share *= GHOST_SHARE
+        return np.zeros(t.size), self._card.parameters.noise_v
 
 
 class SimulatedCard:
@@ -150,6 +170,12 @@ class SimulatedCard:
             queue.adjustable = given.usb_adjustable
         return queue
 
+    def is_open(self, channel: int) -> bool:
+        """Whether nothing is connected to a channel's terminal."""
+        if channel == DRIVE_CHANNEL:
+            return self.parameters.drive_open
+        return LAST_CONNECTED_CHANNEL < channel < FIRST_OUTPUT_READBACK_CHANNEL
+
     def channel_voltage(self, channel: int, t: Array) -> tuple[Array, float]:
         """Volts at the channel's terminal without noise, and the rms noise it will carry."""
         if channel == DRIVE_CHANNEL:
@@ -164,7 +190,7 @@ class SimulatedCard:
             return self._amplifier.voltage_monitor_v_per_v * self.plant.specimen_voltage(t), self.parameters.noise_v
         if channel == CURRENT_MONITOR_CHANNEL:
             return self._amplifier.current_monitor_v_per_a * self.plant.current(t), self.parameters.noise_v
-        if channel >= FIRST_OUTPUT_READBACK_CHANNEL:
+        if FIRST_OUTPUT_READBACK_CHANNEL <= channel < GROUND_CHANNEL:
             return self.outputs[channel - FIRST_OUTPUT_READBACK_CHANNEL].volts(t), self.parameters.noise_v
         return np.zeros(t.size), self.parameters.noise_v
 

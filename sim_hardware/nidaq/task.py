@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers import Clock
-from sim_hardware.nidaq.card import FIRST_OUTPUT_READBACK_CHANNEL, Acquisition, SimulatedCard
+from sim_hardware.nidaq.card import FIRST_OUTPUT_READBACK_CHANNEL, GROUND_CHANNEL, Acquisition, SimulatedCard
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.plant import FaultState
 
@@ -64,6 +64,8 @@ class SimulatedNiDevice:
 
     def physical_channel_name(self, number: int) -> str:
         """The name of a channel number."""
+        if number == GROUND_CHANNEL:
+            return f"{self.name}/_aignd_vs_aignd"
         line = (
             f"_ao{number - FIRST_OUTPUT_READBACK_CHANNEL}_vs_aognd"
             if number >= FIRST_OUTPUT_READBACK_CHANNEL
@@ -91,6 +93,9 @@ class SimulatedNiDevice:
             device, _, line = part.strip().partition("/")
             if device.lower() != self.name.lower():
                 raise NiError(-200220, f"Device Specified: {device}")
+            if line.strip().lower() == "_aignd_vs_aignd":
+                numbers.append(GROUND_CHANNEL)
+                continue
             inside = re.fullmatch(r"_ao(\d+)_vs_aognd", line.strip(), re.IGNORECASE)
             if inside and int(inside[1]) < len(self.card.outputs):
                 numbers.append(FIRST_OUTPUT_READBACK_CHANNEL + int(inside[1]))

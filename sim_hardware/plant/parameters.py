@@ -140,6 +140,8 @@ class CardParameters:
         coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
         usb_requests, usb_request_bytes: transfers under way to its analogue output; 0 draws them from the seed.
         usb_adjustable: whether their size can be changed; None draws it.
+        drive_open: whether the cable from the drive to ai0 is off: an open input shows what was converted before it (NI
+            knowledge base kA03q000000YHy6CAG, "How do I eliminate ghosting").
     """
 
     product: str = "USB-6341"
@@ -154,6 +156,7 @@ class CardParameters:
     usb_requests: int = 0
     usb_request_bytes: int = 0
     usb_adjustable: bool | None = None
+    drive_open: bool = False
 
     def __post_init__(self) -> None:
         _positive("card", range_v=self.range_v, max_rate_hz=self.max_rate_hz, channels=self.channels)

@@ -1,0 +1,66 @@
+"""Analogue input of the card: an open input shows what was converted before it, and must not look like rest."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from drivers.bench.rest import verify_rest
+from drivers.bench.shutdown import drive_voltage
+from drivers.nidaq.analog_input import NiDigitizer
+from drivers.nidaq.analog_output import NiAnalogOutput
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.nidaq.task import SimulatedNiDevice
+from sim_hardware.plant.parameters import CardParameters, SensorParameters, SimulationParameters
+from tests.helpers.simulated_bench import installed
+from tests.wires.ni_library import NiLibrary
+
+
+@contextmanager
+def at_rest(**card) -> Iterator[SimulatedBench]:
+    """A bench at rest whose laser's output is where rest is at the drive's channel."""
+    parameters = SimulationParameters(source="ao0", sensor=SensorParameters(zero_v=2.5), card=CardParameters(**card))
+    bench = SimulatedBench(parameters, VirtualClock())
+    with installed(NiLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))):
+        source = NiAnalogOutput("Dev1", "ao0", bench.clock)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        yield bench
+        source.close()
+
+
+@pytest.mark.parametrize("rate_hz", [5000.0, 100e3])
+def test_an_open_drive_channel_does_not_look_like_rest(rate_hz: float) -> None:
+    with at_rest(drive_open=True) as bench:
+        with NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(rate_hz, 500) as stream:
+
+            def read() -> tuple[int, np.ndarray]:
+                block = stream.read()
+                return block.start, drive_voltage(block, stream.scales)
+
+            rest = verify_rest(read, bench.clock, stream.start_time_s, stream.rate_hz, 2.5, 0.5)
+        assert not rest.confirmed
+        assert rest.measured_v == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_rate_without_time_for_the_ground_is_acquired_without_it() -> None:
+    with at_rest() as bench:
+        with NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(250e3, 1000) as stream:
+            block = stream.read()
+        assert block.raw.shape == (2, 1000)
+        assert drive_voltage(block, stream.scales).mean() == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("convert_s", [12e-6, 0.0])
+def test_channels_and_their_skew_count_from_the_scan(convert_s: float) -> None:
+    """A card with a converter for each channel has no ghosts, needs no ground and has no skew."""
+    with (
+        at_rest(convert_s=convert_s) as bench,
+        NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000.0, 100) as stream,
+    ):
+        assert stream.read().raw.shape == (2, 100)
+        skews = [scale.skew_s for scale in stream.scales]
+    assert math.isclose(skews[1] - skews[0], convert_s)
+    assert skews[0] == 0.0
