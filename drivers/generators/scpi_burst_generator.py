@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from drivers.deprecated import renamed
-from drivers.errors import LinkError
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
     ExpectedSetting,
@@ -15,9 +14,6 @@ from drivers.generators.expected_setting import (
     expect_value,
 )
 from drivers.transport.scpi import join_commands
-
-UNDEFINED_HEADER = "-113"
-"""Code of the error that an unknown command leaves in the error queue (SCPI-99, vol. 2, 21.8.9)."""
 
 
 @renamed(
@@ -60,14 +56,10 @@ class ScpiBurstGenerator(BurstGenerator):
     def _query_optional_setting(self, name: str) -> str | None:
         if name in self._unknown_headers:
             return None
-        try:
-            return self._query_setting(name)
-        except LinkError:  # an unknown header is not answered; the error queue tells it from a lost reply
-            code = self._scpi.query("SYST:ERR?").partition(",")[0]
-            if code.strip() != UNDEFINED_HEADER:
-                raise
-        self._unknown_headers |= {name}
-        return None
+        answer = self._scpi.query_optional(f"{name}?")
+        if answer is None:
+            self._unknown_headers |= {name}
+        return answer
 
     def _neutral_settings(self) -> Iterable[NeutralSetting]:
         """Return the settings of other users that this model has."""

@@ -5,7 +5,8 @@ tenths of a second to seconds. So a level counts as reached when the supply meas
 the bench file allows is an error. The card's drive channel remains the reference for the volts.
 
 The output is never switched off: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the specimen.
-Over-voltage protection trips the output off with the same effect: it is rejected if it could trip.
+Over-voltage protection trips the output off with the same effect: it is rejected if it could trip. So does over-current
+protection at an inrush, unlike the current limit: it is switched off, as are tracking and pairing of outputs.
 
 A supply has no memory for a waveform: a thread steps it along a drive during the run.
 """
@@ -119,6 +120,7 @@ class DcSupply:
             and abs(self._output.measured_v() - rest_v) <= LEVEL_TOLERANCE_V
             and abs(self._output.current_limit_a() - self._current_limit_a) <= CURRENT_TOLERANCE_A
             and not self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V)
+            and not self._output.persistent_mismatch()
         )
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
@@ -132,6 +134,12 @@ class DcSupply:
         self._output.clear_error_queue()
         if trouble := self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V):
             raise InstrumentError(f"{self._name}: {trouble}")
+        self._output.reset_persistent_settings()
+        if trouble := self._output.persistent_mismatch():
+            raise InstrumentError(
+                f"{self._name}: {trouble}, and it does not obey. It could take the output to 0 V, -500 V on the specimen, or to "
+                "another level: switch it off at the front panel"
+            )
         self._output.set_current_limit(self._current_limit_a)
         if self._output.is_output_on():  # a level that an earlier program left is ramped to rest like any other
             self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)

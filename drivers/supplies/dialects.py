@@ -1,18 +1,41 @@
 """DC supply dialects: the commands of each family as a table, and one output as a channel.
 
-Sources: E3631A manual p. 74, 79; E36300 programming guide; DP800 programming guide p. 2-6, 2-35. Entries marked MEM were
-written from memory and are to be confirmed on the first real instrument.
+Sources: E3631A manual p. 74, 79; E3632A guide p. 88; E36300 programming guide; DP800 programming guide p. 2-6, 2-35, 2-57;
+PyMeasure at 32503b8 (keysightE364xA, keysightE36312A, siglent_spdbase). What rests on none of them is marked unproven in
+the table of assumptions (docs/generators.md).
 """
 
 import re
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 from drivers.transport.scpi import Link, ScpiSession
+
+
+@dataclass(frozen=True, slots=True)
+class PersistentSetting:
+    """A setting that persists from other users and can take the output away or move it.
+
+    Args:
+        name: for messages, after "its".
+        query: asks for it.
+        neutral: replies at which it does nothing, in capitals.
+        reset: command that sets it to neutral.
+        optional: whether models of the family without it are possible.
+    """
+
+    name: str
+    query: str
+    neutral: tuple[str, ...]
+    reset: str
+    optional: bool = False
+
+
+OFF_REPLIES = ("0", "+0", "OFF")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +49,9 @@ class SupplyDialect:
         query_current, measure_voltage, query_output: queries.
         query_ovp_enabled, query_ovp_level, query_ovp_tripped: queries of the over-voltage protection;
             empty if it has no remote access.
-        output_in_status_word: whether `query_output` is answered by a word of bits: bit 4 is output 1, bit 5 output 2.
+        persistent_settings: over-current protection, which switches the output off at an inrush, tracking and pairing.
+        output_in_status_word: whether `query_output` is answered by a word of bits: bit 4 is output 1, bit 5 output 2, and
+            bit 3 says that they are in series or parallel.
         accepts_compound_messages: whether a setting and the query that confirms it may share a message.
     """
 
@@ -41,14 +66,33 @@ class SupplyDialect:
     query_ovp_enabled: str = ""
     query_ovp_level: str = ""
     query_ovp_tripped: str = ""
+    persistent_settings: tuple[PersistentSetting, ...] = ()
     output_in_status_word: bool = False
     accepts_compound_messages: bool = True
 
 
+OCP = "over-current protection"
+
+# A single output takes no channel list.
+SINGLE_OUTPUT = SupplyDialect(
+    "Keysight E36100/E36200 with one output",
+    r"E36(10[2-6]|15[0-5]|23[12])",
+    set_voltage="VOLT {v:.4f}",
+    set_current="CURR {v:.4f}",
+    query_current="CURR?",
+    measure_voltage="MEAS:VOLT?",
+    enable_output="OUTP ON",
+    query_output="OUTP?",
+    query_ovp_enabled="VOLT:PROT:STAT?",
+    query_ovp_level="VOLT:PROT?",
+    query_ovp_tripped="VOLT:PROT:TRIP?",
+    persistent_settings=(PersistentSetting(OCP, "CURR:PROT:STAT?", OFF_REPLIES, "CURR:PROT:STAT OFF", optional=True),),
+)
+
 SUPPLY_DIALECTS = (
     SupplyDialect(
-        "Keysight E36100/E36200/E36300",
-        r"E36\d{3}",
+        "Keysight E36200/E36300",
+        r"E36(3\d\d|23[34])",
         set_voltage="VOLT {v:.4f},(@{ch})",
         set_current="CURR {v:.4f},(@{ch})",
         query_current="CURR? (@{ch})",
@@ -58,6 +102,33 @@ SUPPLY_DIALECTS = (
         query_ovp_enabled="VOLT:PROT:STAT? (@{ch})",
         query_ovp_level="VOLT:PROT? (@{ch})",
         query_ovp_tripped="VOLT:PROT:TRIP? (@{ch})",
+        persistent_settings=(
+            PersistentSetting(
+                OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"
+            ),  # it acts at the current limit itself
+            PersistentSetting("pairing of outputs", "OUTP:PAIR?", ("OFF", "NONE"), "OUTP:PAIR OFF", optional=True),
+        ),
+    ),
+    SINGLE_OUTPUT,
+    replace(
+        SINGLE_OUTPUT,
+        name="Keysight E3632A/E3633A/E3634A",
+        model_pattern=r"E363[234]",
+        persistent_settings=(PersistentSetting(OCP, "CURR:PROT:STAT?", OFF_REPLIES, "CURR:PROT:STAT OFF"),),
+    ),
+    replace(SINGLE_OUTPUT, name="Keysight E3640A-E3645A", model_pattern=r"E364[0-5]", persistent_settings=()),
+    replace(
+        SINGLE_OUTPUT,
+        name="Keysight E3646A-E3649A",
+        model_pattern=r"E364[6-9]",
+        set_voltage="INST:NSEL {ch};:VOLT {v:.4f}",
+        set_current="INST:NSEL {ch};:CURR {v:.4f}",
+        query_current="INST:NSEL {ch};:CURR?",
+        measure_voltage="INST:NSEL {ch};:MEAS:VOLT?",
+        query_ovp_enabled="INST:NSEL {ch};:VOLT:PROT:STAT?",
+        query_ovp_level="INST:NSEL {ch};:VOLT:PROT?",
+        query_ovp_tripped="INST:NSEL {ch};:VOLT:PROT:TRIP?",
+        persistent_settings=(PersistentSetting("tracking", "OUTP:TRAC?", OFF_REPLIES, "OUTP:TRAC OFF", optional=True),),
     ),
     # All outputs of an E3631A come on together; which one a setting means is selected in the same message.
     SupplyDialect(
@@ -69,6 +140,7 @@ SUPPLY_DIALECTS = (
         measure_voltage="INST:NSEL {ch};:MEAS:VOLT?",
         enable_output="OUTP ON",
         query_output="OUTP?",
+        persistent_settings=(PersistentSetting("tracking", "OUTP:TRAC?", OFF_REPLIES, "OUTP:TRAC OFF", optional=True),),
     ),
     SupplyDialect(
         "Rigol DP800",
@@ -82,8 +154,12 @@ SUPPLY_DIALECTS = (
         query_ovp_enabled=":OUTP:OVP? CH{ch}",
         query_ovp_level=":OUTP:OVP:VAL? CH{ch}",
         query_ovp_tripped=":OUTP:OVP:QUES? CH{ch}",
+        persistent_settings=(
+            PersistentSetting(OCP, ":OUTP:OCP? CH{ch}", OFF_REPLIES, ":OUTP:OCP CH{ch},OFF"),
+            PersistentSetting("tracking", ":OUTP:TRAC? CH{ch}", OFF_REPLIES, ":OUTP:TRAC CH{ch},OFF", optional=True),
+        ),
     ),
-    # MEM: one command a message, no query for the output, no protection over the wire.
+    # One command a message, no query for the output, no protection over the wire.
     SupplyDialect(
         "Siglent SPD",
         r"SPD[13]",
@@ -130,6 +206,7 @@ class SupplyChannel:
                 "Correct the driver or the resource in the bench file"
             )
         self._dialect = fits[0]
+        self._unknown: set[str] = set()  # queries that this model does not know
         self._scpi.instrument = self.name = f"DC supply {self.identity.model}"
 
     def reopen(self) -> None:
@@ -178,9 +255,12 @@ class SupplyChannel:
     def is_output_on(self) -> bool:
         if not self._dialect.output_in_status_word:
             return self._query_bool(self._dialect.query_output)
+        return bool(self._status_word() >> (3 + self._channel) & 1)
+
+    def _status_word(self) -> int:
         answer = self._query(self._dialect.query_output)
         try:
-            return bool(int(answer, 16) >> (3 + self._channel) & 1)
+            return int(answer, 16)
         except ValueError:
             raise LinkError(f"{self.name}: '{answer[:60]}' is no status word; check the cable") from None
 
@@ -199,6 +279,36 @@ class SupplyChannel:
                 f"the specimen: set it to at least {min_level_v:g} V or off"
             )
         return ""
+
+    def persistent_mismatch(self) -> str:
+        """Describe the first setting of another user that can take the output away or move it; empty if there is none."""
+        if self._dialect.output_in_status_word and self._status_word() >> 3 & 1:
+            return "its outputs are in series or parallel"
+        for setting in self._dialect.persistent_settings:
+            answer = self._query_persistent(setting)
+            if answer is not None and answer not in setting.neutral:
+                return f"its {setting.name} is {answer}"
+        return ""
+
+    def reset_persistent_settings(self) -> None:
+        """Reset what other users left: over-current protection, tracking, pairing."""
+        if self._dialect.output_in_status_word and self._status_word() >> 3 & 1:
+            self._write_checked("OUTP:TRACK 0")
+        for setting in self._dialect.persistent_settings:
+            answer = self._query_persistent(setting)
+            if answer is not None and answer not in setting.neutral:
+                self._write_checked(setting.reset.format(ch=self._channel))
+
+    def _query_persistent(self, setting: PersistentSetting) -> str | None:
+        query = setting.query.format(ch=self._channel)
+        if query in self._unknown:
+            return None
+        with self._lock:
+            answer = self._scpi.query_optional(query) if setting.optional else self._scpi.query(query)
+        if answer is None:
+            self._unknown.add(query)
+            return None
+        return answer.strip().upper()
 
     def _query(self, query: str) -> str:
         with self._lock:

@@ -18,6 +18,9 @@ from drivers.interfaces import Identity
 SCPI_INFINITY = 9.9e37
 """How SCPI writes infinity; its "not a number" is 9.91e37 (SCPI-99, vol. 1, 7.2.1)."""
 
+UNDEFINED_HEADER = "-113"
+"""Code of the error that an unknown command leaves in the error queue (SCPI-99, vol. 2, 21.8.9)."""
+
 MEASURED_REPLIES = 15
 MAX_BLOCK_HEADER = 512
 """Longest text before the bytes of a reply."""
@@ -92,6 +95,20 @@ class ScpiSession:
                 self.link.clear()
             shown = query.partition(",#")[0]  # without the bytes of a waveform
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
+
+    def query_optional(self, query: str) -> str | None:
+        """Return the reply to a query that the instrument may not know; None if it says so.
+
+        Raises:
+            LinkError: no reply, although it knows the query.
+        """
+        try:
+            return self.query(query)
+        except LinkError:  # an unknown header is not answered; the error queue tells it from a lost reply
+            code = self.query("SYST:ERR?").strip().replace("  ", ",").partition(",")[0]
+            if code.strip() != UNDEFINED_HEADER:
+                raise
+        return None
 
     def query_float(self, query: str) -> float:
         """Return the reply to a query as a number.

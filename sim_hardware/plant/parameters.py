@@ -63,6 +63,8 @@ class SupplyParameters:
         fall_tau_s: time constant of its falling output without a load.
         off_v: where its output goes when it is off; an E3631A may show 0.6 V of the other sign.
         ovp, ovp_v: its over-voltage protection at power-on.
+        ocp: whether its over-current protection was left on.
+        tracking: whether its outputs were left in series.
     """
 
     model: str = "E36312A"
@@ -71,6 +73,8 @@ class SupplyParameters:
     off_v: float = 0.0
     ovp: bool = False
     ovp_v: float = 6.0
+    ocp: bool = False
+    tracking: bool = False
 
     def __post_init__(self) -> None:
         _positive("supply", fall_tau_s=self.fall_tau_s)

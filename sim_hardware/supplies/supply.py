@@ -11,6 +11,8 @@ from sim_hardware.generators.generator import SegmentFactory
 from sim_hardware.plant import Segment, SupplyParameters
 
 RISE_TAU_S = 1e-3
+INRUSH_A = 0.2
+"""What a step draws for a moment, into the capacitance of cable and output."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,9 @@ class SimulatedSupply:
         self.output_on = False
         self.ovp_v = parameters.ovp_v
         self.ovp_enabled = parameters.ovp
-        self.ovp_tripped = False
+        self.ovp_tripped = self.ocp_tripped = False
+        self.ocp_enabled = parameters.ocp
+        self.tracking = parameters.tracking
         self._powered = True
         self.update_output()
 
@@ -66,7 +70,10 @@ class SimulatedSupply:
             start = float(self._segment.volts(np.array([t]))[0])
             if self.output_on and self.ovp_enabled and self.level_v > self.ovp_v:
                 self.output_on, self.ovp_tripped = False, True
-            target = self.level_v if self.output_on and self._powered else self._parameters.off_v
+            if self.output_on and self.ocp_enabled and self.level_v > start and self.current_limit_a < INRUSH_A:
+                self.output_on, self.ocp_tripped = False, True  # DP800 guide p. 2-57, E3632A guide p. 88
+            level_v = 2 * self.level_v if self.tracking else self.level_v  # in series, the outputs add
+            target = level_v if self.output_on and self._powered else self._parameters.off_v
             self._segment = ExponentialSegment(
                 t, start, target, RISE_TAU_S if target > start else self._parameters.fall_tau_s
             )
@@ -80,7 +87,8 @@ class SimulatedSupply:
 
     def reset(self) -> None:
         """Factory state: off."""
-        self.output_on, self.level_v, self.ovp_tripped = False, 0.0, False
+        self.output_on, self.level_v, self.ovp_tripped, self.ocp_tripped = False, 0.0, False, False
+        self.ocp_enabled = self.tracking = False
         self.ovp_enabled, self.ovp_v = self._parameters.ovp, self._parameters.ovp_v
         self.update_output()
 
