@@ -11,49 +11,54 @@ behaviour is listed in `EQUIVALENT` with the reason.
 
 import argparse
 import ast
+import hashlib
+import multiprocessing
+import multiprocessing.context
 import os
 import queue
-import random
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
 AREAS: Mapping[str, Mapping[str, str]] = {
     "safety": {
-        "drivers/bench/amplifier.py": "tests/drivers/test_amplifier.py tests/drivers/test_bench.py tests/safety/test_ways_out.py",
-        "drivers/bench/bench.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py tests/safety/test_live_warning.py",
-        "drivers/bench/armed_bench.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py tests/safety/test_live_warning.py",
-        "drivers/bench/shutdown.py": "tests/drivers/test_bench.py tests/safety/test_ways_out.py",
-        "drivers/bench/rest.py": "tests/drivers/test_rest.py tests/drivers/test_bench.py",
-        "drivers/watchdog/process.py": "tests/safety/test_watchdog_process.py tests/safety/test_watchdog.py tests/safety/test_watchdog_telling.py",
-        "drivers/watchdog/client.py": "tests/safety/test_watchdog.py tests/safety/test_watchdog_telling.py tests/safety/test_watchdog_process.py",
-        "drivers/drive.py": "tests/drivers/test_drive.py tests/drivers/test_amplifier.py",
-        "drivers/transport/lock.py": "tests/drivers/test_lock.py tests/safety/test_one_program.py",
+        "drivers/bench/amplifier.py": "tests/drivers/test_amplifier_commands.py tests/drivers/test_amplifier.py tests/drivers/test_bench.py",
+        "drivers/bench/bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
+        "drivers/bench/armed_bench.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
+        "drivers/bench/shutdown.py": "tests/drivers/test_bench_arming.py tests/drivers/test_bench.py",
+        "drivers/bench/rest.py": "tests/drivers/test_rest.py",
+        "drivers/watchdog/process.py": "tests/safety/test_watchdog_loop.py tests/safety/test_watchdog_process.py",
+        "drivers/watchdog/client.py": "tests/safety/test_watchdog_client.py tests/safety/test_watchdog_process.py",
+        "drivers/drive.py": "tests/drivers/test_waveforms.py tests/drivers/test_drive.py",
+        "drivers/transport/lock.py": "tests/drivers/test_lock.py",
     },
     "runner": {
-        "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py",
-        "protocols/runner/entries.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py tests/protocols/test_lost_scans.py tests/protocols/test_levels.py",
-        "protocols/runner/interrupts.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py",
-        "protocols/runner/conclusion.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py tests/safety/test_ways_out.py tests/protocols/test_judgement.py",
-        "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
-        "protocols/runner/acquisition.py": "tests/protocols/test_levels.py tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
-        "protocols/runner/operator_prompts.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py tests/protocols/test_runner.py",
-        "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py tests/protocols/test_continuation.py",
+        "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py",
+        "protocols/runner/entries.py": "tests/protocols/test_entries.py tests/protocols/test_lost_scans.py tests/protocols/test_runner.py",
+        "protocols/runner/interrupts.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py",
+        "protocols/runner/conclusion.py": "tests/protocols/test_runner.py tests/protocols/test_judgement.py tests/protocols/test_entries.py",
+        "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
+        "protocols/runner/acquisition.py": "tests/protocols/test_levels.py tests/protocols/test_executor.py tests/protocols/test_runner.py",
+        "protocols/runner/operator_prompts.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
+        "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_continuation.py",
         "protocols/base/verdict.py": "tests/protocols/test_verdict.py",
         "protocols/resume.py": "tests/protocols/test_continuation.py",
     },
     "file": {
         "protocols/runfile/writer.py": "tests/protocols/test_runfile.py tests/protocols/test_lost_files.py tests/protocols/test_verdict.py",
-        "protocols/runfile/reader.py": "tests/protocols/test_runfile.py tests/test_old_files.py tests/protocols/test_hostile_files.py",
-        "protocols/runfile/open.py": "tests/protocols/test_runfile.py tests/protocols/test_hostile_files.py",
+        "protocols/runfile/reader.py": "tests/protocols/test_runfile.py tests/protocols/test_verdict.py",
+        "protocols/runfile/open.py": "tests/protocols/test_runfile.py",
     },
     "signals": {
         "protocols/signals/sine.py": "tests/protocols/signals/test_sine_and_settling.py",
@@ -78,10 +83,33 @@ PER_AREA = {"safety": 80, "runner": 35, "file": 35, "signals": 20, "identificati
 """Mutants of each area: 210 in all, most of them where a fault is dangerous."""
 
 GOALS = {"safety": 0.95, "all": 0.90}
-TIME_LIMIT_S = 300.0
+
+FIRST_LIMIT_S, LEAST_LIMIT_S, SLOWER = 900.0, 60.0, 3.0
+"""Limits of the tests' duration: without a planted fault, and with one: by so many times longer, and by so many seconds."""
+
+CONTEXT = multiprocessing.get_context(
+    "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+)
+if isinstance(CONTEXT, multiprocessing.context.ForkServerContext):  # libraries are imported once
+    CONTEXT.set_forkserver_preload(
+        [
+            "_pytest",
+            "hypothesis",
+            "numpy",
+            "scipy.optimize",
+            "scipy.signal",
+            "scipy.stats",
+            "h5py",
+            "pydantic",
+            "filelock",
+        ]
+    )
+
+RAN = 64
+"""Added to pytest's exit code, so that a process that could not begin is not taken for a test that failed."""
 
 EQUIVALENT: Mapping[tuple[str, str, str], str] = {}
-"""Mutants that cannot change behaviour: (file, line of code without indentation, mutation) -> reason."""
+"""Mutants that cannot change behaviour: (file, line of code without indentation, replacement) -> reason."""
 
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -123,7 +151,7 @@ class Mutant:
     def is_equivalent(self) -> bool:
         """Whether it is listed as unable to change behaviour."""
         code = (ROOT / self.file).read_text("utf-8").splitlines()[self.line - 1].strip()
-        return (self.file, code, self.kind) in EQUIVALENT
+        return (self.file, code, self.text) in EQUIVALENT
 
 
 def find_mutants(file: str) -> list[Mutant]:
@@ -191,75 +219,154 @@ def _mutable_nodes(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def sample(area: str, count: int, seed: int) -> list[Mutant]:
-    """Return `count` mutants of an area, the same ones for the same seed and code."""
-    every = [mutant for file in AREAS[area] for mutant in find_mutants(file)]
-    chosen = random.Random(f"{area} {seed}").sample(every, min(count, len(every)))
-    return [mutant for mutant in chosen if not mutant.is_equivalent]
+    """Return `count` mutants of an area.
+
+    Each mutant's place in the order depends on the seed and on its own line only, so that a change elsewhere leaves the
+    sample as it is.
+    """
+    ordered: list[tuple[str, Mutant]] = []
+    for file in AREAS[area]:
+        lines = (ROOT / file).read_text("utf-8").splitlines()
+        seen: Counter[str] = Counter()
+        for mutant in find_mutants(file):
+            name = f"{seed} {file} {lines[mutant.line - 1].strip()} {mutant.kind} {mutant.text}"
+            seen[name] += 1
+            ordered.append((hashlib.sha256(f"{name} {seen[name]}".encode()).hexdigest(), mutant))
+    return [mutant for _, mutant in sorted(ordered, key=lambda each: each[0])[:count]]
 
 
-def is_found(mutant: Mutant, tests: str, tree: Path) -> bool:
-    """Return whether the tests fail, or do not end, with this mutant in a copy of the repository."""
-    file = tree / mutant.file
-    original = file.read_bytes()
-    file.write_bytes(mutant.apply(original))
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(tree),
-        "QT_QPA_PLATFORM": "offscreen",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "", "-p", "no:cacheprovider", "--no-header", "--tb=no"]
+def copy_repository(tree: Path) -> None:
+    """Copy the files of the repository, as far as git knows or would add them."""
+    command = ["git", "ls-files", "-co", "--exclude-standard", "-z"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout.decode()
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file():
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, tree / name)
+
+
+def _run_pytest(tree: str, arguments: Sequence[str]) -> None:
+    """Run pytest in a copy of the repository and end this process with its exit code."""
+    if hasattr(os, "setsid"):
+        os.setsid()
+    os.chdir(tree)
+    os.environ |= {"PYTHONPATH": tree, "QT_QPA_PLATFORM": "offscreen"}
+    sys.path[:] = [tree, *(path for path in sys.path if Path(path or ".").resolve() != ROOT)]
+    for name in [name for name in sys.modules if name.split(".")[0] == "tests"]:
+        del sys.modules[name]  # of the repository, not of the copy
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        os.dup2(nowhere, stream)
+    code = 2
     try:
-        process = subprocess.Popen(
-            [*command, *tests.split()],
-            cwd=tree, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-        try:
-            return process.wait(TIME_LIMIT_S) != 0
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            process.wait()
-            return True
+        code = int(pytest.main(list(arguments)))
     finally:
-        file.write_bytes(original)
+        os._exit(RAN + code)
+
+
+class Tree:
+    """A copy of the repository in which tests run, with or without a mutant."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._changes = 0
+        self._limits_s: dict[str, float] = {}
+        copy_repository(folder)
+
+    def is_found(self, mutant: Mutant, tests: str) -> bool:
+        """Return whether the tests fail, or do not end, with this mutant.
+
+        Raises:
+            RuntimeError: the tests fail without it, too.
+        """
+        if tests not in self._limits_s:
+            self._limits_s[tests] = self._measure_limit(tests)
+        original = (self._folder / mutant.file).read_bytes()
+        self._write(mutant.file, mutant.apply(original))
+        try:
+            return not self._pass(tests, self._limits_s[tests])
+        finally:
+            self._write(mutant.file, original)
+
+    def _write(self, file: str, source: bytes) -> None:
+        """Write a source file with a time of its own: what Python compiled of it before is out of date."""
+        self._changes += 1
+        (self._folder / file).write_bytes(source)
+        os.utime(self._folder / file, (self._changes, self._changes))
+
+    def _measure_limit(self, tests: str) -> float:
+        """Return how many seconds the tests may take on this computer before they count as hanging."""
+        for _ in range(2):
+            begin = time.monotonic()
+            if self._pass(tests, FIRST_LIMIT_S):
+                return LEAST_LIMIT_S + SLOWER * (time.monotonic() - begin)
+        raise RuntimeError(f"these tests fail without any planted fault, which would find all of them: {tests}")
+
+    def _pass(self, tests: str, limit_s: float) -> bool:
+        """Return whether the tests pass: first those of the quick tier, then the deep ones."""
+        end = time.monotonic() + limit_s
+        return all(self._run(tests, tier, end - time.monotonic()) for tier in ("not deep", "deep"))
+
+    def _run(self, tests: str, tier: str, limit_s: float) -> bool:
+        arguments = ["-q", "-x", "-m", tier, "-p", "no:cacheprovider", "--tb=no", f"--timeout={max(limit_s, 1.0):.0f}"]
+        arguments += ["-W", "ignore::pytest.PytestAssertRewriteWarning", *tests.split()]
+        process = CONTEXT.Process(target=_run_pytest, args=(str(self._folder), arguments))
+        process.start()
+        process.join(limit_s + LEAST_LIMIT_S)  # pytest ends a hanging test itself, unless it hangs with it
+        hangs = process.exitcode is None
+        if hangs:
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid or 0, 9)
+            process.kill()
+            process.join()
+        code = process.exitcode
+        process.close()
+        if code == 1:  # Python's own, not pytest's
+            raise RuntimeError("pytest cannot be started in a process of its own; its message is above")
+        return not hangs and code in (RAN + pytest.ExitCode.OK, RAN + pytest.ExitCode.NO_TESTS_COLLECTED)
 
 
 def run(mutants: Sequence[tuple[str, Mutant]], workers: int) -> list[tuple[str, Mutant]]:
-    """Try all mutants, each worker in its own copy of the repository; return the survivors."""
+    """Try all mutants, each worker in its own copy of the repository; return the survivors.
+
+    Raises:
+        RuntimeError: tests fail without any planted fault.
+    """
     waiting: queue.SimpleQueue[tuple[str, Mutant]] = queue.SimpleQueue()
-    for each in mutants:
+    for each in sorted(mutants, key=lambda each: AREAS[each[0]][each[1].file]):
         waiting.put(each)
     survivors: list[tuple[str, Mutant]] = []
+    errors: list[RuntimeError] = []
     done: list[None] = []
+
+    def work(folder: Path) -> None:
+        tree = Tree(folder)
+        while not errors:
+            try:
+                area, mutant = waiting.get_nowait()
+            except queue.Empty:
+                return
+            begin = time.monotonic()
+            try:
+                found = tree.is_found(mutant, AREAS[area][mutant.file])
+            except RuntimeError as error:
+                errors.append(error)
+                return
+            done.append(None)
+            if not found:
+                survivors.append((area, mutant))
+            verdict = "found" if found else "SURVIVED"
+            took_s = time.monotonic() - begin
+            print(f"{len(done):4}/{len(mutants)} {verdict:8} {took_s:5.1f} s  {mutant.describe()}", flush=True)
+
     with tempfile.TemporaryDirectory() as folder:
-
-        def work(tree: Path) -> None:
-            listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard", "-z"], cwd=ROOT, capture_output=True, check=True)  # fmt: skip
-            for name in filter(None, listed.stdout.decode().split("\0")):
-                if (ROOT / name).is_file():
-                    (tree / name).parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copy2(ROOT / name, tree / name)
-            while not waiting.empty():
-                try:
-                    area, mutant = waiting.get_nowait()
-                except queue.Empty:
-                    return
-                begin = time.monotonic()
-                found = is_found(mutant, AREAS[area][mutant.file], tree)
-                done.append(None)
-                if not found:
-                    survivors.append((area, mutant))
-                verdict = "found" if found else "SURVIVED"
-                print(
-                    f"{len(done):4}/{len(mutants)} {verdict:8} {time.monotonic() - begin:5.1f} s  {mutant.describe()}",
-                    flush=True,
-                )
-
         threads = [threading.Thread(target=work, args=(Path(folder) / str(i),)) for i in range(workers)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
+    if errors:
+        raise errors[0]
     return survivors
 
 
@@ -267,26 +374,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 1 where fewer mutants are found than the goals ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--area", choices=AREAS, action="append", help="only this area; may be repeated")
-    parser.add_argument("--sample", type=int, help="mutants per area (default: 210 in all)")
+    parser.add_argument("--sample", type=int, help=f"mutants per area (default: {sum(PER_AREA.values())} in all)")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--match", action="append", help="only those whose line of the report contains this text; may be repeated"
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--list", action="store_true", help="print the mutants and do nothing")
     options = parser.parse_args(arguments)
     areas = options.area or list(AREAS)
-    mutants = [
-        (area, mutant) for area in areas for mutant in sample(area, options.sample or PER_AREA[area], options.seed)
+    chosen = [
+        (area, mutant)
+        for area in areas
+        for mutant in sample(area, options.sample or PER_AREA[area], options.seed)
+        if not options.match or any(text in mutant.describe() for text in options.match)
     ]
     if options.list:
-        print(*(mutant.describe() for _, mutant in mutants), sep="\n")
+        print(*(mutant.describe() for _, mutant in chosen), sep="\n")
         return 0
+    mutants = [(area, mutant) for area, mutant in chosen if not mutant.is_equivalent]
     survivors = run(mutants, options.workers)
     code = 0
     print("\nsurvivors:", *(mutant.describe() for _, mutant in survivors), sep="\n  ")
+    print(f"\n{'area':14} {'mutants':>8} {'equivalent':>11} {'tried':>6} {'found':>6} {'share':>6}")
     for name in [*areas, "all"]:
-        total = [area for area, _ in mutants if name in (area, "all")]
-        left = [area for area, _ in survivors if name in (area, "all")]
-        share = 1 - len(left) / len(total) if total else 1.0
-        print(f"{name:>15}: {len(total) - len(left)} of {len(total)} found, {100 * share:.0f} %")
+        planted, total, left = (sum(name in (area, "all") for area, _ in each) for each in (chosen, mutants, survivors))
+        share = 1 - left / total if total else 1.0
+        print(f"{name:14} {planted:8} {planted - total:11} {total:6} {total - left:6} {100 * share:4.0f} %")
         code = code or int(share < GOALS.get(name, 0.0))
     return code
 

@@ -1,13 +1,16 @@
 """Instrument locks: one controlling program, named to the others; free when program and watchdog have ended."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +19,7 @@ from app.session.bench_connection import connect
 from drivers.errors import InstrumentError, UnsafeError
 from drivers.interfaces import Identity
 from drivers.transport import lock
-from drivers.transport.lock import InstrumentLocks, address_key, identity_key, lock_as_watchdog
+from drivers.transport.lock import InstrumentLocks, address_key, identity_key, lock_as_watchdog, lock_folder
 
 ADDRESS = "TCPIP::192.0.2.7::5025::SOCKET"
 GENERATOR = Identity("Keysight", "33511B", "MY1")
@@ -166,3 +169,137 @@ def test_a_folder_that_cannot_be_written_is_named(folder: Path) -> None:
     folder.write_text("a file in its place")
     with InstrumentLocks("mine") as locks, pytest.raises(InstrumentError, match=r"the lock .* cannot be taken: "):
         locks.lock_address("the source", ADDRESS)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the folder of Windows is another one")
+@pytest.mark.parametrize(
+    ("mode", "exists", "parent"),
+    [(0o41777, True, "/run/lock"), (0o40777, True, "/tmp"), (0o41775, True, "/tmp"), (0o41777, False, "/tmp")],
+)
+def test_the_folder_is_one_into_which_every_user_may_write_and_none_may_delete_of_others(
+    monkeypatch: pytest.MonkeyPatch, mode: int, exists: bool, parent: str
+) -> None:
+    with monkeypatch.context() as computer:
+        computer.setattr(Path, "is_dir", lambda _: exists)
+        computer.setattr(Path, "stat", lambda _: SimpleNamespace(st_mode=mode))
+        folder = lock_folder()
+    assert str(folder) == f"{parent}/tactor-bench"
+
+
+def test_the_folder_can_be_made_on_this_computer() -> None:
+    assert lock_folder().is_absolute()
+    assert lock_folder().parent.parent.is_dir()
+    if os.name != "nt":
+        assert lock_folder().parent.stat().st_mode & 0o1777 == 0o1777
+
+
+def test_the_files_stay_when_the_locks_are_released(folder: Path) -> None:
+    """A file that is removed while another program waits for it would leave two programs with a lock each."""
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        files = {file: file.stat().st_ino for file in folder.iterdir()}
+    assert len(files) == 3
+    assert {file: file.stat().st_ino for file in folder.iterdir()} == files
+    assert locks.files == ()
+
+
+def test_locks_taken_by_one_thread_are_released_by_another(folder: Path) -> None:
+    locks = InstrumentLocks("mine")
+    thread = threading.Thread(target=locks.lock_address, args=("the source", ADDRESS))
+    thread.start()
+    thread.join()
+    locks.close()
+    with InstrumentLocks("theirs") as theirs:
+        theirs.lock_address("the source", ADDRESS)
+
+
+def test_a_simulated_bench_locks_nothing(folder: Path) -> None:
+    with InstrumentLocks("mine", simulated=True) as locks:
+        locks.lock_address("the source", ADDRESS)
+        locks.lock_identity("the source", GENERATOR, ADDRESS)
+        assert locks.files == ()
+    assert not folder.exists()
+
+
+def test_an_instrument_without_a_serial_number_is_locked_by_its_address_alone(folder: Path) -> None:
+    with InstrumentLocks("mine") as locks:
+        locks.lock_identity("the source", Identity("Keysight", "33511B"), ADDRESS)
+        assert locks.files == ()
+        locks.lock_identity("the source", GENERATOR, ADDRESS)
+        locks.lock_address("the source", ADDRESS)
+        assert len(set(locks.files)) == 2
+        assert all(Path(file).parent == folder for file in locks.files)
+
+
+def test_two_watchdogs_do_not_share_an_instrument(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock, "WATCHDOG_TIMEOUT_S", 0.1)
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        mine = lock_as_watchdog(locks.files)
+        assert len(mine) == 1
+        with pytest.raises(InstrumentError, match=r"another watchdog holds .*\.watchdog; end it first"):
+            lock_as_watchdog(locks.files)
+        for each in mine:
+            each.release()
+        for each in lock_as_watchdog(locks.files):
+            each.release()
+
+
+def test_a_watchdog_that_still_works_is_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program that ended is followed at once by the next one; its watchdog needs a moment for the way to rest."""
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        files = locks.files
+    (held,) = lock_as_watchdog(files)
+    timer = threading.Timer(0.1, held.release)
+    timer.start()
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+        assert locks.files == files
+    timer.join()
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        (None, "another program controls it (lock "),
+        ("[]", "another program controls it (lock "),
+        ('{"pid": 7}', "another program controls it (lock "),
+        (
+            '{"pid": 7, "user": "anna\\u001b[2J", "program": "p", "bench": "b", "since": "noon"}',
+            "p (process 7, user anna[2J) has controlled it with the bench 'b' since noon",
+        ),
+    ],
+)
+def test_a_record_of_a_holder_that_cannot_be_read_is_no_error(folder: Path, record: str | None, says: str) -> None:
+    with InstrumentLocks("theirs") as theirs:
+        theirs.lock_address("the source", ADDRESS)
+        (file,) = folder.glob("*.json")
+        if record is None:
+            file.unlink()
+        else:
+            file.write_text(record)
+        with InstrumentLocks("mine") as locks, pytest.raises(InstrumentError) as refused:
+            locks.lock_address("the source", ADDRESS)
+    assert f"the source at {ADDRESS} is in use: {says}" in str(refused.value)
+
+
+@pytest.mark.parametrize(("called", "program"), [("", "python"), ("/usr/bin/tactor-bench", "tactor-bench")])
+def test_the_record_names_program_process_and_bench(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, called: str, program: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", [called])
+    with InstrumentLocks("bench of Anna") as locks:
+        locks.lock_address("the source", ADDRESS)
+        (file,) = folder.glob("*.json")
+        holder = json.loads(file.read_text())
+    assert (holder["program"], holder["pid"], holder["bench"]) == (program, os.getpid(), "bench of Anna")
+    assert holder["user"]
+
+
+def test_a_second_program_writes_over_the_record_of_the_first(folder: Path) -> None:
+    for bench in ("the first, with a long name", "mine"):
+        with InstrumentLocks(bench) as locks:
+            locks.lock_address("the source", ADDRESS)
+    (file,) = folder.glob("*.json")
+    assert json.loads(file.read_text())["bench"] == "mine"

@@ -23,10 +23,13 @@ REST_V = 2.5
 
 
 def watched(
-    volts: Callable[[np.ndarray], np.ndarray], before: RestMeasurement | None = None, begin_s: float = 0.0
+    volts: Callable[[np.ndarray], np.ndarray],
+    before: RestMeasurement | None = None,
+    begin_s: float = 0.0,
+    start_time_s: float = 0.0,
 ) -> RestMeasurement:
-    """Return the verdict on a drive `volts(t)`, measured from `begin_s` for two seconds."""
-    clock = VirtualClock()
+    """Return the verdict on a drive `volts(t)`, measured from `begin_s` for two seconds; the card started at `start_time_s`."""
+    clock = VirtualClock(start_time_s)
     clock.sleep(begin_s)
     index = int(begin_s * RATE_HZ)
 
@@ -36,7 +39,7 @@ def watched(
         clock.sleep(BLOCK / RATE_HZ)
         return start, np.asarray(volts(np.arange(start, index) / RATE_HZ), float)
 
-    return verify_rest(next_volts, clock, 0.0, RATE_HZ, REST_V, 2.0, before)
+    return verify_rest(next_volts, clock, start_time_s, RATE_HZ, REST_V, 2.0, before)
 
 
 def steady(level_v: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -107,3 +110,38 @@ def test_failed_rest_check_reports_lowest_and_highest_voltage() -> None:
 def test_it_is_watched_for_as_long_as_was_said() -> None:
     assert watched(lambda t: np.where(t < 1.7, 4.0, REST_V)).confirmed
     assert not watched(lambda t: np.where(t < 2.3, 4.0, REST_V)).confirmed
+
+
+@pytest.mark.parametrize("start_time_s", [0.0, 700.0])
+def test_samples_count_from_a_tenth_of_a_second_after_the_command_whenever_the_card_was_started(
+    start_time_s: float,
+) -> None:
+    """A drive that rests for less than a tenth of a second after the samples that may be old, and no longer."""
+
+    def rests_until(end_s: float) -> RestMeasurement:
+        return watched(lambda t: np.where(t < end_s, REST_V, 4.0), begin_s=1.0, start_time_s=start_time_s)
+
+    assert not rests_until(1.0 + STALE_SAMPLES_S + REST_DURATION_S - 0.002).confirmed
+    assert rests_until(1.0 + STALE_SAMPLES_S + REST_DURATION_S).confirmed
+
+
+@pytest.mark.parametrize(("spike_s", "reported"), [(0.85, False), (1.02, True), (1.98, True)])
+def test_extremes_of_the_last_second_are_reported(spike_s: float, reported: bool) -> None:
+    seen = watched(lambda t: np.where(np.abs(t - spike_s) < 1e-4, 4.5, np.where(t < 3.0, 3.0, 2.5)))
+    assert not seen.confirmed
+    assert ("(lowest 3.000 V, highest 4.500 V)" in seen.message) == reported
+
+
+def test_a_confirmed_rest_reports_mean_and_noise_of_its_samples() -> None:
+    seen = watched(lambda t: np.where(np.rint(t * RATE_HZ) % 2 == 0, REST_V + 0.012, REST_V + 0.008))
+    assert seen.confirmed
+    assert seen.measured_v == pytest.approx(2.51)
+    assert seen.noise_v == pytest.approx(0.002)
+    assert seen.message == "the card sees 2.510 V at the amplifier's input: rest"
+
+
+def test_rest_that_was_never_measured_long_enough_reports_the_last_block() -> None:
+    seen = watched(lambda t: np.where((t * 25).astype(int) % 2 == 0, REST_V, 3.5))
+    assert not seen.confirmed
+    assert 2.5 < seen.measured_v < 3.5
+    assert seen.noise_v == pytest.approx(0.4, abs=0.01)

@@ -1,0 +1,510 @@
+"""Order of arming and shutdown: when the operator is asked, what the watchdog and the monitor see, what a warning costs."""
+
+# ruff: noqa: PT012 - what a live bench does is asked within its `with`
+
+import contextlib
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.session.bench_connection import BenchConnection
+from drivers.bench.bench import ArmedBench, LiveWarning
+from drivers.bench.watchdog_interface import NoWatchdog
+from drivers.drive import Drive, Hold, Sine
+from drivers.errors import AcquisitionError, BenchError, CardInUseError, DriveRejectedError, LinkError, UnsafeError
+from drivers.interfaces import Block
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.testing.safe_volts import assert_safe_voltage
+from tests.helpers.simulated_bench import laboratory
+
+RATE_HZ = 2000.0
+
+
+class Journal(NoWatchdog):
+    """Operator, watchdog and monitor in one list, with the volts at the amplifier's input at each entry."""
+
+    def __init__(self, world: SimulatedBench) -> None:
+        super().__init__()
+        self._world = world
+        self.lines: list[str] = []
+        self.volts: list[float] = []
+        self.heartbeats = 0
+        self.ended = self.help = ""
+
+    def note(self, line: str) -> None:
+        self.lines.append(line)
+        self.volts.append(self._world.report().end_v)
+
+    # the operator
+    def disable(self) -> None:
+        self.note("operator: off")
+        self._world.disable_hv()
+
+    def enable(self) -> None:
+        self.note("operator: on")
+        self._world.enable_hv()
+
+    # the watchdog
+    def arm(self) -> None:
+        self.note("watchdog: armed")
+
+    def disarm(self) -> None:
+        self.note("watchdog: disarmed")
+
+    def send_heartbeat(self) -> None:
+        self.heartbeats += 1
+
+    def raise_for_status(self) -> None:
+        if self.ended:
+            raise BenchError(self.ended)
+
+    def request_rest(self, reason: str, /) -> str:
+        self.note(f"asked for help: {reason}")
+        return self.help
+
+    def log(self, message: str) -> None:
+        self.note(f"log: {message}")
+
+    def close(self) -> None:
+        self.note("watchdog: closed")
+
+    # the monitor
+    def drive_changed(self, drive: Drive | None) -> None:
+        self.note(f"drive: {drive.kind if drive else 'rest'}")
+
+    def block_read(self, block: Block) -> None:
+        self.note(f"block of {block.raw.shape[1]}")
+
+
+@pytest.fixture
+def lab() -> Iterator[BenchConnection]:
+    with laboratory() as lab:
+        yield lab
+
+
+@pytest.fixture
+def journal(lab: BenchConnection) -> Journal:
+    journal = Journal(lab.control)
+    lab.bench.watchdog = lab.bench.amplifier._watchdog = journal
+    return journal
+
+
+@contextlib.contextmanager
+def armed_bench(
+    lab: BenchConnection, journal: Journal, warnings: list[LiveWarning] | None = None, **options: Any
+) -> Iterator[ArmedBench]:
+    sink = options.pop("sink", lambda _: None)
+    seen = warnings if warnings is not None else []
+    with lab.bench.armed(RATE_HZ, sink, journal, on_warning=seen.append, **options) as armed:
+        yield armed
+
+
+def leave_live(lab: BenchConnection, journal: Journal, volts: float = 1.2) -> None:
+    """Leave the bench as a program that was killed in mid-run leaves it: high voltage on, the source off rest."""
+    with armed_bench(lab, journal):
+        pass
+    lab.bench.amplifier._source.ramp_to(volts, 0.3)
+    lab.bench._high_voltage_enabled = False
+    journal.lines.clear()
+    journal.volts.clear()
+
+
+# -- order ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_watchdog_watches_before_the_operator_switches_on_and_until_rest_was_measured(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    with armed_bench(lab, journal) as armed:
+        assert journal.lines == ["operator: off", "watchdog: armed", "operator: on"]
+        assert journal.volts[1:] == pytest.approx([2.5] * 2, abs=0.01)  # its output was off before
+        assert armed.predicted_rest_s > 0
+        armed.start_drive(Hold(3.5, 9.0))
+    assert journal.lines[3:] == ["watchdog: disarmed"]
+    assert journal.volts[3] == pytest.approx(2.5, abs=0.01)
+    journal.lines.clear()
+    with armed_bench(lab, journal):
+        pass
+    # The source rests since the last run: high voltage may still be on while it is measured.
+    assert journal.lines == ["watchdog: armed", "watchdog: armed", "operator: on", "watchdog: disarmed"]
+
+
+def test_the_operator_is_asked_at_rest_where_an_earlier_program_left_the_source_live(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal)
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings):
+        assert len(warnings) == 1
+        assert "watchdog: armed" in journal.lines[: journal.lines.index("operator: on")]
+        volts = dict(zip(journal.lines, journal.volts, strict=True))
+        assert volts["operator: on"] == pytest.approx(2.5, abs=0.01)
+        assert volts.get("operator: off", 2.5) == pytest.approx(2.5, abs=0.01)
+        assert volts["watchdog: armed"] in (pytest.approx(1.2, abs=0.01), pytest.approx(2.5, abs=0.01))
+    assert journal.lines[0] == "watchdog: armed"  # while the source was being ramped
+
+
+def test_a_burst_that_ended_before_this_program_began_is_nothing_to_be_warned_of(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal, 2.5)
+    lab.bench.amplifier._source.start_drive(Sine(100.0, 1.0, 2.5, 20))
+    lab.bench.clock.sleep(1.0)
+    assert lab.bench.amplifier.is_left_live()  # its amplitude is still set
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings):
+        pass
+    assert warnings == []
+
+
+def test_a_level_that_was_left_within_the_tolerance_of_rest_is_nothing_to_be_warned_of(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal, 2.54)
+    warnings: list[LiveWarning] = []
+    with armed_bench(lab, journal, warnings) as armed:
+        assert armed.initial_rest is not None
+        assert armed.initial_rest.measured_v == pytest.approx(2.5, abs=0.01)
+    assert warnings == []
+
+
+# -- without high voltage ------------------------------------------------------------------------------------------------
+
+
+def test_without_high_voltage_the_operator_switches_it_off_and_nothing_is_watched_afterwards(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    with armed_bench(lab, journal, high_voltage=False) as armed:
+        assert journal.lines == ["operator: off", "watchdog: disarmed"]
+        assert not armed.high_voltage_may_be_on
+        assert armed.initial_rest is not None
+        assert armed.initial_rest.confirmed
+    assert armed.final_rest is None
+    assert lab.control.report().live_s == 0
+    with armed_bench(lab, journal):
+        pass
+    journal.lines.clear()
+    with armed_bench(
+        lab, journal, high_voltage=False
+    ) as armed:  # the source rests, high voltage is on since the last run
+        assert journal.lines == ["watchdog: armed", "operator: off", "watchdog: disarmed"]
+        live_s = lab.control.report().live_s
+        armed.read_block()
+    assert armed.final_rest is None
+    assert lab.control.report().live_s == live_s
+    lab.control.inject("card-unplugged")
+    with pytest.raises(AcquisitionError), armed_bench(lab, journal):  # only failed: high voltage is known to be off
+        pass
+
+
+# -- warnings ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_warning_takes_no_time_and_shows_volts_of_the_last_block(lab: BenchConnection, journal: Journal) -> None:
+    blocks: list[Block] = []
+    at_s: list[float] = []
+    clock = lab.bench.clock
+    with (
+        pytest.raises(LinkError),
+        lab.bench.armed(RATE_HZ, blocks.append, journal, on_warning=lambda _: at_s.append(clock.now())) as armed,
+    ):
+        armed.start_drive(Hold(3.0, 10.0))
+        stream = armed.stream
+        clock.sleep(0.72)
+        begin_s = clock.now()
+        stored = len(blocks)
+        raise LinkError("no answer")
+    assert at_s == [begin_s]
+    until = [stream.start_time_s + (block.start + block.raw.shape[1]) / RATE_HZ for block in blocks]
+    latest_s = max(end_s for end_s in until if end_s <= begin_s)
+    assert begin_s - latest_s < lab.bench.block_s
+    assert len(blocks) > stored + 13
+    assert [b.start for b in blocks] == [sum(b.raw.shape[1] for b in blocks[:i]) for i in range(len(blocks))]
+
+
+def test_every_run_may_be_warned_of_once_while_arming_and_once_while_live(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal)
+    warnings: list[LiveWarning] = []
+    with pytest.raises(LinkError), armed_bench(lab, journal, warnings) as armed:
+        armed.start_drive(Hold(3.0, 10.0))
+        lab.bench.amplifier.on_failure(LinkError("the first"))
+        raise LinkError("the second")
+    assert [warning.message.split(":")[1].split(".")[0].strip() for warning in warnings] == [
+        "an earlier program left a drive or a level on the source, which is ramped to rest now",
+        "the first",
+    ]
+
+
+def test_a_source_that_does_not_tell_what_was_left_on_it_is_measured_and_unsafe_if_it_is_not_at_rest(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal)
+    lab.control.inject("scpi-silent")
+    warnings: list[LiveWarning] = []
+    with pytest.raises(UnsafeError, match=r"By hand, now: .*the card sees 1\.2"), armed_bench(lab, journal, warnings):
+        raise AssertionError("the bench went live")
+    assert len(warnings) == 1
+    assert warnings[0].low_v == pytest.approx(1.2, abs=0.02)
+    assert "operator: on" not in journal.lines
+
+
+def test_a_refusal_to_arm_is_no_danger_and_a_failure_to_arm_is(lab: BenchConnection, journal: Journal) -> None:
+    with armed_bench(lab, journal):
+        pass
+    warnings: list[LiveWarning] = []
+    amplifier = lab.bench.amplifier
+    check = amplifier.check_way_to_rest
+
+    def fail(error: Exception) -> Any:
+        def raises() -> float:
+            raise error
+
+        return raises
+
+    amplifier.check_way_to_rest = fail(DriveRejectedError("not armed: too slow"))  # type: ignore[method-assign]
+    with pytest.raises(DriveRejectedError), armed_bench(lab, journal, warnings):
+        raise AssertionError("the bench went live")
+    assert warnings == []
+    amplifier.check_way_to_rest = fail(BenchError("something else"))  # type: ignore[method-assign]
+    with pytest.raises(BenchError, match="something else"), armed_bench(lab, journal, warnings):
+        raise AssertionError("the bench went live")
+    assert len(warnings) == 1
+    amplifier.check_way_to_rest = check  # type: ignore[method-assign]
+
+
+# -- the card ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_card_that_a_running_program_uses_is_left_alone_with_its_drive(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    leave_live(lab, journal)
+    stream = lab.bench.digitizer.stream
+
+    def in_use(*_: float) -> Any:
+        raise CardInUseError("another program has its analogue input")
+
+    lab.bench.digitizer.stream = in_use  # type: ignore[method-assign]
+    warnings: list[LiveWarning] = []
+    with pytest.raises(CardInUseError), armed_bench(lab, journal, warnings):
+        raise AssertionError("the bench went live")
+    assert (warnings, journal.lines) == ([], [])
+    assert lab.control.report().end_v == pytest.approx(1.2, abs=0.01)
+    lab.bench.digitizer.stream = stream  # type: ignore[method-assign]
+
+
+def test_without_a_card_the_way_to_rest_is_in_the_log_of_the_watchdog(lab: BenchConnection, journal: Journal) -> None:
+    leave_live(lab, journal)
+    lab.control.inject("card-unplugged")
+    with pytest.raises(UnsafeError), armed_bench(lab, journal):
+        raise AssertionError("the bench went live")
+    (line,) = journal.lines
+    assert line.startswith("log: the program could not confirm rest: the card cannot see the drive: ")
+
+
+@pytest.mark.parametrize(
+    ("factor", "refused"), [(0.9892, True), (0.9931, False), (1.0, False), (1.0068, False), (1.0121, True)]
+)
+def test_the_rate_of_the_card_may_differ_by_a_hundredth(lab: BenchConnection, factor: float, refused: bool) -> None:
+    left: list[object] = []
+    stream = SimpleNamespace(rate_hz=factor * RATE_HZ, __exit__=lambda *_: left.append(None))
+    lab.bench.digitizer.stream = lambda rate_hz, scans: left.append((rate_hz, scans)) or stream  # type: ignore[method-assign, assignment, return-value]
+    if refused:
+        with pytest.raises(AcquisitionError, match="where 2000 Hz was asked for"):
+            lab.bench.open_stream(RATE_HZ)
+        assert left == [(RATE_HZ, 100), None]
+    else:
+        assert lab.bench.open_stream(RATE_HZ) is stream
+        assert left == [(RATE_HZ, 100)]
+
+
+def test_a_block_is_a_twentieth_of_a_second_and_a_scan_at_least(lab: BenchConnection) -> None:
+    asked: list[int] = []
+
+    def stream(rate_hz: float, scans: int) -> Any:
+        asked.append(scans)
+        return SimpleNamespace(rate_hz=rate_hz)
+
+    lab.bench.digitizer.stream = stream  # type: ignore[method-assign]
+    for rate_hz in (2000.0, 50_000.0, 2.0):
+        lab.bench.open_stream(rate_hz)
+    assert asked == [100, 2500, 1]
+
+
+# -- while live ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_monitor_sees_every_drive_and_every_block_until_the_shutdown(
+    lab: BenchConnection, journal: Journal
+) -> None:
+    stored: list[Block] = []
+    with armed_bench(lab, journal, sink=stored.append) as armed:
+        armed.monitor = journal
+        journal.lines.clear()
+        stored.clear()
+        armed.start_drive(Hold(3.0, 9.0))
+        first, second = armed.read_block(), armed.discard_block()
+        assert stored == [first]
+        assert armed.last_block is second
+        assert journal.lines == ["drive: Hold", "block of 100", "block of 100"]
+        rest = armed.return_to_verified_rest()
+        assert rest.confirmed
+        assert journal.lines[3] == "drive: rest"
+        assert set(journal.lines[4:]) == {"block of 100"}
+        armed.start_drive(Hold(3.0, 9.0))
+        seen = len(journal.lines)
+    assert journal.lines[seen:] == ["watchdog: disarmed"]
+
+
+def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(lab: BenchConnection, journal: Journal) -> None:
+    with pytest.raises(BenchError, match="the watchdog has ended"), armed_bench(lab, journal) as armed:
+        before = journal.heartbeats
+        for _ in range(5):
+            armed.read_block()
+        assert journal.heartbeats - before >= 5
+        journal.ended = "the watchdog has ended"
+        try:
+            armed.read_block()
+        finally:
+            journal.ended = ""
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
+
+
+def test_rest_that_is_not_reached_between_two_drives_ends_the_run(lab: BenchConnection, journal: Journal) -> None:
+    with (
+        pytest.raises(BenchError, match=r"the source was told to rest, but the card sees 2\.6"),
+        armed_bench(lab, journal) as armed,
+    ):
+        link = lab.control.link()
+        link.write("VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.6;*IDN?")
+        link.read()
+        armed.return_to_verified_rest()
+    assert_safe_voltage_at_end(lab)
+
+
+def assert_safe_voltage_at_end(lab: BenchConnection) -> None:
+    lab.bench.clock.sleep(0.05)
+    assert lab.control.report().ends_at_rest
+
+
+# -- shutdown ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_error_of_a_run_is_not_replaced_by_that_of_its_full_disk(lab: BenchConnection, journal: Journal) -> None:
+    full = False
+
+    def sink(_: Block) -> None:
+        if full:
+            raise OSError("no space left on device")
+
+    with pytest.raises(ValueError, match="of the run"), armed_bench(lab, journal, sink=sink) as armed:
+        armed.start_drive(Hold(3.0, 9.0))
+        full = True
+        raise ValueError("of the run")
+
+
+def test_blocks_of_the_shutdown_are_stored_until_the_disk_is_full(lab: BenchConnection, journal: Journal) -> None:
+    stored: list[Block] = []
+    tries: list[Block] = []
+    room = 1000
+
+    def sink(block: Block) -> None:
+        tries.append(block)
+        if len(stored) == room:
+            raise OSError("no space left on device")
+        stored.append(block)
+
+    with pytest.raises(OSError, match="no space"), armed_bench(lab, journal, sink=sink) as armed:
+        armed.start_drive(Hold(3.0, 9.0))
+        before, room = len(stored), len(stored) + 3
+    assert len(stored) == before + 3
+    assert len(tries) == len(stored) + 1
+    assert np.abs(armed.scales[0].to_volts(stored[-1].raw[0]) - 2.5).max() < 0.6  # on its way to rest
+
+
+def test_a_quiet_run_sends_nothing_to_the_source_at_its_end(lab: BenchConnection, journal: Journal) -> None:
+    source = lab.bench.amplifier._source
+    stops: list[None] = []
+    stop = source.stop
+    with armed_bench(lab, journal):
+        source.stop = lambda: stops.append(None) or stop()  # type: ignore[method-assign, func-returns-value]
+    assert stops == []
+    with armed_bench(lab, journal) as armed:
+        armed.start_drive(Hold(3.0, 9.0))
+    assert len(stops) == 1
+    source.stop = stop  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(
+    ("drive", "least_s", "most_s"),
+    [(Hold(3.0, 99.0), 2.0, 8.0), pytest.param(Sine(100.0, 1.0, 2.5, 6000), 10.0, 20.0, marks=pytest.mark.deep)],
+)
+def test_an_unsafe_end_is_reported_without_waiting_for_a_level_and_ten_seconds_for_a_burst(
+    lab: BenchConnection, journal: Journal, drive: Drive, least_s: float, most_s: float
+) -> None:
+    clock = lab.bench.clock
+    journal.help = "the source does not answer it either"
+    with pytest.raises(UnsafeError) as failed, armed_bench(lab, journal) as armed:
+        armed.start_drive(drive)
+        lab.control.inject("scpi-dropped")
+        begin_s = clock.now()
+    assert least_s <= clock.now() - begin_s <= most_s
+    assert "The source did not obey" in str(failed.value)
+    assert "The watchdog says: the source does not answer it either." in str(failed.value)
+    assert any(line.startswith("asked for help: The source did not obey") for line in journal.lines)
+    assert journal.lines[-2].startswith("log: the program could not confirm rest: the card sees")
+    assert journal.lines[-1] == "watchdog: disarmed"
+
+
+def test_an_interrupted_shutdown_leaves_the_watchdog_armed(lab: BenchConnection, journal: Journal) -> None:
+    """Two presses of Ctrl-C: the program gives up, and silence then makes the watchdog act."""
+    source = lab.bench.amplifier._source
+    stop = source.stop
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), armed_bench(lab, journal) as armed:
+        armed.start_drive(Hold(3.0, 9.0))
+        source.stop = interrupted  # type: ignore[method-assign]
+    assert "watchdog: disarmed" not in journal.lines
+    source.stop = stop  # type: ignore[method-assign]
+    source.ramp_to(2.5, 0.2)
+
+
+def test_closing_reaches_every_instrument_although_one_fails(lab: BenchConnection, journal: Journal) -> None:
+    closed: list[str] = []
+
+    class Instrument:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def close(self) -> None:
+            closed.append(self.name)
+            raise BenchError(f"{self.name} does not close")
+
+    bench = lab.bench
+    amplifier, digitizer, meters = bench.amplifier, bench.digitizer, bench.meters
+    bench.amplifier, bench.digitizer = Instrument("amplifier"), Instrument("card")  # type: ignore[assignment]
+    bench.meters = {"balance": Instrument("balance")}  # type: ignore[dict-item]
+    bench.close()
+    assert closed == ["amplifier", "card", "balance"]
+    assert journal.lines == ["watchdog: closed"]
+    bench.amplifier, bench.digitizer, bench.meters = amplifier, digitizer, meters
+
+
+def test_every_run_of_this_file_was_safe_at_the_amplifier(lab: BenchConnection, journal: Journal) -> None:
+    with armed_bench(lab, journal) as armed:
+        with armed.specimen_access(journal):
+            assert journal.lines[-1] == "operator: off"
+        assert journal.lines[-1] == "operator: on"
+        armed.start_drive(Sine(100.0, 2.0, 2.5, 20))
+        armed.read_block()
+    lab.bench.clock.sleep(0.05)
+    assert_safe_voltage(lab.control.report())
