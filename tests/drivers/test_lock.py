@@ -301,5 +301,5 @@ def test_a_second_program_writes_over_the_record_of_the_first(folder: Path) -> N
     for bench in ("the first, with a long name", "mine"):
         with InstrumentLocks(bench) as locks:
             locks.lock_address("the source", ADDRESS)
-    (file,) = folder.glob("*.json")
-    assert json.loads(file.read_text())["bench"] == "mine"
+            (file,) = folder.glob("*.json")
+            assert json.loads(file.read_text())["bench"] == bench

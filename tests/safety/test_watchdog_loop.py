@@ -69,6 +69,21 @@ REST = ["stop", "ramp to 2.5 in 0.15 s", "at rest? 2.5 0 5"]
 CONFIG = WatchdogConfig(f"{__name__}:Source", "", 0.2, options={"name": "it"}, patience_s=1.0, silence_s=0.4)
 
 
+class Output:
+    """Standard output of the watchdog: a line arrives when it is flushed."""
+
+    def __init__(self, lines: "queue.SimpleQueue[str]") -> None:
+        self._lines, self._written = lines, ""
+
+    def write(self, text: str) -> None:
+        self._written += text
+
+    def flush(self) -> None:
+        for line in self._written.splitlines():
+            self._lines.put(line)
+        self._written = ""
+
+
 class Loop:
     """A watchdog on a thread of this process. Its time advances where the test says so, and where it sleeps."""
 
@@ -82,12 +97,11 @@ class Loop:
         Source.calls, Source.errors, Source.rests = [], [], []
         self.calls = Source.calls
         program_end, self._commands = os.pipe()
-        self._reports, own_end = os.pipe()
         self.stderr = io.StringIO()
         self._to = os.fdopen(self._commands, "w", buffering=1)
-        self._stdout = os.fdopen(own_end, "w")
+        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._stdin = os.fdopen(program_end)
-        fake_sys = SimpleNamespace(stdin=self._stdin, stdout=self._stdout, stderr=self.stderr)
+        fake_sys = SimpleNamespace(stdin=self._stdin, stdout=Output(self.lines), stderr=self.stderr)
         monkeypatch.setattr(process, "POLL_PERIOD_S", 0.002)
         monkeypatch.setattr(process, "sys", fake_sys)
         monkeypatch.setattr(process, "time", SimpleNamespace(monotonic=self._monotonic, sleep=self._sleep))
@@ -95,9 +109,7 @@ class Loop:
         monkeypatch.setattr(process.importlib, "import_module", lambda _: SimpleNamespace(Source=Source))
         fake_os = SimpleNamespace(getppid=lambda: PROGRAM_PID, kill=self._kill, _exit=self.exits.append)
         monkeypatch.setattr(process, "os", fake_os)
-        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         before = set(threading.enumerate())
-        threading.Thread(target=self._listen, daemon=True).start()
         self.thread = threading.Thread(target=self._run, args=(config,), daemon=True)
         self.thread.start()
         self.settle()
@@ -136,16 +148,10 @@ class Loop:
         try:
             process.WatchdogLoop(config).run()
         finally:
-            self._stdout.close()
+            self.lines.put("(end)")
             with self.turns:
                 self.ended = True
                 self.turns.notify_all()
-
-    def _listen(self) -> None:
-        with os.fdopen(self._reports) as reports:
-            for line in reports:
-                self.lines.put(line.rstrip("\n"))
-        self.lines.put("(end)")
 
     # what the test does
 
@@ -381,7 +387,11 @@ def test_it_gives_up_after_its_patience_and_names_the_first_failure(start: Calla
     loop.close_pipe()
     assert "within 1 s: error 0. Switch the high voltage OFF at the amplifier itself" in loop.log[-1]
     assert loop.slept == 5
-    assert loop.stderr.getvalue() == f"tactor-bench watchdog: {loop.log[-1]}\n"
+    assert len(loop.log) == 2  # also when it begins to try: nothing else warns of the specimen meanwhile
+    assert (
+        "The specimen may be live: the source does not obey: error 0. The watchdog tries again for 1 s" in loop.log[0]
+    )
+    assert loop.stderr.getvalue() == "".join(f"tactor-bench watchdog: {line}\n" for line in loop.log)
     assert any(line.startswith("could-not ") for line in loop.heard())
 
 
