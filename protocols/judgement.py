@@ -4,8 +4,11 @@ from pathlib import Path
 
 from protocols.base import Outcome, ReferenceModel, RunStatus, Verdict, extend_plan, judge_ended
 from protocols.resume import measured_points, protocol_of_run
+from protocols.runfile.errors import StorageError
+from protocols.runfile.names import truncate_utf8
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
-from protocols.runfile.results import append_results, store_verdict
+from protocols.runfile.results import append_estimates, append_results, store_verdict
+from protocols.runfile.schema import MAX_TEXT_BYTES
 
 CRASHED = "the program that wrote it is gone"
 
@@ -28,6 +31,26 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
         with append_results(path) as file:
             store_verdict(file, verdict)
     return verdict
+
+
+def complete_results(path: Path) -> str:
+    """Store estimates and verdict of a run that ended without them, from its points; return what was done as a sentence.
+
+    Curves are not computed again.
+    """
+    try:
+        with Run(path) as run, translate_read_errors(path):
+            protocol = protocol_of_run(run, str(path))
+            measured = dict(measured_points(run, protocol.point_type))
+            estimates = protocol.estimates([measured[entry] for entry in sorted(measured)])
+            verdict, reason = _judge(run, None), f"{run.reason}; they were computed from its points afterwards"
+        with append_results(path) as file:
+            file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
+            store_verdict(file, verdict)
+            append_estimates(file, estimates)
+    except (RunReadError, StorageError, ValueError) as error:
+        return f"They cannot be computed from its points: {error}"
+    return f"They are computed from its points now: {len(estimates)} estimates, {verdict.outcome}"
 
 
 def _judge(run: Run, reference: ReferenceModel | None) -> Verdict:

@@ -33,6 +33,7 @@ class ConsoleOperator:
         self._pending: tuple[int, Prompt] | None = None
         self._listening = False
         self._run: Session | None = None
+        self._terminal_gone = False
         self._input_lock = threading.Lock()
         """Held while a line is read and handled, and while a prompt is shown: no line falls between the two."""
 
@@ -41,7 +42,17 @@ class ConsoleOperator:
         if isinstance(event, PromptAnswered | RunEnded):
             self._pending = None
 
+    @property
+    def unreachable_reason(self) -> str:
+        """Why nobody can answer; empty at a terminal."""
+        if self._terminal_gone:
+            return "the terminal has been closed"
+        return "" if operator_reachable() else "standard input is not a terminal"
+
     def show(self, ask_id: int, prompt: Prompt) -> None:
+        if self._terminal_gone and self._run is not None:
+            self._run.stop()
+            return
         with self._input_lock:
             _discard_type_ahead()
             _print(f"{answer_instructions(prompt)}; Ctrl-C stops the run")
@@ -88,7 +99,10 @@ class ConsoleOperator:
                     typed = os.read(keyboard, 4096)
                 except OSError:
                     typed = b""
-                if not typed:  # the terminal has gone
+                if not typed:
+                    self._terminal_gone = True
+                    if self._pending is not None:  # nobody can answer it any more
+                        run.stop()
                     return
                 for line in typed.decode(errors="replace").splitlines():
                     self._handle_line(line.strip(), run)

@@ -99,9 +99,11 @@ class VerifyCommand:
 
 
 def _repair(path: Path) -> None:
+    from protocols.judgement import complete_results
+
     try:
         with suppress(RunReadError):  # reported by the verification
-            if message := repair_run(path):
+            if message := repair_run(path, complete_results):
                 sys.stderr.write(f"{message}\n")
     except StorageError as error:
         sys.stderr.write(f"{error}\n")

@@ -268,6 +268,7 @@ class Session:
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
+        from protocols.judgement import complete_results
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
         from protocols.runfile.repair import repair_folder
@@ -278,7 +279,7 @@ class Session:
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder):
+            for sentence in repair_folder(request.folder, complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:

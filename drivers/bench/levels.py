@@ -1,6 +1,6 @@
 """Abort levels of a bench: limits on what its channels may show while it is live, and the action beyond each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 
@@ -45,6 +45,11 @@ class LevelSettings:
     current_a: float = 0.022
     no_response: LevelAction = LevelAction.ASK
     no_response_points: int = 3
+
+    @property
+    def asking(self) -> tuple[str, ...]:
+        """Names of the levels whose action is to ask the operator."""
+        return tuple(each.name for each in fields(self) if getattr(self, each.name) is LevelAction.ASK)
 
     @property
     def stroke_limit_m(self) -> float:

@@ -3,6 +3,7 @@
 import contextlib
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import psutil
 
@@ -16,19 +17,30 @@ BUSY_PERCENT = 90.0
 BUSY_EXTRA_S = 1.0
 """Longest additional silence on a busy computer: also a process that got no processor time counts as hung after that."""
 
+STARVED_EXTRA_S = 2.5
+"""The same for a process whose threads are known to wait for a processor (Linux)."""
+
 NOT_RUNNING = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP, psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
 
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Seconds since a process was heard, without the pauses of the observer: all of them, and those in which it could run."""
+    """Seconds since a process was heard, without the pauses of the observer: all of them, and those in which it could run.
+
+    `waited_s` are those of them in which one of its threads is known to have waited for a processor.
+    """
 
     elapsed_s: float
     available_s: float
+    waited_s: float = 0.0
 
     def exceeds(self, allowed_s: float) -> bool:
         """Whether the process counts as dead where `allowed_s` are allowed."""
-        return self.available_s > allowed_s or self.elapsed_s > allowed_s + BUSY_EXTRA_S
+        return (
+            self.available_s > allowed_s
+            or self.elapsed_s - self.waited_s > allowed_s + BUSY_EXTRA_S
+            or self.elapsed_s > allowed_s + STARVED_EXTRA_S
+        )
 
 
 class ProcessActivity:
@@ -41,17 +53,22 @@ class ProcessActivity:
         self._process: psutil.Process | None = None
         with contextlib.suppress(psutil.Error):
             self._process = psutil.Process(pid)
-        self._elapsed_s = self._available_s = self._processor_s = 0.0
+        self._elapsed_s = self._available_s = self._processor_s = self._waited_s = 0.0
+        self._tasks = Path(f"/proc/{pid}/task")
+        self._queued_s: dict[str, float] = {}
+        """How long each thread has waited for a processor so far."""
         self._sampled_s = time.monotonic()
         self._fraction(1.0)
 
     def mark(self) -> Silence:
         """Return the reading of the last `update`, for `since`."""
-        return Silence(self._elapsed_s, self._available_s)
+        return Silence(self._elapsed_s, self._available_s, self._waited_s)
 
     def since(self, mark: Silence) -> Silence:
         """Return the time since `mark`, as of the last `update`."""
-        return Silence(self._elapsed_s - mark.elapsed_s, self._available_s - mark.available_s)
+        return Silence(
+            self._elapsed_s - mark.elapsed_s, self._available_s - mark.available_s, self._waited_s - mark.waited_s
+        )
 
     def update(self) -> None:
         """Take a sample if one is due; call it at least every OWN_PAUSE_S, from one thread."""
@@ -63,6 +80,15 @@ class ProcessActivity:
         counted_s = min(passed_s, OWN_PAUSE_S)
         self._elapsed_s += counted_s
         self._available_s += counted_s * self._fraction(passed_s)
+        self._waited_s += min(self._longest_wait_s(), counted_s)
+
+    def _longest_wait_s(self) -> float:
+        """Return how long a thread has waited for a processor since the last call, the one that waited longest; 0 if unknown."""
+        before, self._queued_s = self._queued_s, {}
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            for task in self._tasks.iterdir():
+                self._queued_s[task.name] = 1e-9 * float((task / "schedstat").read_text().split()[1])
+        return max((now_s - before.get(name, now_s) for name, now_s in self._queued_s.items()), default=0.0)
 
     def _fraction(self, passed_s: float) -> float:
         """Return the fraction of the last `passed_s` in which the process could run."""

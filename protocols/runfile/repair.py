@@ -5,7 +5,7 @@ import json
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,20 +18,28 @@ from protocols.runfile.checksums import store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, os_error_text
 from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.layout import creator_of
+from protocols.runfile.names import truncate_utf8
 from protocols.runfile.open import RunReadError, open_run, translate_read_errors
-from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, REPAIRED
+from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, MAX_TEXT_BYTES, REPAIRED
 from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import has_journal, replay_journal, transaction
 from protocols.runfile.writing_process import process_is_alive, writer_is_alive
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 
+RESULTS_LOST = "its program was killed before it had stored the results"
+
 FOREIGN_IDLE_S = 3600.0
 """A file of another computer counts as left behind if it has not changed for this long."""
 
 
-def repair_folder(folder: Path) -> Iterator[str]:
-    """Repair the run files that killed programs of this computer left in a folder; yield a sentence for each."""
+def repair_folder(folder: Path, complete: Callable[[Path], str] = lambda _: "") -> Iterator[str]:
+    """Repair the run files that killed programs of this computer left in a folder; yield a sentence for each.
+
+    Args:
+        folder: where the run files are.
+        complete: stores the results of a run that had ended without them; returns a sentence.
+    """
     try:
         names = [entry.name for entry in os.scandir(folder)]
     except OSError:
@@ -40,7 +48,7 @@ def repair_folder(folder: Path) -> Iterator[str]:
         path = folder / name
         try:
             if name.endswith(".h5") and path.is_file() and needs_repair(path):
-                yield repair_run(path)
+                yield repair_run(path, complete)
             elif (creator := creator_of(name)) is not None and not process_is_alive(creator):
                 path.unlink()  # a run file that was being created
         except (OSError, StorageError, RunReadError):  # in use, of another computer, damaged, or no run
@@ -57,15 +65,19 @@ def needs_repair(path: Path) -> bool:
     return (block is not None and block.is_marked) or has_journal(path)
 
 
-def repair_run(path: Path) -> str:
+def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> str:
     """Repair a run file whose program was killed; return a sentence, or an empty text if nothing had to be done.
+
+    Args:
+        path: the run file.
+        complete: stores the results of a run that had ended without them; returns a sentence.
 
     Raises:
         RunReadError: it is no run, or damaged.
         StorageError: a program still writes it, or it cannot be changed.
     """
     try:
-        replayed = replay_journal(path)  # first: a file that was being changed need not open
+        replayed = replay_journal(path, keep_announcement=True)  # first: a file that was being changed need not open
         block = Superblock.read(path)
         marked = block is not None and block.is_marked
         if block is not None and not block.is_readable:  # killed between creation and the first sample
@@ -73,11 +85,13 @@ def repair_run(path: Path) -> str:
         with open_run(path) as file, translate_read_errors(path):
             entry = file["entry"]
             status, host = read_text(entry, "status"), read_text(entry, "host")
-            pid, complete = read_integer(entry, "process_id"), stored_digests(file) is not None
+            pid, has_checksums = read_integer(entry, "process_id"), stored_digests(file) is not None
             old = "verdict" not in entry  # of a version without checksums
-        if marked or (status == RunStatus.RUNNING and not complete):
+        if marked or not (has_checksums or old):
             _check_not_in_use(path, host, pid)
-        if not marked and (complete or old):
+        without_results = status != RunStatus.RUNNING and not (has_checksums or old)
+        if not marked and (has_checksums or old):
+            replay_journal(path)  # which removes an incomplete one
             return f"{path}: the results that a killed program had not stored are stored now" if replayed else ""
         with transaction(path) as changed:
             if block is not None:
@@ -87,13 +101,17 @@ def repair_run(path: Path) -> str:
                 rows, points = _mend(file["entry"])
                 if status == RunStatus.RUNNING and REPAIRED not in file["entry"]:
                     file["entry"][REPAIRED] = datetime.now(UTC).isoformat(timespec="seconds")
+                if without_results:
+                    reason = f"{read_text(file['entry'], 'reason')}; {RESULTS_LOST}"
+                    file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_checksums(file)
     except OSError as error:
         raise StorageError(f"{path} cannot be repaired: {os_error_text(error)}") from error
     return (
         f"{path} was left behind by a program that was killed; it is repaired and opens in every program: {rows} samples "
         f"and {points} points are in it"
-    )
+        + (f". It had ended: {RESULTS_LOST}. {complete(path)}" if without_results else "")
+    ).rstrip()
 
 
 def _clear_mark(path: Path, block: Superblock) -> None:

@@ -105,7 +105,7 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
         OSError: the file cannot be read or written.
         StorageError: another program changes it.
     """
-    replay_journal(path)
+    replay_journal(path, keep_announcement=True)
     with BufferedFile(path) as changed:
         yield changed
         body = b"".join(_PAGE.pack(start, len(data)) + data for start, data in changed.changes())
@@ -127,6 +127,18 @@ def transaction(path: Path) -> Iterator[BufferedFile]:
     journal.unlink(missing_ok=True)
 
 
+@contextmanager
+def announced_transaction(path: Path) -> Iterator[None]:
+    """Let the file count as one that needs repair, by an empty journal, until a transaction within the block is complete."""
+    with contextlib.suppress(OSError):  # a full disk: the transaction fails, too
+        journal_path(path).touch()
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError, StorageError):
+            replay_journal(path)
+
+
 def journal_path(path: Path) -> Path:
     """Return the path of a file's journal, a hidden file."""
     return path.with_name(f".{path.name}.journal")
@@ -137,8 +149,12 @@ def has_journal(path: Path) -> bool:
     return journal_path(path).is_file()
 
 
-def replay_journal(path: Path) -> bool:
+def replay_journal(path: Path, keep_announcement: bool = False) -> bool:
     """Apply the journal that a killed program left; return whether it was complete. An incomplete one is removed.
+
+    Args:
+        path: the file.
+        keep_announcement: whether an incomplete one stays, to be replaced by that of a transaction.
 
     Raises:
         OSError: the file cannot be written.
@@ -156,6 +172,8 @@ def replay_journal(path: Path) -> bool:
         changes = _parse(file.read())
         if changes is not None:
             _apply(path, *changes)
+        elif keep_announcement:
+            return False
         _remove_locked(journal)
     journal.unlink(missing_ok=True)
     return changes is not None

@@ -40,6 +40,7 @@ from protocols.runfile.schema import (
     point_columns,
     run_path,
 )
+from protocols.runfile.transaction import announced_transaction
 
 log = logging.getLogger(__name__)
 
@@ -204,11 +205,12 @@ class RunFileWriter:
             return reason
         if self._presence.problem:
             return self._finish_lost(status, reason, estimates, curves, verdict)
-        self._finish_open(status, reason, verdict)
-        try:
-            return self._append_results(self.path, reason, estimates, curves, verdict)
-        finally:
-            self._presence.close()
+        with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
+            self._finish_open(status, reason, verdict)
+            try:
+                return self._append_results(self.path, reason, estimates, curves, verdict)
+            finally:
+                self._presence.close()
 
     def _finish_open(self, status: RunStatus, reason: str, verdict: Verdict) -> None:
         """Store how the run ended where a reader of the open file sees it, and close the file."""

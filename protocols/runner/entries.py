@@ -25,7 +25,7 @@ from protocols.resume import ResumeState, assess_drift
 from protocols.runner.acquisition import Acquisition
 from protocols.runner.executor import StepExecutor
 from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
-from protocols.runner.levels import LEVEL_ANSWERS, LevelQuestion, level_prompt
+from protocols.runner.levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
 from protocols.runner.operator_actions import OperatorActions
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
@@ -161,8 +161,15 @@ class EntryRunner:
         self._recorder.publish(RunResumed())
 
     def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
-        """Return to rest and let the operator decide whether and how to proceed beyond an abort level."""
+        """Return to rest and let the operator decide whether and how to proceed beyond an abort level.
+
+        Raises:
+            LevelExceededError: nobody can be asked.
+            RunCancelled: the operator stops the run.
+        """
         rest = armed.return_to_verified_rest()
+        if why := self._prompts.unreachable_reason:
+            raise LevelExceededError(f"{event.words}. Nobody can be asked how to proceed: {why}")
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
         answer = self._prompts.ask(level_prompt(event))
         if answer == LEVEL_ANSWERS[0]:

@@ -16,6 +16,11 @@ class OperatorPrompts:
     def __init__(self, operator: Operator, recorder: RunRecorder, acquisition: Acquisition) -> None:
         self._operator, self._recorder, self._acquisition = operator, recorder, acquisition
 
+    @property
+    def unreachable_reason(self) -> str:
+        """Why nobody can answer; empty if the operator is there, or does not say."""
+        return str(getattr(self._operator, "unreachable_reason", ""))
+
     def ask(self, prompt: Prompt) -> str:
         """Show a prompt, wait for the answer, and return it."""
         return self.wait_for_answer(prompt) or ""

@@ -101,7 +101,7 @@ class Runner:
         self._acquisition = Acquisition(bench, self._recorder, interrupts.check)
         for level in self._protocol.diagnosed_levels:
             self._acquisition.levels.mute(level)
-        prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
+        self._prompts = prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
         self._operator_actions = OperatorActions(prompts, self._protocol.high_voltage)
         self._entries = EntryRunner(
             self._protocol,
@@ -162,6 +162,7 @@ class Runner:
             bench.suspend_warning,
             self._calibration_warning,
             self._resume_state.message,
+            self._unattended_message(),
         ):
             if message:
                 self._recorder.publish(LogMessage(message))
@@ -170,6 +171,13 @@ class Runner:
         for entry, point in self._resume_state.points:
             self._recorder.publish(self._plan_progress.add_point(entry, point))
         self._entries.add_curves(self._resume_state.curves)
+
+    def _unattended_message(self) -> str:
+        """Return what happens where the operator would be asked; empty if one can be, or if no abort level asks."""
+        why, asking = self._prompts.unreachable_reason, self._bench.levels.asking
+        if not (why and asking):
+            return ""
+        return f"Nobody can be asked: {why}. An abort level with the action 'ask' ({', '.join(asking)}) ends this run at rest"
 
     def _on_stream_started(self, armed: ArmedBench) -> None:
         self._armed = armed

@@ -108,6 +108,9 @@ class Told:
     def resume(self) -> None:
         self.wishes.append("resume")
 
+    def stop(self) -> None:
+        self.wishes.append("stop")
+
     def after(self, count: int) -> list[str] | None:
         return list(self.wishes) if len(self.wishes) == count else None
 
@@ -161,6 +164,21 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
     assert f".h5; {KEY_HELP}" in output
     assert "paused: the card sees 2.500 V" in output
     assert "goes on" in output
+
+
+def test_a_prompt_at_a_terminal_that_is_closed_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    other_end, terminal = os.openpty()
+    operator, told = ConsoleOperator(), Told()
+    with open(terminal, encoding="utf-8") as standard_input:  # noqa: PTH123 - a descriptor
+        monkeypatch.setattr(sys, "stdin", standard_input)
+        with operator.listening(told):
+            assert operator.unreachable_reason == ""
+            operator.show(5, DISABLE_HIGH_VOLTAGE)
+            os.close(other_end)
+            assert waited(lambda: told.after(1), 30) == ["stop"]
+            assert operator.unreachable_reason == "the terminal has been closed"
+            operator.show(6, ENABLE_HIGH_VOLTAGE)
+            assert told.after(2) == ["stop", "stop"]
 
 
 def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

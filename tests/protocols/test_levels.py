@@ -13,6 +13,7 @@ from protocols.base import (
     DriveReadbackChanged,
     DriveStarted,
     LevelExceeded,
+    LogMessage,
     Outcome,
     PointMeasured,
     PromptShown,
@@ -143,6 +144,27 @@ def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path)
     assert ran.status == RunStatus.COMPLETED
     assert [event.action for event in exceeded(ran)] == ["ask", "warning", "warning"]
     assert ran.kinds().count("Paused") == ran.kinds().count("Resumed") == 1
+
+
+class Unreachable(Answering):
+    """An operator who cannot answer."""
+
+    unreachable_reason = "standard input is not a terminal"
+
+
+def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4, rate=LevelAction.REST)
+        ran = run(SHORT, tmp_path, lab, operator=Unreachable(lab.operator, "again"))
+    first = next(event.text for event in ran.events if isinstance(event, LogMessage))
+    assert first.startswith(
+        "Nobody can be asked: standard input is not a terminal. An abort level with the action 'ask' (stroke, "
+    )
+    assert "rate" not in first
+    assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)
+    assert ran.reason.endswith(". Nobody can be asked how to proceed: standard input is not a terminal")
+    assert not any(isinstance(e, PromptShown) and e.prompt.action == "abort-level" for e in ran.events)
+    assert ran.report.ends_at_rest
 
 
 @pytest.mark.breaks_the_drive

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.errors import BenchError
 from drivers.watchdog import activity
-from drivers.watchdog.activity import BUSY_EXTRA_S, OWN_PAUSE_S, ProcessActivity, Silence
+from drivers.watchdog.activity import BUSY_EXTRA_S, OWN_PAUSE_S, STARVED_EXTRA_S, ProcessActivity, Silence
 from drivers.watchdog.client import WATCHDOG_SILENCE_S, WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME, append_line
@@ -206,6 +206,24 @@ def test_on_a_busy_computer_the_processor_time_counts_that_the_program_got(monke
     assert not starved.exceeds(0.4)
     assert computer.wait(1.5, processor=0.3).exceeds(0.4)  # an endless loop
     assert computer.wait(1.6).exceeds(0.4)  # nothing is waited for longer than that
+
+
+def test_a_program_that_is_known_to_wait_for_a_processor_is_given_more_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    computer = Computer(monkeypatch)
+    computer.busy = True
+    thread = tmp_path / "7" / "schedstat"
+    thread.parent.mkdir()
+    computer.activity._tasks = tmp_path
+    mark = computer.activity.mark()
+    for step in range(36):
+        thread.write_text(f"1000 {step * 100_000_000} 3")
+        computer.wait(0.1)
+        dead = computer.activity.since(mark).exceeds(0.4)
+        assert dead == (computer.activity.since(mark).elapsed_s > 0.4 + STARVED_EXTRA_S)
+    assert dead
+    assert computer.wait(1.6).exceeds(0.4), "a thread that hangs does not wait for a processor"
 
 
 def test_a_stopped_program_is_not_taken_for_a_starved_one(monkeypatch: pytest.MonkeyPatch) -> None:
