@@ -110,7 +110,7 @@ class BurstGenerator(ABC):
     _burst_end_s: float | None = None
     """End of the burst that was started here; unknown at first."""
     _rest_v: float | None = None
-    """The rest level: a ramp to it continues despite errors."""
+    """The rest level: a ramp to it continues despite errors. None in a watchdog that only goes to rest: every ramp does there."""
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
     """The last settings sent, for use when they cannot be read back."""
@@ -265,7 +265,7 @@ class BurstGenerator(ABC):
             )
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
-        way = self._ramp_down(best_effort=level_v == self._rest_v)
+        way = self._ramp_down(best_effort=self._rest_v in (None, level_v))
         start = way.query(self.idle_level_v)
         if start is None:
             start = self._last_offset_v

@@ -176,7 +176,7 @@ class DcSupply:
         self._stop_staircase()
         way = RampDown(
             self._output.link,
-            best_effort=level_v == self._rest_v,
+            best_effort=self._rest_v in (None, level_v),  # unknown in a watchdog, which only goes to rest
             slow_reply_s=lambda: self._output.slow_reply_s,
             now=self._clock.now,
             join=join_commands,

@@ -6,11 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import InstrumentError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown
 from drivers.transport.scpi import ScpiSession, join_commands
+from drivers.transport.visa import VisaLink
+from model.amplifier_map import AmplifierMap
 from protocols.base import BenchArmed, EventBus, RunStatus
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
@@ -153,6 +157,28 @@ def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(delay_s: float,
     assert math.isfinite(predicted_s)
     assert report.ends_at_rest
     assert report.largest_jump_v <= STEP_V + 1e-6
+
+
+def test_the_watchdogs_connection_which_was_never_armed_pipelines_its_way_to_rest_too() -> None:
+    with wired() as lab:
+        lab.bench.amplifier.initialize_at_rest()
+        lab.control.enable_hv()
+        lab.bench.amplifier.start_drive(Hold(5.0, 60.0))
+        source = Keysight33500(VisaLink(lab.proxy.resource), WallClock())
+        confirmed: list[str] = []
+        write_checked = source._scpi.write_checked
+
+        def count(command: str) -> None:
+            confirmed.append(command)
+            write_checked(command)
+
+        source._scpi.write_checked = count  # type: ignore[method-assign]
+        lab.proxy.delay_s = 0.02
+        HvAmplifier(source, AmplifierMap(), DriveLimits(), WallClock()).force_rest()
+        source.close()
+        assert len(confirmed) < 10, "of 50 steps"
+        lab.bench.amplifier._drive_end_s = 0.0
+        assert_safe_voltage(lab.control.report())
 
 
 def test_a_connection_that_the_other_side_closed_is_noticed_before_a_timeout() -> None:
