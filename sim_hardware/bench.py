@@ -26,6 +26,7 @@ from sim_hardware.plant import (
     VoltageReport,
     apply_action,
     check_action,
+    labelled_mass_kg,
     make_voltage_report,
     with_membrane_left_on,
 )
@@ -161,10 +162,12 @@ class SimulatedBench:
                 transition_s=hands.release_s if weights else 0.0,
                 landing_m_per_s=hands.landing_m_per_s,
             )
-        self.laser_view.apply_action(now_s, action, values)
+        self.laser_view.apply_action(now_s, action, values, self.faults.is_active("membrane-missing"))
         return done_s
 
     def _changed_setup(self, state: SetupState, action: str, values: Mapping[str, float]) -> SetupState:
+        if action == "fix-mass" and self.faults.is_active("weight-mislabelled"):
+            values = {**values, "mass_kg": labelled_mass_kg(values["mass_kg"])}
         changed = apply_action(state, action, values, self.parameters)
         if self.faults.is_active("membrane-left-on"):
             return with_membrane_left_on(changed, state, self.parameters)

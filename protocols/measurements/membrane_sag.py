@@ -18,6 +18,7 @@ from protocols.base import (
     Ask,
     CheckResult,
     EstimatedQuantity,
+    Outcome,
     PlanEntry,
     Prompt,
     Protocol,
@@ -171,6 +172,18 @@ class MembraneSag(Protocol):
                 "sag", [[p.sag for p in good]], "clamp the membrane the same way each time, without stretch"
             )
         )
+        if outside := sum(bool(Quality(int(p.quality)) & Quality.OUT_OF_RANGE) for p in points):
+            checks.append(
+                CheckResult(
+                    "sags out of the sensor's range",
+                    float(outside),
+                    "1",
+                    None,
+                    0.0,
+                    "make sure that the membrane is clamped under the sensor, and choose reference_m near its sag",
+                    Outcome.DOUBTFUL if good else Outcome.NO_RESULT,
+                )
+            )
         apart = [abs(p.hanging - p.reference) / p.sag_errors for p in good if p.sag_errors > 0]
         if apart:
             remedy = (
@@ -258,7 +271,7 @@ class MembraneSag(Protocol):
 
     def _out_of_range_prompt(self) -> Prompt:
         text = (
-            "The sensor was out of its range: the membrane hangs too far from the reference. Choose another depth "
+            "The sensor was out of its range: no membrane is under it, or it hangs too far from the reference. Choose another depth "
             "(reference_m) or move the sensor. Repeat, or keep it as it is?"
         )
         return Prompt("out-of-range", text, choices=("repeat", "keep"))

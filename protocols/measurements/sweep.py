@@ -7,6 +7,7 @@ becomes periodic, is recorded but not used; the spread of the others gives the s
 
 import math
 from collections.abc import Generator, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -65,7 +66,10 @@ FIT_BAND = (0.5, 1.8)
 
 @dataclass(frozen=True, slots=True)
 class SweepPoint:
-    """Resonance from one sweep. Uncertainties are standard, and include what one mode leaves unexplained."""
+    """Resonance from one sweep. Uncertainties are standard, and include what one mode leaves unexplained.
+
+    Resonance and damping are NaN where no single mode fits the response, as under a membrane.
+    """
 
     repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
     resonance: NaturalFrequency
@@ -82,6 +86,8 @@ class SweepPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
+        if not math.isfinite(self.resonance):
+            return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak:.4g} Hz"
         return (
             f"resonance {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, "
@@ -140,17 +146,22 @@ class Sweep(Protocol):
         top = int(response.modulus.argmax())
         peak_hz = float(response.frequency_hz[top])
         near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
-        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
-        half = mode.natural_hz * min(mode.damping_ratio, 0.5)
-        core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
+        natural_hz = natural_error_hz = damping = damping_error = math.nan
+        core = near.coherence
+        with suppress(ValueError):  # what is measured is kept: its height shows whether a membrane is on the tactor
+            mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+            natural_hz, natural_error_hz = mode.natural_hz, mode.natural_error_hz
+            damping, damping_error = mode.damping_ratio, mode.damping_error
+            half = natural_hz * min(damping, 0.5)
+            core = response.within(natural_hz - half, natural_hz + half).coherence
         amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
         drive_off = abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
         return SweepPoint(
             repeat=float(key[0]),
-            resonance=mode.natural_hz,
-            resonance_errors=mode.natural_error_hz,
-            damping=mode.damping_ratio,
-            damping_errors=mode.damping_error,
+            resonance=natural_hz,
+            resonance_errors=natural_error_hz,
+            damping=damping,
+            damping_errors=damping_error,
             peak=peak_hz,
             peak_response=float(response.modulus[top]),
             coherence=float(core.min()) if core.size else math.nan,
@@ -167,7 +178,7 @@ class Sweep(Protocol):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        usable = [p for p in points if Quality(p.quality).usable]
+        usable = [p for p in points if Quality(p.quality).usable and math.isfinite(p.resonance)]
         if not usable:
             return ()
         natural, natural_error = _mean_with_error([p.resonance for p in usable], [p.resonance_errors for p in usable])
@@ -192,7 +203,9 @@ class Sweep(Protocol):
             *signal_to_noise_check("damping ratio, smallest", [(p.damping, p.damping_errors) for p in good]),
             *drive_ratio_check([p.drive_amplitude for p in points], 0.5 * self.peak_to_peak_v),
             *coherence_check([p.coherence for p in good]),
-            *repeatability_check("resonance frequency", [[p.resonance for p in good]], remedy),
+            *repeatability_check(
+                "resonance frequency", [[p.resonance for p in good if math.isfinite(p.resonance)]], remedy
+            ),
         )
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:

@@ -20,5 +20,6 @@ from .setup_state import SPECIMEN_ACTIONS as SPECIMEN_ACTIONS
 from .setup_state import SetupState as SetupState
 from .setup_state import apply_action as apply_action
 from .setup_state import check_action as check_action
+from .setup_state import labelled_mass_kg as labelled_mass_kg
 from .setup_state import with_membrane_left_on as with_membrane_left_on
 from .voltage_history import VoltageHistory as VoltageHistory

@@ -24,11 +24,12 @@ FAULT_DESCRIPTIONS = {
     "sensor-stuck": "the laser sensor's output stands still where it was",
     "grpc-gone": "the server of the card has died",
     "membrane-left-on": "the skin membrane is on the tactor, stretched by 2.54 mm, and is not taken off",
+    "membrane-missing": "no membrane hangs between the clamps: the laser sees the base 20 mm below them",
     "weight-mislabelled": "the weight labelled 50 g weighs 61 g",
 }
 """Name and description of every fault."""
 
-SPECIMEN_FAULTS = ("membrane-left-on", "weight-mislabelled")
+SPECIMEN_FAULTS = ("membrane-left-on", "membrane-missing", "weight-mislabelled")
 """Faults of what the operator put on the specimen: they change results, not voltages."""
 
 

@@ -14,12 +14,15 @@ from sim_hardware.plant.plant import Plant
 MEMBRANE_SWING_HZ, MEMBRANE_SWING_DECAY_S = 4.0, 0.4
 """Swing of a released membrane: frequency and decay time, by air and rubber."""
 
-TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET = "tactor", "place-reference", "hang-membrane"
+BASE_DEPTH_M = 0.02
+"""How deep the base lies below the line of the membrane's clamps; what the laser sees without a membrane."""
+
+TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET, BASE_TARGET = "tactor", "place-reference", "hang-membrane", "base"
 
 
 @dataclass(frozen=True, slots=True)
 class _ViewChange:
-    """From `start_s` on the sensor measures `target`, plus `offset_m`; a membrane hangs `sag_m` below the reference."""
+    """From `start_s` on the sensor measures `target`, plus `offset_m`; membrane or base is `sag_m` below the reference."""
 
     start_s: float
     target: str
@@ -48,8 +51,14 @@ class LaserView:
                 out[here] += view.offset_m + self._target_displacement(view, delayed[here])
         return out
 
-    def apply_action(self, t: float, action: str, values: Mapping[str, float]) -> None:
+    def apply_action(self, t: float, action: str, values: Mapping[str, float], membrane_missing: bool = False) -> None:
         """Apply one of `setup_state.SENSOR_ACTIONS` at bench time `t`; any other action makes the tactor the target again.
+
+        Args:
+            t: bench time.
+            action: name of the action.
+            values: its numbers.
+            membrane_missing: whether there is none to hang, so that the base is seen.
 
         Raises:
             ValueError: an invalid elongation.
@@ -63,6 +72,8 @@ class LaserView:
                 view = _ViewChange(t, now.target, now.offset_m + values["by_m"], now.sag_m)
             case "place-reference":
                 view = _ViewChange(t, REFERENCE_TARGET, now.offset_m)
+            case "hang-membrane" if membrane_missing:
+                view = _ViewChange(t, BASE_TARGET, now.offset_m, BASE_DEPTH_M - values["reference_m"])
             case "hang-membrane":
                 view = _ViewChange(t, MEMBRANE_TARGET, now.offset_m, self._membrane_sag_m(values))
             case _ if now.target == TACTOR_TARGET:
@@ -85,6 +96,8 @@ class LaserView:
         match view.target:
             case "place-reference":
                 return np.zeros_like(t)
+            case "base":
+                return np.full_like(t, view.sag_m)
             case "hang-membrane":
                 since = np.maximum(t - view.start_s, 0.0)
                 swing = np.exp(-since / MEMBRANE_SWING_DECAY_S) * np.cos(2 * np.pi * MEMBRANE_SWING_HZ * since)

@@ -117,12 +117,17 @@ LEFT_ON_ELONGATION_M = 2.54e-3
 """Elongation of the membrane of the fault `membrane-left-on`."""
 
 
+def labelled_mass_kg(label_kg: float) -> float:
+    """Return the mass of a weight with this label under the fault `weight-mislabelled`."""
+    return MISLABELLED_ACTUAL_KG if abs(label_kg - MISLABELLED_KG) < 1e-9 else label_kg
+
+
 def weight_force_n(state: SetupState, parameters: SimulationParameters, mislabelled: bool = False) -> float:
     """What the weights weigh: each has its own error, always the same one; one of them may have a wrong label."""
 
     def actual_kg(mass_kg: float) -> float:
-        if mislabelled and abs(mass_kg - MISLABELLED_KG) < 1e-9:
-            return MISLABELLED_ACTUAL_KG
+        if mislabelled and labelled_mass_kg(mass_kg) != mass_kg:
+            return labelled_mass_kg(mass_kg)
         return parameters.beyond.actual_mass_kg(mass_kg, parameters.seed)
 
     return GRAVITY * sum(map(actual_kg, state.weights_kg))
