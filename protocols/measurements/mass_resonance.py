@@ -5,6 +5,7 @@ same sweep rate; the responses of the pieces overlap and are joined. A card's an
 (`piece_s` = `sweep_s`).
 """
 
+import contextlib
 import itertools
 import math
 from collections.abc import Generator, Iterable, Sequence
@@ -58,7 +59,7 @@ class MassPoint:
     mass: Annotated[float, Unit("kg"), "added mass"]
     frequency: Annotated[float, Unit("Hz"), "where the response is largest: the paper's resonance"]
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
-    spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum; NaN for a sweep in pieces"]
+    spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum, of all pieces joined"]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
     resonance: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
     resonance_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
@@ -178,15 +179,20 @@ class MassResonance(Protocol):
         simulated: bool,
         response: FrequencyResponse,
     ) -> MassPoint:
-        from protocols.signals import fit_sdof, response_peak, spectrum_peak
+        from protocols.signals import fit_sdof, joined_spectrum_peak, response_peak
 
         check_response_present(response)
         peak = response_peak(response, (self.low_hz, self.high_hz))
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
         mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
         spectrum = math.nan, math.nan
-        if len(recordings) == 1:
-            found = spectrum_peak(recordings[0].displacement_m, recordings[0].rate_hz, (self.low_hz, self.high_hz))
+        with contextlib.suppress(ValueError):  # a spectrum without a peak of its own, beside a response that has one
+            found = joined_spectrum_peak(
+                [recording.displacement_m for recording in recordings],
+                recordings[0].rate_hz,
+                self._piece_bands_hz,
+                (self.low_hz, self.high_hz),
+            )
             spectrum = found.frequency_hz, found.standard_error_hz
         drive_off = any(
             abs(0.5 * float(np.ptp(recording.drive_v)) - 0.5 * self.peak_to_peak_v)

@@ -7,7 +7,8 @@ suffice raise ValueError with the reason.
     settling   SettlingDetector                       has the response to a sine become steady?
     response   FrequencyResponse                      a frequency response with coherence and error bars,
                                                       from a sweep (swept_response) or periods (periodic_response)
-    peak       spectrum_peak, response_peak           where a spectrum, or a response, is largest
+    peak       spectrum_peak, joined_spectrum_peak,   where a spectrum, or a response, is largest
+               response_peak
     modal_fit  fit_sdof                               natural frequency and damping from a response
     levels     estimate_level, estimate_step          a mean and a step, with errors that know mains and slow noise
     step_detection  WeightStepDetector                a weight placed on the tactor, online

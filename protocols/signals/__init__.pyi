@@ -9,6 +9,7 @@ from .levels import find_ramp as find_ramp
 from .loop import fold as fold
 from .loop import measure_loops as measure_loops
 from .modal_fit import fit_sdof as fit_sdof
+from .peak import joined_spectrum_peak as joined_spectrum_peak
 from .peak import response_peak as response_peak
 from .peak import spectrum_peak as spectrum_peak
 from .periodic_response import estimate_periodic_response as estimate_periodic_response

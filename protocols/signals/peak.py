@@ -13,6 +13,7 @@ so noise and residual ripple are in it; what the third degree cannot follow over
 tactor of the paper).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,22 +89,70 @@ def spectrum_peak(
     Raises:
         ValueError: too short, not finite, or no peak that stands out of the band.
     """
+    return joined_spectrum_peak([displacement], rate_hz, [band_hz], band_hz, resolution_hz)
+
+
+def joined_spectrum_peak(
+    displacements: Sequence[ArrayLike],
+    rate_hz: float,
+    shares_hz: Sequence[tuple[float, float]],
+    band_hz: tuple[float, float] = PEAK_BAND_HZ,
+    resolution_hz: float = 0.5,
+) -> SpectralPeak:
+    """The peak of the displacement's spectrum under a linear sweep that was played in pieces at one pace and amplitude.
+
+    The energy of a swept displacement per hertz depends on pace and amplitude only, so that the spectra of the pieces, each
+    over its own share of the band, make one.
+
+    Args:
+        displacements: (N,) each, one piece after the other.
+        rate_hz: samples per second.
+        shares_hz: the share of the band of each piece, rising and without gaps; every piece reaches a little beyond its own.
+        band_hz: where the peak is looked for.
+        resolution_hz: of the lines; taken finer where the peak is narrow.
+
+    Raises:
+        ValueError: as `spectrum_peak`.
+    """
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
-    y = check_samples("the displacement", displacement, 256)
-    n = fast_length(y.size)
-    bin_hz = rate_hz / n
-    band = make_block_averager(band_hz, 2 * bin_hz, bin_hz, rate_hz / 2)
-    Y = band_spectrum(y, n, band)
-    power = (Y.real**2 + Y.imag**2) / np.float32(rate_hz) ** 2
-    resolution = max(resolution_hz, MIN_BINS_PER_LINE * bin_hz)
+    if not (shares_hz and shares_hz[0][0] <= band_hz[0] and band_hz[1] <= shares_hz[-1][1]):
+        raise ValueError(f"the sweep does not cover the band {band_hz[0]:g}..{band_hz[1]:g} Hz")
+    pieces = [
+        _PieceSpectrum(displacement, rate_hz, max(low, band_hz[0]), min(high, band_hz[1]))
+        for displacement, (low, high) in zip(displacements, shares_hz, strict=True)
+        if low < band_hz[1] and high > band_hz[0]
+    ]
+    finest = MIN_BINS_PER_LINE * max(piece.bin_hz for piece in pieces)
+    resolution, beyond = max(resolution_hz, finest), len(pieces) > 1
     while True:
-        blocks = make_block_averager(band_hz, resolution, bin_hz, rate_hz / 2)
-        lines = np.asarray(blocks.windows(power) @ blocks.window, float)
-        finer = resolution / 2 >= MIN_BINS_PER_LINE * bin_hz
-        found = _half_power_lines(blocks.frequency_hz, lines, band_hz, "spectrum of the displacement")
-        if found.stop - found.start >= 2 * MIN_LINES or not finer:
-            return _fit_peak(blocks.frequency_hz[found], lines[found], OVERLAP_CORRELATION)
+        parts = [piece.lines(resolution, beyond) for piece in pieces]
+        f, lines = (np.concatenate(values) for values in zip(*parts, strict=True))
+        found = _half_power_lines(f, lines, band_hz, "spectrum of the displacement")
+        if found.stop - found.start >= 2 * MIN_LINES or resolution / 2 < finest:
+            return _fit_peak(f[found], lines[found], OVERLAP_CORRELATION)
         resolution /= 2
+
+
+class _PieceSpectrum:
+    """Energy spectrum of one piece of a swept displacement over its share of the band."""
+
+    def __init__(self, displacement: ArrayLike, rate_hz: float, low_hz: float, high_hz: float) -> None:
+        self._samples = check_samples("the displacement", displacement, 256)
+        self._rate_hz, self._low_hz, self._high_hz = rate_hz, low_hz, high_hz
+        self._n = fast_length(self._samples.size)
+        self.bin_hz = rate_hz / self._n
+
+    def lines(self, resolution_hz: float, beyond: bool) -> tuple[Array, Array]:
+        """Return frequencies and energies of the lines; `beyond` averages over the share's edges, too."""
+        low, high = self._low_hz, self._high_hz
+        if beyond:
+            low, high = max(low - resolution_hz, self.bin_hz), min(high + resolution_hz, self._rate_hz / 2)
+        blocks = make_block_averager((low, high), resolution_hz, self.bin_hz, self._rate_hz / 2)
+        bins = band_spectrum(self._samples, self._n, blocks)
+        power = (bins.real**2 + bins.imag**2) / np.float32(self._rate_hz) ** 2
+        lines, f = np.asarray(blocks.windows(power) @ blocks.window, float), blocks.frequency_hz
+        own = (f >= self._low_hz) & (f < self._high_hz) if beyond else np.ones(f.size, bool)
+        return f[own], lines[own]
 
 
 def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
