@@ -41,6 +41,15 @@ class AmplifierMap:
         u = np.clip(np.asarray(input_v, float), self.low_v, self.high_v) - self.rest_v
         return np.asarray(np.where(u < 0, self.slope_below * u, self.slope_above * u))
 
+    def slope_at(self, input_v: ArrayLike) -> Array:
+        """Return the slope at each input, V/V; at rest the mean of both."""
+        u = np.asarray(input_v, float) - self.rest_v
+        return np.asarray(
+            np.where(
+                u < 0, self.slope_below, np.where(u > 0, self.slope_above, (self.slope_below + self.slope_above) / 2)
+            )
+        )
+
     def input_v(self, specimen_v: ArrayLike) -> Array:
         """Volts at the input that give `specimen_v`; the inverse of `specimen_v` within the amplifier's range."""
         v = np.asarray(specimen_v, float)

@@ -5,13 +5,16 @@ number, so that runs with the same sensor share it and runs with different senso
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from model import AmplifierMap, Array, Mask, ParameterError
+from app.identification.duplicates import DuplicateFinder
+from model import GRAVITY, AmplifierMap, Array, Mask, ParameterError
 from model.identification import (
+    ErrorTarget,
     FitOptions,
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -34,6 +37,9 @@ CARD_READBACK_MARGIN_V = 0.02
 DEFAULT_SHAPE_COUNT = 20
 """Shape functions for a real tactor; for a simulated one, the number of the simulation."""
 
+MAX_INPUT_ERRORS = 100
+"""Errors of single inputs, such as masses or levels, that a fit takes from one run."""
+
 Columns = dict[str, Array]
 
 
@@ -52,18 +58,23 @@ def read_observations(
     specimens: dict[str, Path] = {}
     found: list[Observation] = []
     left_out: list[str] = []
+    finder = DuplicateFinder()
     for path in paths:
         try:
             with open_run(path) as run:
                 specimens.setdefault(run.specimen, path)
-                taken = _read_run_observations(run)
+                with translate_read_errors(run.path):
+                    duplicate, message = finder.duplicates(run)
+                taken = _read_run_observations(run, duplicate)
         except ParameterError as error:
             raise ObservationError(f"{path}: {error}") from error
         except RunReadError as error:
             raise ObservationError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
         usable = [run for run in taken if run.usable.any()]
         found += usable
-        if not usable:
+        if message:
+            left_out.append(message)
+        elif not usable:
             left_out.append(f"{path.name} tells nothing about the model and is left out")
     if len(specimens) > 1:
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
@@ -76,12 +87,12 @@ def read_observations(
         raise ObservationError(str(error)) from error
 
 
-def _read_run_observations(run: Run) -> list[Observation]:
-    """Return the observations of a run; a value that is not physical is a ParameterError."""
+def _read_run_observations(run: Run, duplicate: Mask) -> list[Observation]:
+    """Return the observations of a run without its duplicates; a value that is not physical is a ParameterError."""
     unphysical: ParameterError | None = None
     with translate_read_errors(run.path):
         try:
-            return list(run_observations(run))
+            return list(run_observations(run, duplicate))
         except ParameterError as error:
             unphysical = error
     raise unphysical
@@ -118,13 +129,19 @@ def shape_count_of_run(run: Run) -> int:
     return int(run.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
-def run_observations(run: Run) -> Iterator[Observation]:
-    """Yield the observations of a run; none for protocols that do not concern the model."""
+def run_observations(run: Run, duplicate: Mask | None = None) -> Iterator[Observation]:
+    """Yield the observations of a run; none for protocols that do not concern the model.
+
+    Args:
+        run: an open run.
+        duplicate: points that another run has, too, which are not usable; see `DuplicateFinder`.
+    """
     observe = OBSERVATION_READERS.get(run.protocol)
     if observe is not None:
         columns = run.points()
         if len(columns["entry"]):
-            yield from observe(run, columns, usable_mask(columns["quality"]))
+            good = usable_mask(columns["quality"])
+            yield from observe(run, columns, good if duplicate is None else good & ~duplicate)
 
 
 def _common_arguments(run: Run) -> dict[str, Any]:
@@ -134,6 +151,52 @@ def _common_arguments(run: Run) -> dict[str, Any]:
         name = f"gain of {sensor.name} {sensor.serial}".strip()
         errors = (SharedError(name, "displacement", sensor.gain_relative_uncertainty),)
     return {"shared_errors": errors, "simulated": run.simulated}
+
+
+def _input_errors(
+    columns: Columns,
+    inputs: tuple[str, ErrorTarget],
+    good: Mask,
+    name: str,
+    values: Array | None = None,
+) -> tuple[SharedError, ...]:
+    """Return an error for each different value of an input whose uncertainty a table states, such as each mass.
+
+    Args:
+        columns: of the run.
+        inputs: column of the input, and what its error acts on.
+        good: usable points.
+        name: of the error, with {} for the value.
+        values: the input as the model takes it, if not the column.
+    """
+    column, target = inputs
+    stated = columns.get(f"{column}_errors")
+    if stated is None:
+        return ()
+    at = columns[column] if values is None else values
+    counts = good & np.isfinite(at) & np.isfinite(stated) & (stated > 0)
+    found = []
+    for value in np.unique(at[counts]).tolist():
+        error = float(np.sqrt(np.mean(stated[counts & (at == value)] ** 2)))
+        relative = error / abs(value) if target == "load" else error
+        found.append(SharedError(name.format(f"{value:.9g}"), target, float(f"{relative:.6g}"), at=value))
+    if len(found) > MAX_INPUT_ERRORS:
+        raise ParameterError(
+            f"{column} has {len(found)} different values with an uncertainty of their own, the limit is {MAX_INPUT_ERRORS}: "
+            "add it to the uncertainty of what was measured, and leave this one away"
+        )
+    return tuple(found)
+
+
+def _weight_errors(columns: Columns, good: Mask) -> tuple[SharedError, ...]:
+    """Return the error of each weight: the same in every repeat, on both sides and in all runs with it."""
+    grams = 1e3 * columns["load"] / GRAVITY if np.isnan(columns["mass"]).any() else 1e3 * columns["mass"]
+    found = []
+    for error in _input_errors(columns, ("load", "load"), good & (columns["load"] > 0), "{}"):
+        weight = float(grams[columns["load"] == error.at][0])
+        label = f"weight of {weight:.6g} g (load {error.at:.9g} N ± {100 * error.standard_error:.6g} %)"
+        found.append(replace(error, name=label))
+    return tuple(found)
 
 
 def _response(
@@ -151,8 +214,15 @@ def _response(
     phase = columns["phase"]
     known: dict[str, Any] = {}
     if sine.any():
-        turned = np.exp(1j * phase) if np.isfinite(phase[good]).all() else 1.0
-        known |= {"fundamental_m": columns["fundamental"] * turned, "errors_m": columns["fundamental_errors"]}
+        size, errors = columns["fundamental"], columns["fundamental_errors"]
+        phase_errors = columns["phase_errors"]
+        told = np.isfinite(phase[good]).all()
+        if run.imported and told and (phase_errors[good] > 0).all():
+            known["phase_errors_rad"] = phase_errors
+        elif not run.imported:  # the phase has the noise of the drive channel, too, which the ratio to the drive shares
+            known["harmonic_errors_m"] = errors
+            errors = np.fmax(errors, size * phase_errors)
+        known |= {"fundamental_m": size * (np.exp(1j * phase) if told else 1.0), "errors_m": errors}
     if width[good].all():
         known |= {
             "peak_to_peak_m": columns["peak_to_peak"],
@@ -160,6 +230,10 @@ def _response(
         }
     if np.isfinite(columns["harmonics"]).any():
         known["harmonics_m"] = columns["harmonics"]
+    common = _common_arguments(run)
+    common["shared_errors"] += _input_errors(columns, ("frequency", "frequency"), good, f"{label}, {{}} Hz")
+    if elongation_m is not None:
+        common["shared_errors"] += _input_errors(columns, ("elongation", "elongation"), good, f"{label}, {{}} m")
     return FrequencyResponseObservation(
         label,
         columns["frequency"],
@@ -168,7 +242,7 @@ def _response(
         elongation_m=elongation_m,
         good=good,
         **known,
-        **_common_arguments(run),
+        **common,
     )
 
 
@@ -191,13 +265,15 @@ def _membrane_series(run: Run, columns: Columns, good: Mask) -> Iterator[Observa
 def _mass_resonance(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
     frequency, errors = columns[peak], columns[f"{peak}_errors"]
+    good = good & (errors > 0) & np.isfinite(frequency)
     yield MassResonanceObservation(
         run.path.stem,
         columns["mass"],
         frequency,
         errors,
         meaning="peak" if peak == "frequency" else "undamped",
-        good=good & (errors > 0) & np.isfinite(frequency),
+        good=good,
+        shared_errors=_input_errors(columns, ("mass", "mass"), good, f"{run.path.stem}, mass of {{}} kg"),
         simulated=run.simulated,
     )
 
@@ -206,15 +282,20 @@ def _voltage_steps(run: Run, columns: Columns, good: Mask) -> Iterator[Observati
     errors = columns["deflection_errors"]
     direction = np.nan_to_num(columns["direction"])
     time = columns["read_time"]
+    input_v = np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"])
+    common = _common_arguments(run)
+    common["shared_errors"] += _input_errors(
+        columns, ("level", "level"), good & (errors > 0), f"{run.path.stem}, level of {{}} V", input_v
+    )
     yield VoltageStepsObservation(
         run.path.stem,
-        np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"]),
+        input_v,
         columns["deflection"],
         errors,
         rising=direction > 0 if (direction != 0).all() else None,
         time_s=time if np.isfinite(time).all() else None,
         good=good & (errors > 0),
-        **_common_arguments(run),
+        **common,
     )
 
 
@@ -227,9 +308,9 @@ def _static_loading(run: Run, columns: Columns, good: Mask) -> Iterator[Observat
             continue
         deflection = columns["deflection"][at]
         down = np.sign(np.median(deflection[good[at]])) or 1.0
-        # The load error is small compared with that of the deflection, and moves the point along the line.
-        compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
-        errors = np.hypot(columns["deflection_errors"][at], compliance * np.nan_to_num(columns["load_errors"][at]))
+        errors = columns["deflection_errors"][at]
+        common = _common_arguments(run)
+        common["shared_errors"] += _weight_errors(columns, good & at)
         yield StaticLoadingObservation(
             f"{run.path.stem} {name}",
             columns["load"][at],
@@ -237,7 +318,7 @@ def _static_loading(run: Run, columns: Columns, good: Mask) -> Iterator[Observat
             errors,
             side=name,
             good=good[at] & (errors > 0),
-            **_common_arguments(run),
+            **common,
         )
 
 

@@ -34,11 +34,15 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
     """k_s in N/m^2 and c_s in kg/(m s) under a run; 0 where the tactor was free."""
     if observation.elongation_m is None:
         return 0.0, 0.0
-    delta = observation.elongation_m / v["L_m"]
+    errors = (v.get(e.name, 0.0) for e in observation.shared_errors if e.acts_on == "elongation")
+    delta = sum(errors, start=observation.elongation_m) / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
     k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
     if k_s is None:
-        k_s = point_stiffness(v["L_m"], v["b_m"], v["h_m"], v["E_m"], delta) / length
+        membrane = v["L_m"], v["b_m"], v["h_m"], v["E_m"]
+        k_s = point_stiffness(*membrane, np.abs(delta)) / length
+        if np.any(np.asarray(delta) < 0):  # an error of an elongation of 0: the tangent goes on below
+            k_s = np.where(np.asarray(delta) < 0, 2 * point_stiffness(*membrane, 0.0) / length - k_s, k_s)
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
 
 
@@ -94,6 +98,14 @@ class FiniteDifferences:
         """Return the sum of a run's shared errors of one kind, (S,)."""
         errors = (self.values[e.name] for e in observation.shared_errors if e.acts_on == acts_on)
         return np.asarray(sum(errors, start=np.zeros(self.set_count)))
+
+    def input_error(self, observation: Observation, acts_on: ErrorTarget, inputs: Array) -> Array:
+        """Return the sum of the errors of one kind at each of a run's inputs (F,), such as its loads: (S, F)."""
+        total = np.zeros((self.set_count, inputs.size))
+        for e in observation.shared_errors:
+            if e.acts_on == acts_on:
+                total += np.multiply.outer(np.broadcast_to(self.values[e.name], self.set_count), e.acts_at(inputs))
+        return total
 
     def stack(self, factors: Sequence[Factors]) -> tuple[Factors, Factors]:
         """Values (R, 6) and slopes (P, R, 6) of entries of (S, 6) each, one a row."""
@@ -186,17 +198,23 @@ class ForwardModel:
         match run:
             case StaticLoadingObservation():
                 sign = {"mfc": 1.0, "aluminium": -1.0, "both": 0.0}[run.side]
-                per_newton = load_compliance(beam) * gain * (1 + differences.shared_error(run, "load"))
-                y = np.multiply.outer(per_newton * (1 + sign * v["asymmetry"]), run.load_n[good])
+                load = run.load_n[good]
+                per_newton = np.broadcast_to(
+                    load_compliance(beam) * gain * (1 + sign * v["asymmetry"]), differences.set_count
+                )
+                y = per_newton[:, None] * load * (1 + differences.input_error(run, "load", load))
             case VoltageStepsObservation():
                 per_volt = voltage_gain(beam) * gain * (1 + differences.shared_error(run, "volts"))
-                y = np.multiply.outer(per_volt, self._amplifier.specimen_v(run.input_v[good]))
+                level = run.input_v[good]
+                slope = self._amplifier.slope_at(level)
+                volts = self._amplifier.specimen_v(level) + slope * differences.input_error(run, "level", level)
+                y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts
             case MembraneSagObservation():
                 return self._sag(run, differences, gain)
             case MassResonanceObservation():
                 return self._resonances(run, differences)
             case FrequencyResponseObservation():
-                y = self._peak_to_peak(run, differences, gain)
+                return self._peak_to_peak_prediction(run, differences, gain)
         return Prediction(y[0], differences.derivatives(y))
 
     def _sag(self, run: MembraneSagObservation, differences: FiniteDifferences, gain: Array) -> Prediction:
@@ -216,7 +234,8 @@ class ForwardModel:
         return Prediction(y[0], differences.derivatives(y))
 
     def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
-        mass = np.add.outer(np.asarray(run.mass_kg)[run.usable], differences.shared_error(run, "mass")).T  # (S, F)
+        mass_kg = np.asarray(run.mass_kg)[run.usable]
+        mass = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
         stacked, slopes = differences.stack(
             [
                 equation_factors(beam_from_values(differences.values, each), (0.0, 0.0), differences.set_count)
@@ -252,11 +271,16 @@ class ForwardModel:
         )
         sizes = [int(r.usable.sum()) for r in runs]
         of = np.repeat(np.arange(len(runs)), sizes)
-        omega = 2 * np.pi * np.concatenate([r.frequency_hz[r.usable] for r in runs])
+        errors_hz = [differences.input_error(r, "frequency", r.frequency_hz[r.usable]) for r in runs]
+        omega = (
+            2 * np.pi * np.concatenate([r.frequency_hz[r.usable] + e[0] for r, e in zip(runs, errors_hz, strict=True)])
+        )
+        d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
         rows = stacked.take_rows(of)
         H, t = ReceptanceSolver(*differences.geometry, self.n).response(rows, omega)
         z = slopes.K[:, of] - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
         dH = -np.einsum("rj,prj->pr", t, z)
+        dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
         for ends, dl in differences.geometry_derivatives():
             up, down = (ReceptanceSolver(*end, self.n).response(rows, omega)[0] for end in ends)
             dH += np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
@@ -274,19 +298,33 @@ class ForwardModel:
             A = self._drives[run.label] * np.exp(-1j * w * late[0])
             y = A * moment[0] * H[here]
             dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
-            dy = dy - 1j * np.multiply.outer(differences.derivatives(late), w) * y
+            dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega[:, here]) * y
             out[run.label] = (
                 Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
             )
         return out
 
-    def _peak_to_peak(self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array) -> Array:
+    def _peak_to_peak_prediction(
+        self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array
+    ) -> Prediction:
+        nominal = run.frequency_hz[run.usable]
+        error = differences.input_error(run, "frequency", nominal)
+        f, moved = nominal + error[0], differences.derivatives(error)
+        y = self._peak_to_peak(run, differences, gain, f)
+        slopes = differences.derivatives(y)
+        if moved.any():
+            up, down = (self._peak_to_peak(run, differences, gain, f * (1 + side * 1e-5))[0] for side in (1, -1))
+            slopes = slopes + moved * (up - down) / (2e-5 * f)
+        return Prediction(y[0], slopes)
+
+    def _peak_to_peak(
+        self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array, f: Array
+    ) -> Array:
         """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, vectorized over sets."""
         v = differences.values
         beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_from_values(v, run.added_mass_kg)))
         m = matrices(beam, *skin_from_values(run, v), self.n)
         form = modal_form(m.M, m.C, m.K, m.B, 2 * m.B_F)
-        f = run.frequency_hz[run.usable]
         k = np.arange(harmonic_orders(f) + 1)
         H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(differences.set_count, f.size, k.size)
         drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]

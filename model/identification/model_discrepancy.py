@@ -21,6 +21,7 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
     observed_values,
+    over_errors,
 )
 from model.identification.paper_chain import parabola_vertex
 from model.identification.residuals import LeastSquaresProblem
@@ -50,9 +51,8 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
         d = np.zeros(fit.weighted_residuals.size)
         for run in fit.observations.runs:
             if run.label in parts:
-                share = parts[run.label] / observed_values(run)[1]
-                complex_run = place[run.label].stop - place[run.label].start == 2 * share.size
-                d[place[run.label]] = np.concatenate((share.real, share.imag)) if complex_run else np.real(share)
+                complex_run = np.iscomplexobj(observed_values(run)[0])
+                d[place[run.label]] = over_errors(run, parts[run.label] if complex_run else np.real(parts[run.label]))
         return d
 
     found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y), _clamp_discrepancy(fit, y))

@@ -13,14 +13,19 @@ import numpy as np
 from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_length
 
 Side = Literal["mfc", "aluminium", "both"]
-ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay"]
+ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency"]
 SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "displacement": "1",
     "volts": "1",
     "load": "1",
     "mass": "kg",
     "delay": "s",
+    "level": "V",
+    "elongation": "m",
+    "frequency": "Hz",
 }
+SAME_INPUT = 1e-9
+"""Relative difference up to which two inputs are one: the same weight, mass, level or frequency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +34,15 @@ class SharedError:
 
     It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
     it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on
-    delay a lateness of the displacement, in s, that was not corrected in the phases.
+    delay a lateness of the displacement, in s, that was not corrected in the phases; on level (volts at the amplifier's
+    input), elongation and frequency an offset. With `at` it acts only where the load (N), mass, level, elongation or
+    frequency is that value: the error of one weight among several.
     """
 
     name: str
     acts_on: ErrorTarget
     standard_error: float
+    at: float | None = None
 
     def __post_init__(self) -> None:
         if self.acts_on not in get_args(ErrorTarget):
@@ -46,6 +54,14 @@ class SharedError:
                 f"common error {self.name!r} has a standard error of {self.standard_error:g}: it must be positive; "
                 "leave the error out if the instrument is perfect"
             )
+        if self.at is not None and (self.acts_on in ("displacement", "volts", "delay") or not np.isfinite(self.at)):
+            raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
+
+    def acts_at(self, inputs: Array) -> Mask:
+        """Return which points with these loads, masses, levels, elongations or frequencies it acts on."""
+        if self.at is None:
+            return np.ones(np.shape(inputs), bool)
+        return np.asarray(np.isclose(inputs, self.at, rtol=SAME_INPUT, atol=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +197,8 @@ class FrequencyResponseObservation(_ObservationBase):
     """(F, K): peak amplitudes of orders 1..K, NaN where unknown."""
     harmonic_errors_m: Array | None = None
     """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
+    phase_errors_rad: Array | None = None
+    """Standard error of the phase, where it is not that of the amplitude; `errors_m` is of the amplitude then."""
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind show drift."""
 
@@ -192,11 +210,11 @@ class FrequencyResponseObservation(_ObservationBase):
         if self.fundamental_m is None and self.peak_to_peak_m is None:
             raise ParameterError(f"{kind} {self.label!r}: give the fundamental, or max - min, with its errors")
         columns = ("frequency_hz", "fundamental_m", "errors_m", "drive_amplitude_v", "drive_offset_v")
-        more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m")
+        more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m", "phase_errors_rad")
         self._validate_columns(
             kind,
             (*columns, *more),
-            ("errors_m", "peak_to_peak_errors_m", "harmonic_errors_m", "frequency_hz"),
+            ("errors_m", "peak_to_peak_errors_m", "harmonic_errors_m", "phase_errors_rad", "frequency_hz"),
             "frequency_hz",
         )
         if self.elongation_m is not None and not self.elongation_m >= 0:
@@ -276,14 +294,21 @@ def resample(observations: ObservationSet, rng: np.random.Generator) -> tuple[Ob
 
 
 def _resampled_run(run: Observation, shared_errors: dict[str, float], rng: np.random.Generator) -> Observation:
-    def of(acts_on: ErrorTarget) -> float:
-        return sum(shared_errors[e.name] for e in run.shared_errors if e.acts_on == acts_on)
+    def of(acts_on: ErrorTarget, inputs: Array | None = None) -> Any:
+        mine = [e for e in run.shared_errors if e.acts_on == acts_on]
+        if inputs is None and any(e.at is not None for e in mine):
+            raise ParameterError(f"{run.label}: errors of single inputs ({acts_on}) cannot be drawn from")
+        return sum(shared_errors[e.name] * (1 if inputs is None else e.acts_at(inputs)) for e in mine)
 
-    gain = (1 + of("displacement")) * (1 + of("volts")) * (1 + of("load"))
+    if any(of(target) for target in ("level", "elongation", "frequency")):
+        raise ParameterError(f"{run.label}: errors of level, elongation and frequency cannot be drawn from")
+    load = of("load", run.load_n) if isinstance(run, StaticLoadingObservation) else of("load")
+    gain = (1 + of("displacement")) * (1 + of("volts")) * (1 + load)
     match run:
         case MassResonanceObservation():
             f = run.frequency_hz
-            if offset := of("mass"):
+            offset = of("mass", run.mass_kg)
+            if np.any(offset):
                 # the mass that is there differs from the one written down
                 squares = np.polynomial.Polynomial.fit(run.mass_kg, f**-2.0, min(3, f.size - 1))
                 f = squares(run.mass_kg + offset) ** -0.5 * f / squares(run.mass_kg) ** -0.5
@@ -295,10 +320,14 @@ def _resampled_run(run: Observation, shared_errors: dict[str, float], rng: np.ra
             F = run.fundamental_m
             if F is not None and run.errors_m is not None:
                 F = F * gain
+                along: Any = 1.0
                 if np.iscomplexobj(F):
                     F = F * np.exp(-2j * np.pi * run.frequency_hz * of("delay"))
-                    F = F + 1j * run.errors_m * rng.standard_normal(F.size)
-                F = F + run.errors_m * rng.standard_normal(F.size)
+                    across = run.errors_m
+                    if run.phase_errors_rad is not None:
+                        along, across = np.exp(1j * np.angle(F)), np.abs(F) * run.phase_errors_rad
+                    F = F + 1j * along * across * rng.standard_normal(F.size)
+                F = F + along * run.errors_m * rng.standard_normal(F.size)
             h = run.harmonics_m
             error = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
             if h is not None and error is not None:
@@ -313,6 +342,22 @@ def observed_values(run: Observation) -> tuple[Any, Array]:
     """What a fit compares, real or complex, and its standard error, both (F,): usable points only."""
     values, errors = _columns(run)
     return getattr(run, values)[run.usable], getattr(run, errors)[run.usable]
+
+
+def over_errors(run: Observation, difference: Any) -> Array:
+    """Return differences (..., F) to the observed values, or slopes, over their standard errors, as a fit takes them.
+
+    Real ones are (..., F); complex ones (..., 2 F): real parts and then imaginary parts, or amplitudes and then phases where
+    these have errors of their own.
+    """
+    y, error = observed_values(run)
+    if not np.iscomplexobj(y):
+        return np.asarray(difference / error)
+    other = error
+    if isinstance(run, FrequencyResponseObservation) and run.phase_errors_rad is not None:
+        difference = difference * np.exp(-1j * np.angle(y))
+        other = np.abs(y) * run.phase_errors_rad[run.usable]
+    return np.concatenate((np.real(difference) / error, np.imag(difference) / other), axis=-1)
 
 
 def with_observed_values(run: Observation, values: Any) -> Observation:

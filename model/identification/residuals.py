@@ -8,7 +8,7 @@ from model import Array
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
-from model.identification.observations import ObservationSet, observed_values
+from model.identification.observations import ObservationSet, observed_values, over_errors
 
 
 class LeastSquaresProblem:
@@ -32,7 +32,7 @@ class LeastSquaresProblem:
         self.start = np.array([options.start.get(n, known.start_value(n, base)) for n in self.names])
         prior = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()} | dict(options.priors)
         self._prior = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
-        self._data = [observed_values(run) for run in observations.runs]
+        self._data = [observed_values(run)[0] for run in observations.runs]
         limits = [known.parameter_spec(n, observations).interval for n in self.names]
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)
         self.lower_bounds = np.array([next((float(x) for x in (i.ge, i.gt) if x is not None), -np.inf) for i in limits])  # type: ignore[arg-type]
@@ -42,11 +42,10 @@ class LeastSquaresProblem:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""
         rows: list[Array] = []
         J: list[Any] = []
-        for (y, error), got in zip(self._data, self.forward_model.predict(theta), strict=True):
-            r, s = (y - got.values) / error, got.derivatives / error
-            parts = (r.real, r.imag) if np.iscomplexobj(r) else (r,)
-            rows += parts
-            J += [s.real.T, s.imag.T] if len(parts) == 2 else [s.T]
+        runs = self.observations.runs
+        for run, y, got in zip(runs, self._data, self.forward_model.predict(theta), strict=True):
+            rows.append(over_errors(run, y - got.values))
+            J.append(over_errors(run, got.derivatives).T)
         for i, value, sigma in self._prior:
             rows.append(np.array([(value - theta[i]) / sigma]))
             one = np.zeros((1, theta.size))

@@ -56,7 +56,7 @@ class SinePoint:
     fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental by least-squares sine fit"]
     fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the fundamental"]
     phase: Annotated[float, Unit("rad"), "phase of the fundamental against the recorded drive, sensor delay removed"]
-    phase_errors: Annotated[float, Unit("rad"), "standard uncertainty of the phase"]
+    phase_errors: Annotated[float, Unit("rad"), "standard uncertainty of the phase, drive channel included"]
     thd: Annotated[float, Unit("1"), "total harmonic distortion of the displacement"]
     harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
     drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive at the amplifier's input"]
@@ -100,6 +100,11 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         float(abs(components[0])),
         math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each),
     )
+    # The phase is against the recorded drive, whose channel has noise of its own.
+    drive_error = math.sqrt(
+        sum((one.driven.standard_error / abs(one.driven.fundamental)) ** 2 for one in each if one.driven.fundamental)
+    ) / len(each)
+    phase_error = math.hypot(error / fundamental, drive_error) if fundamental > 0 else math.inf
     drive_tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
     detected = {
         Quality.DRIVE_OFF: any(
@@ -125,7 +130,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         fundamental=fundamental,
         fundamental_errors=error,
         phase=float(np.angle(np.exp(1j * turn))),
-        phase_errors=min(error / fundamental, math.pi / math.sqrt(3)) if fundamental > 0 else math.pi / math.sqrt(3),
+        phase_errors=min(phase_error, math.pi / math.sqrt(3)),
         thd=float(np.linalg.norm(components[1:]) / fundamental) if fundamental > 0 else math.nan,
         harmonics=tuple(harmonics.tolist()),
         drive_amplitude=float(np.mean([abs(one.driven.fundamental) for one in each])),

@@ -150,6 +150,12 @@ class RunTrace:
         """One recording, without reading the others; a negative index counts from the end."""
         return self._recording(index % self.recording_count, self._recordings[index], self._displacement_delay_s())
 
+    def recording_rows(self, index: int) -> tuple[int, int, int]:
+        """Return start row, stop row and plan entry of a recording, without reading its samples."""
+        row = self._recordings[index]
+        entry = int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index
+        return int(row["start_row"]), int(row["stop_row"]), entry
+
     def last_recording(self) -> Recording | None:
         """Return the last recording without reading the others; None if there is none."""
         return self.recording(-1) if self.recording_count else None

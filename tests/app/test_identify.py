@@ -58,6 +58,20 @@ def test_a_shared_gain_error_of_the_sensor_is_in_the_error_of_the_coupling(runs:
     assert all_.standard_error == pytest.approx(one.standard_error, rel=0.2)
 
 
+def test_identical_samples_of_two_runs_are_counted_once(runs: list[Path], tmp_path: Path) -> None:
+    """Two points of a copy have the same samples, but other values, as of another version of the program."""
+    copy = Path(shutil.copy(runs[0], tmp_path / "again.h5"))
+    with h5py.File(copy, "r+") as file:
+        file["entry/points/fundamental"][:2] *= 1.01
+        file["entry/points/fundamental"][2:] *= 1.01
+        drive = file["entry/trace/drive"]
+        rows = file["entry/recordings"]["start_row"]
+        drive[int(rows[2]) :] = drive[int(rows[2]) :] + 1  # all recordings but the first two differ
+    _, campaign, notes = read_observations([runs[0], copy])
+    assert [r.usable.sum() for r in campaign.runs] == [8, 6]
+    assert notes == [f"again.h5 holds the same data as {runs[0].name} at 2 of 8 points: they are counted once"]
+
+
 def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
     copy = Path(shutil.copy(runs[0], tmp_path))
     with h5py.File(copy, "r+") as file:

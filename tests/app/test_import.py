@@ -99,6 +99,7 @@ def test_a_resonance_says_whether_it_is_a_peak_or_the_natural_frequency(tmp_path
         assert found.meaning == meaning
         np.testing.assert_allclose(found.frequency_hz, [300.9, 141.8])
         np.testing.assert_allclose(found.mass_kg, [1.75e-3, 9.75e-3])
+        np.testing.assert_allclose(found.errors_hz, [0.3, 0.3])
 
 
 def test_an_elongation_makes_it_a_membrane_series(tmp_path: Path) -> None:

@@ -12,11 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers import LevelAction
+from drivers import LevelAction, Sine
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
-from protocols.base import EntryStarted, LogMessage, Quality, RecordingFinished, ReferenceModel, SettlingFinished
-from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
+from protocols.base import (
+    EntryStarted,
+    LogMessage,
+    Quality,
+    Recording,
+    RecordingFinished,
+    ReferenceModel,
+    SettlingFinished,
+)
+from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies, sine_point
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
@@ -309,3 +317,17 @@ def test_settling_of_a_ringing_tactor_needs_its_decay_time(tmp_path: Path) -> No
         patient = run(protocol.model_copy(update={"decay_s": 0.4}), tmp_path, lab).points[0].fundamental / truth
     assert abs(patient - 1) < 0.005
     assert hasty < 0.97
+
+
+@pytest.mark.parametrize(("drive_noise_v", "sensor_noise_m"), [(5e-3, 1e-7), (2.7e-4, 5e-7)])
+def test_the_phase_error_has_the_noise_of_the_drive_channel(drive_noise_v: float, sensor_noise_m: float) -> None:
+    """200 recordings of half a second: the scatter of the phase is its stated error."""
+    rng, t = np.random.default_rng(3), np.arange(2500) / 5000
+    z = []
+    for _ in range(200):
+        drive = 2.5 + 2.5 * np.sin(2 * np.pi * 160 * t) + drive_noise_v * rng.standard_normal(t.size)
+        moved = 5e-4 * np.sin(2 * np.pi * 160 * t - 0.7) + sensor_noise_m * rng.standard_normal(t.size)
+        sine = Sine(160.0, 2.5, 2.5, 1000)
+        point = sine_point([Recording(0, (0, t.size), 5000.0, sine, drive, moved, Quality.GOOD, 0.0)], simulated=True)
+        z.append((point.phase + 0.7) / point.phase_errors)
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15

@@ -62,7 +62,7 @@ COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
     ),
     "static-loading": (
         ColumnSpec("load", "N", "force on the centre", ("force", "f", "kraft", "weight"), (1e-3, 20.0)),
-        ColumnSpec("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load"), (1e-4, 2.0)),
+        ColumnSpec("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load", "weight"), (1e-4, 2.0)),
         ColumnSpec("deflection", "m", "displacement under the load against none", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
         ColumnSpec("side", "1", "which side was pushed", ("seite",)),
         ColumnSpec("repeat", "1", "which repeat", ("run", "trial", "wiederholung")),
@@ -86,6 +86,14 @@ COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
         ColumnSpec("displacement", "m", "displacement of the centre", ("deflection", "w", "position", "x"), (-1e-2, 1e-2)),
     ),
 }  # fmt: skip
+INPUT_UNCERTAINTIES: dict[str, dict[str, str]] = {
+    "sine-dwell": {"frequency": "Hz", "elongation": "m"},
+    "membrane-series": {"frequency": "Hz", "elongation": "m"},
+    "static-loading": {"mass": "kg"},
+    "voltage-steps": {"level": "V", "specimen_voltage": "V"},
+    "mass-resonance": {"mass": "kg"},
+}
+"""Inputs whose uncertainty a fit takes into account, beside the measured quantities, by protocol and with their units."""
 REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "sine-dwell": (("frequency",), ("peak_to_peak", "fundamental")),
     "static-loading": (("load", "mass"), ("deflection",)),
@@ -116,10 +124,9 @@ def table_kinds() -> dict[str, TableKind]:
         for slot in COLUMN_SPECS.get(name, ()):
             known = own.get(slot.name, slot)
             own[slot.name] = ColumnSpec(slot.name, known.unit, slot.description, slot.aliases, slot.usual_range)
-            errors = f"{slot.name}_errors"
-            own.setdefault(
-                errors, ColumnSpec(errors, slot.unit, f"standard uncertainty of {slot.name.replace('_', ' ')}")
-            )
+        for column, unit in INPUT_UNCERTAINTIES.get(name, {}).items():
+            errors = f"{column}_errors"
+            own.setdefault(errors, ColumnSpec(errors, unit, f"standard uncertainty of {column.replace('_', ' ')}"))
         own[ENTRY_COLUMN] = ColumnSpec(ENTRY_COLUMN, "1", "entry of the plan")
         needs = REQUIRED_COLUMNS.get(name, tuple((axis,) for axis in protocol.axes))
         made[name] = TableKind(name, name, tuple(own.values()), needs, AMBIGUOUS_NAMES.get(name, {}), needs[-1])
@@ -157,10 +164,15 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
             known = ", ".join(slot.name for slot in kind.columns if not slot.name.endswith("_errors"))
             raise TableImportError(f"--column {name}={head}: {kind.name} has no '{name}'; it has: {known}")
         of[name] = _column_by_heading(table, head, f"--column {name}={head}")
+    there = {slot.name for cells in table.columns if (slot := _find_spec(kind, cells, named)) is not None}
+    values = (
+        *named,
+        *(name for name in kind.measured_columns if name in there),
+    )  # a column `sigma` belongs to the first
     for cells in table.columns:
         if any(cells is known for known in of.values()):
             continue
-        slot = _find_spec(kind, cells, named)
+        slot = _find_spec(kind, cells, values)
         if slot is None:
             continue
         if slot.name in of:

@@ -5,20 +5,22 @@ An imported run has no raw samples, instruments or events; values that the table
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, make_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Unit
 
-from app.archive.importing.columns import ColumnMapping
+from app.archive.importing.columns import INPUT_UNCERTAINTIES, ColumnMapping
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import (
     ColumnSource,
     ImportOptions,
-    add_uncertainties,
+    add_stated_uncertainties,
     check_repeats,
     column_sources,
+    missing_uncertainty_warning,
     table_values,
 )
 from app.common import NO_PROGRESS, Progress
@@ -65,6 +67,7 @@ def build_points(
     kind = mapping.kind
     parameters = dict(options.settings)
     protocol = PROTOCOLS[kind.protocol]
+    completed = add_stated_uncertainties(kind, values, options.uncertainties, last=False)
     match kind.name:
         case "sine-dwell" | "membrane-series":
             protocol = _complete_dwell(table, values, options, parameters, cautions)
@@ -78,13 +81,15 @@ def build_points(
                 "the strip's geometry and weight are the protocol's unless --set says otherwise: see 'parameters'"
             )
     cautions += check_repeats(table, mapping, values, rows)
-    add_uncertainties(kind, values, options, cautions)
+    add_stated_uncertainties(kind, values, completed)
+    cautions += missing_uncertainty_warning(kind, values)
     flags = Quality.IMPORTED | (
         Quality.SIMULATED if options.simulated or "SIMULATED" in table.path.name else Quality.GOOD
     )
     quality = values.pop("quality", np.zeros(rows))
     entries = values.pop(ENTRY_COLUMN, np.arange(rows, dtype=float))
-    points = tuple(_make_points(protocol.point_type, values, [int(q) | int(flags) for q in quality]))
+    point_type = _with_input_errors(protocol, values)
+    points = tuple(_make_points(point_type, values, [int(q) | int(flags) for q in quality]))
     return ImportedRun(
         protocol,
         points,
@@ -109,7 +114,7 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
         protocol=run.protocol.name,
         title=run.protocol.title,
         parameters=dict(run.parameters),
-        point_type=run.protocol.point_type,
+        point_type=type(run.points[0]),
         axes=run.protocol.axes,
         sensor=LaserSensor(
             options.sensor or "not told (imported)", nothing, nothing, nothing, nothing, nothing, options.gain_error
@@ -180,8 +185,10 @@ def _complete_loads(values: dict[str, Array], parameters: dict[str, Any], warnin
     gravity = float(parameters.get("gravity_m_per_s2", GRAVITY))
     if "load" not in values:
         values["load"] = gravity * values["mass"]
-        if "mass_errors" in values:
-            values.setdefault("load_errors", gravity * values.pop("mass_errors"))
+    if "mass_errors" in values:
+        if "load_errors" in values:
+            raise TableImportError("the uncertainty of the weights is given twice, for mass and load; leave one away")
+        values["load_errors"] = gravity * values.pop("mass_errors")
     values.setdefault("mass", values["load"] / gravity)
     if "side" not in values:
         side = {"MFC up": 1.0, "aluminium up": -1.0}.get(str(parameters.get("sides", "")), math.nan)
@@ -200,6 +207,8 @@ def _complete_steps(
         values["level"] = values["drive"]
     if "level" not in values:
         values["level"] = map_.input_v(values.pop("specimen_voltage"))
+        if "specimen_voltage_errors" in values:
+            values["level_errors"] = values.pop("specimen_voltage_errors") / map_.slope_at(values["level"])
         warnings.append(
             f"volts on the specimen are turned into volts at the input by {map_.slope_below:g} and {map_.slope_above:g} V/V around {map_.rest_v:g} V"
         )
@@ -213,6 +222,18 @@ def _complete_steps(
             f'volts on the specimen are named so: --column "specimen_voltage={cells.heading}"'
         )
     warnings.append(f"deflections are taken as against rest, {map_.rest_v:g} V at the amplifier's input")
+
+
+def _with_input_errors(protocol: type[Protocol], values: Mapping[str, Array]) -> type:
+    """Return the protocol's point type, with columns for the uncertainties of inputs that this table states."""
+    known = point_columns(protocol.point_type)
+    more = [
+        (f"{name}_errors", Annotated[float, Unit(unit), f"standard uncertainty of the {name}"])
+        for name, unit in INPUT_UNCERTAINTIES.get(protocol.name, {}).items()
+        if f"{name}_errors" in values and f"{name}_errors" not in known
+    ]
+    base = protocol.point_type
+    return make_dataclass(base.__name__, more, bases=(base,), frozen=True, slots=True) if more else base
 
 
 def _make_points(point_type: type, values: Mapping[str, Array], flags: Sequence[int]) -> Iterator[Any]:

@@ -37,6 +37,11 @@ def build_series_points(
     Raises:
         TableImportError: a sentence that says which file is wrong, where, and what would do.
     """
+    if options.uncertainties:
+        raise TableImportError(
+            f"--uncertainty {next(iter(options.uncertainties))}=...: a time series has the uncertainties of its sine fit; leave it "
+            "away, and give the sensor's gain by --gain-error"
+        )
     points, curves, cautions = [], [], list[str]()
     parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
     for entry, ((sheet, matched), file_progress) in enumerate(zip(series, parts, strict=True)):

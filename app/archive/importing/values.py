@@ -211,33 +211,62 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
     return messages
 
 
-def add_uncertainties(kind: TableKind, values: dict[str, Array], options: ImportOptions, warnings: list[str]) -> None:
-    """Return the user's standard errors for values without their own."""
-    for name, text in options.uncertainties.items():
+def add_stated_uncertainties(
+    kind: TableKind, values: dict[str, Array], stated: Mapping[str, str], last: bool = True
+) -> dict[str, str]:
+    """Add the standard errors that the user states, and return those of quantities that are not among the values.
+
+    Args:
+        kind: of the table.
+        values: by quantity; errors are added as `QUANTITY_errors`.
+        stated: quantity -> `2 um` or `1 %`.
+        last: refuse what is not among the values.
+
+    Raises:
+        TableImportError: names the uncertainty that no fit can use, that is there twice, or that is no number.
+    """
+    left: dict[str, str] = {}
+    for name, text in stated.items():
+        option = f"--uncertainty {name}={text}"
+        if kind.column(name) is not None and kind.column(f"{name}_errors") is None:
+            usable = ", ".join(
+                each.name.removesuffix("_errors") for each in kind.columns if each.name.endswith("_errors")
+            )
+            raise TableImportError(
+                f"{option}: no fit takes the uncertainty of {name.replace('_', ' ')} into account; leave it away, or add it to that "
+                f"of what was measured. It can be given for: {usable}"
+            )
         slot = kind.column(name)
         if slot is None or name not in values:
-            have = ", ".join(n for n in values if kind.column(f"{n}_errors") is not None)
-            raise TableImportError(
-                f"--uncertainty {name}={text}: there is no {name} among the values; there are: {have}"
-            )
+            if last:
+                have = ", ".join(n for n in values if kind.column(f"{n}_errors") is not None)
+                raise TableImportError(f"{option}: there is no {name} among the values; there are: {have}")
+            left[name] = text
+            continue
         if f"{name}_errors" in values:
-            raise TableImportError(
-                f"--uncertainty {name}={text}: the table has a column for it; leave one of them away"
-            )
+            raise TableImportError(f"{option}: the table has a column for it; leave one of them away")
         try:
             relative = text.strip().endswith("%")
             size = to_number(text.strip().removesuffix("%"), "1") / 100 if relative else to_number(text, slot.unit)
         except UnitError as error:
-            raise TableImportError(f"--uncertainty {name}={text}: {error}; or a share of the value: '1 %'") from None
+            raise TableImportError(f"{option}: {error}; or a share of the value: '1 %'") from None
         if not (math.isfinite(size) and size > 0):
-            raise TableImportError(f"--uncertainty {name}={text}: it must be positive")
-        values[f"{name}_errors"] = size * np.abs(values[name]) if relative else np.full(len(values[name]), size)
+            raise TableImportError(f"{option}: it must be positive")
+        errors = size * np.abs(values[name]) if relative else np.full(len(values[name]), size)
+        values[f"{name}_errors"] = np.where(np.isfinite(values[name]), errors, np.nan)
+    return left
+
+
+def missing_uncertainty_warning(kind: TableKind, values: Mapping[str, Array]) -> list[str]:
+    """Return a warning if no measured quantity has an uncertainty."""
     measured = [name for name in kind.measured_columns if name in values]
     if measured and not any(np.any(values.get(f"{name}_errors", np.zeros(1)) > 0) for name in measured):
-        warnings.append(
-            f"the uncertainty of the values is not given: the run can be looked at and compared, but not identified; "
+        message = (
+            "the uncertainty of the values is not given: the run can be looked at and compared, but not identified; "
             f"say it with --uncertainty {measured[0]}='1 %', or a column '{measured[0]}_errors'"
         )
+        return [message]
+    return []
 
 
 def column_sources(mapping: ColumnMapping, options: ImportOptions) -> Iterator[ColumnSource]:
