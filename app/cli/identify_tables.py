@@ -114,7 +114,7 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table
                 f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.free_parameters)}"
             )
     found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
-    errors = dict(zip(fit.names, (fit.error_scale * fit.covariance.diagonal() ** 0.5).tolist(), strict=True))
+    errors = dict(zip(fit.names, (fit.enlarged_covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     return Table(
         "profiles",
@@ -164,6 +164,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                     Column("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
                     Column("probability", "", [r.p_value for r in runs], format_spec=".2g"),
                     Column("outliers", "", [len(r.outliers) for r in runs], "beyond 4 errors"),
+                    Column("error_scale", "", [r.error_scale for r in runs], "errors enlarged", format_spec=".3g"),
                 ),
             )
         )

@@ -157,7 +157,12 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
     )
     fit = None if specimen.identification is None else specimen.identification.joint_fit
     if fit is not None and fit.error_scale > 1:
-        note = f"Standard errors are enlarged {fit.error_scale:.2g} times, as the misfit is larger than the errors of the points. {note}"
+        enlarged = ", ".join(
+            f"{m.error_scale:.2g} times those of {m.label}" for m in fit.residuals if m.error_scale > 1
+        )
+        note = (
+            f"Errors are enlarged run by run, as the misfit is larger than the errors of the points: {enlarged}. {note}"
+        )
     return Table.of_rows("Parameters", heads, rows, note)
 
 

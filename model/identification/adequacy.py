@@ -75,9 +75,9 @@ def _significant_findings(
     fit: JointFit, Q: Array, discrepancies: Sequence[Discrepancy], error_scale: float
 ) -> tuple[list[Finding], int]:
     """The significant findings with all errors multiplied by `error_scale`, and the number of tests."""
-    r = fit.weighted_residuals / error_scale
+    r = np.where(fit.used_rows, fit.weighted_residuals, 0.0) / error_scale
     found = [
-        *_score_tests(discrepancies, r, Q, error_scale),
+        *_score_tests(fit, discrepancies, r, Q, error_scale),
         *_pattern_tests(fit, r, Q),
         *_harmonic_tests(fit, error_scale),
     ]
@@ -93,8 +93,9 @@ def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discr
         np.column_stack((Q, *(w.direction / np.linalg.norm(w.direction) for w in discrepancies))), full_matrices=False
     )
     B = basis[0][:, basis[1] > 1e-6]
-    rest = fit.weighted_residuals - B @ (B.T @ fit.weighted_residuals)
-    freedom = fit.weighted_residuals.size - B.shape[1]
+    r = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
+    rest = r - B @ (B.T @ r)
+    freedom = int(fit.used_rows.sum()) - B.shape[1]
     if freedom <= 0 or chdtrc(freedom, rest @ rest) > MIN_P_VALUE:
         return 1.0
     return float(np.sqrt(rest @ rest / freedom))
@@ -117,15 +118,17 @@ def _verdict_message(fit: JointFit, findings: list[Finding], tests: int) -> str:
 
 def _fit_subspace(fit: JointFit) -> Array:
     """Orthonormal basis (rows, k) of what the fit can follow."""
-    J = fit.jacobian * fit.parameter_scale
+    J = fit.jacobian * fit.parameter_scale * fit.used_rows[:, None]
     U, s, _ = np.linalg.svd(J, full_matrices=False)
     return np.asarray(U[:, s > 1e-7 * s[0]])
 
 
-def _score_tests(discrepancies: Sequence[Discrepancy], r: Array, Q: Array, error_scale: float) -> list[Finding]:
+def _score_tests(
+    fit: JointFit, discrepancies: Sequence[Discrepancy], r: Array, Q: Array, error_scale: float
+) -> list[Finding]:
     out = []
     for departure in discrepancies:
-        d = departure.direction / error_scale
+        d = np.where(fit.used_rows, departure.direction, 0.0) / error_scale
         rest = d - Q @ (Q.T @ d)
         weight = float(rest @ rest)
         if weight <= 1e-6 * float(d @ d) or weight == 0:

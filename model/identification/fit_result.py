@@ -6,9 +6,16 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from model import Array, EstimatedQuantity
+from model import Array, EstimatedQuantity, Mask
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, Loss
+from model.identification.misfit_scale import (
+    OUTLIER_SIGMAS,
+    influence_moments,
+    loss_costs,
+    loss_weights,
+    robust_scale,
+)
 from model.identification.observations import ObservationSet, observed_values
 from model.identification.residuals import LeastSquaresProblem
 
@@ -20,19 +27,16 @@ MIN_SHARE = 0.05
 """A parameter belongs to an unidentified combination if its share is at least this, or undoes what is known of it."""
 UNKNOWN_RELATIVE_ERROR = 10.0
 """Assumed relative error of an unidentified combination: 1000 %."""
+MIN_RUN_FREEDOM = 0.5
+"""A run with fewer residuals left over by the fit cannot tell the size of its errors."""
 MIN_P_VALUE = 1e-3
 """Probability of a chi-square below which the errors do not explain the misfit."""
 
 
-def fit_cost(rows: Array, loss: Loss) -> float:
-    """Return what a fit minimizes: the sum of squares, or of the robust loss, of residuals over their errors, (rows,)."""
-    z = rows**2
-    match loss:
-        case "soft_l1":
-            return float(2 * (np.sqrt(1 + z) - 1).sum())
-        case "cauchy":
-            return float(np.log1p(z).sum())
-    return float(z.sum())
+def fit_cost(rows: Array, loss: Loss, priors: int = 0) -> float:
+    """Return what a fit minimizes, of residuals over their errors (rows,): of the last `priors` rows always the squares."""
+    data = rows.size - priors
+    return float(loss_costs(rows[:data], loss).sum() + rows[data:] @ rows[data:])
 
 
 def format_p_value(probability: float, digits: int = 1) -> str:
@@ -67,6 +71,8 @@ class RunResiduals:
     """Of a chi-square at least as large if the model and the errors are right (points taken as independent)."""
     outliers: tuple[int, ...]
     """Indices among the usable points with a residual beyond 4."""
+    error_scale: float = 1.0
+    """Factor by which this run's errors are enlarged in the standard errors of the result; 1 where they explain its misfit."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,7 @@ class JointFit:
     weighted_residuals: Array
     """Residuals of all runs, then of what is known beforehand."""
     jacobian: Array
-    """Slopes of the predictions over their errors, (rows, P)."""
+    """Slopes of the predictions over their errors, (rows, P), times the root of the weights of a robust loss."""
     converged: bool
     message: str
     evaluations: int
@@ -152,32 +158,87 @@ class JointFit:
         d = np.where(d > 0, d, 1)
         return np.asarray(self.covariance / np.outer(d, d))
 
+    @cached_property
+    def used_rows(self) -> Mask:
+        """(rows,): all, or those of a robust fit that are of no outlier."""
+        used = np.ones(self.weighted_residuals.size, bool)
+        if self.options.loss == "linear":
+            return used
+        for part, scale in zip(self.run_slices, self.run_error_scales, strict=True):
+            used[part] = np.abs(self.weighted_residuals[part]) < OUTLIER_SIGMAS * scale
+        for run, part in zip(self.observations.runs, self.run_slices, strict=True):
+            if np.iscomplexobj(observed_values(run)[0]):  # both rows of a point
+                used[part] = np.tile(used[part].reshape(2, -1).all(axis=0), 2)
+        return used
+
     @property
     def chi_square(self) -> float:
-        """Of all residuals, what is known beforehand included."""
-        return float(self.weighted_residuals @ self.weighted_residuals)
+        """Of all residuals, what is known beforehand included; without the outliers of a robust fit."""
+        r = self.weighted_residuals[self.used_rows]
+        return float(r @ r)
 
     @property
     def cost(self) -> float:
         """The minimized cost: chi-square, or the robust loss."""
-        return fit_cost(self.weighted_residuals, self.options.loss)
+        priors = self.weighted_residuals.size - (self.run_slices[-1].stop if self.run_slices else 0)
+        return fit_cost(self.weighted_residuals, self.options.loss, priors)
 
     @property
     def degrees_of_freedom(self) -> int:
         """Residuals less identified parameters."""
-        return self.weighted_residuals.size - (len(self.names) - len(self.unidentified_combinations))
+        return int(self.used_rows.sum()) - (len(self.names) - len(self.unidentified_combinations))
 
     @property
     def p_value(self) -> float:
         """Of a chi-square at least this large if model and errors are right; 1 where nothing is left to test."""
         return float(chdtrc(self.degrees_of_freedom, self.chi_square)) if self.degrees_of_freedom > 0 else 1.0
 
+    @cached_property
+    def run_error_scales(self) -> tuple[float, ...]:
+        """Factor on the errors of each run: 1, or how much larger its misfit is than its errors explain.
+
+        The root of the run's reduced chi-square, or its robust counterpart, of the residuals that the fit leaves to the run. Where
+        the misfit is too large in all and in no run by itself, it is the same factor for all.
+        """
+        J, r = self.jacobian, self.weighted_residuals
+        leverage = np.einsum("ij,jk,ik->i", J, self.covariance, J)
+        parts = [(r[part], float(r[part].size - leverage[part].sum())) for part in self.run_slices]
+        scales = [self._misfit_scale(rows, freedom, len(parts)) for rows, freedom in parts]
+        if max(scales, default=1.0) == 1.0 and parts:
+            common = self._misfit_scale(np.concatenate([rows for rows, _ in parts]), sum(f for _, f in parts), 1)
+            scales = [common] * len(parts)
+        return tuple(scales)
+
+    def _misfit_scale(self, rows: Array, freedom: float, tests: int) -> float:
+        if self.options.loss != "linear":
+            return robust_scale(rows, freedom)
+        chi_square = float(rows @ rows)
+        if freedom < MIN_RUN_FREEDOM or chdtrc(freedom, chi_square) * tests >= MIN_P_VALUE:
+            return 1.0
+        return max(1.0, float(np.sqrt(chi_square / freedom)))
+
     @property
     def error_scale(self) -> float:
-        """Factor on all standard errors: 1, or the square root of the reduced chi-square where errors explain too little."""
-        if self.degrees_of_freedom > 0 and self.p_value < MIN_P_VALUE:
-            return float(np.sqrt(self.chi_square / self.degrees_of_freedom))
-        return 1.0
+        """Largest factor on the errors of any run."""
+        return max(self.run_error_scales, default=1.0)
+
+    @cached_property
+    def enlarged_covariance(self) -> Array:
+        """(P, P) with the errors of each run enlarged by its own factor; the parameters stay where they are."""
+        if self.options.loss == "linear" and self.error_scale == 1:
+            return self.covariance
+        J = self.jacobian * self.parameter_scale
+        slope, spread = np.ones(len(J)), np.ones(len(J))
+        for part, scale in zip(self.run_slices, self.run_error_scales, strict=True):
+            J[part] /= np.sqrt(loss_weights(self.weighted_residuals[part], self.options.loss))[:, None]
+            slope[part], spread[part] = influence_moments(self.options.loss, scale)
+        s, Vt = self._svd
+        V = Vt[[not self._is_unidentified(x) for x in s]].T
+        J = J @ V
+        inverse = V @ np.linalg.inv((J.T * slope) @ J)
+        return np.asarray(
+            inverse @ ((J.T * spread) @ J) @ inverse.T * np.outer(self.parameter_scale, self.parameter_scale)
+        )
 
     @property
     def verdict(self) -> str:
@@ -185,20 +246,36 @@ class JointFit:
         if self.degrees_of_freedom <= 0:
             return "no residual is left over to test the model with: measure more points"
         text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
+        if out := int((~self.used_rows).sum()):
+            where = ", ".join(
+                r.label
+                for r, part in zip(self.residuals, self.run_slices, strict=True)
+                if not self.used_rows[part].all()
+            )
+            text = f"{text} without {out} outlying residuals ({where})"
         if self.error_scale > 1:
             return (
-                f"{text} ({format_p_value(self.p_value)}): the misfit is {self.error_scale:.2g} times what the errors explain; "
-                "standard errors are enlarged by that, which helps only if the misfit is noise: see adequacy"
+                f"{text} ({format_p_value(self.p_value)}): the misfit is {self._describe_scales()} times what the errors explain; "
+                "standard errors are enlarged by that, run by run, which helps only if the misfit is noise: see adequacy"
             )
         if 1 - self.p_value < MIN_P_VALUE:
             return f"{text}: the misfit is smaller than the errors given, which are too large"
         return f"{text} (p = {self.p_value:.2f}): the errors explain the misfit"
 
+    def _describe_scales(self) -> str:
+        """Return the factors by run as text: `3.2 (dwell) and 1.4 (steps)`, or one number for all."""
+        scales = self.run_error_scales
+        if len(scales) > 1 and len(set(scales)) == 1:
+            return f"{scales[0]:.2g} (all runs)"
+        return " and ".join(
+            f"{scale:.2g} ({run.label})" for run, scale in zip(self.observations.runs, scales, strict=True) if scale > 1
+        )
+
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
         """The identified parameters; none for a parameter that is part of an unidentified combination."""
         missing = {name for c in self.unidentified_combinations for name in c.shares}
         sources = self._sources()
-        errors = np.sqrt(np.diag(self.covariance)) * self.error_scale
+        errors = np.sqrt(np.diag(self.enlarged_covariance))
         return tuple(
             EstimatedQuantity(n, float(v), float(e), known.parameter_spec(n, self.observations).unit, sources[n])
             for n, v, e in zip(self.names, self.theta, errors, strict=True)
@@ -208,7 +285,7 @@ class JointFit:
     def covariance_of(self, estimates: tuple[EstimatedQuantity, ...]) -> Array:
         """Covariance of these estimates, in their order, enlarged as their standard errors are."""
         at = [self.names.index(e.name) for e in estimates]
-        return np.asarray(self.covariance[np.ix_(at, at)] * self.error_scale**2)
+        return np.asarray(self.enlarged_covariance[np.ix_(at, at)])
 
     def _sources(self) -> dict[str, tuple[str, ...]]:
         """Return for each parameter the runs with at least 1 % of its information."""
@@ -236,11 +313,14 @@ class JointFit:
     def residuals(self) -> tuple[RunResiduals, ...]:
         """Run by run, in the campaign's order."""
         out = []
-        for run, part in zip(self.observations.runs, self.run_slices, strict=True):
+        parts = zip(self.observations.runs, self.run_slices, self.run_error_scales, strict=True)
+        for run, part, scale in parts:
             r = self.weighted_residuals[part]
             points = observed_values(run)[0].size
             far = np.unique(np.flatnonzero(np.abs(r) > 4) % points)
-            out.append(RunResiduals(run.label, r, float(r @ r), float(chdtrc(r.size, r @ r)), tuple(far.tolist())))
+            out.append(
+                RunResiduals(run.label, r, float(r @ r), float(chdtrc(r.size, r @ r)), tuple(far.tolist()), scale)
+            )
         return tuple(out)
 
     @property

@@ -8,6 +8,7 @@ solver works on logarithms of positive parameters and on the others in units of 
 from collections.abc import Callable
 from dataclasses import replace
 from time import monotonic
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from model import Array, ParameterError
 from model.identification import parameters as known
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
+from model.identification.misfit_scale import LOSS_SCALES, loss_costs, loss_weights
 from model.identification.observations import ObservationSet
 from model.identification.residuals import LeastSquaresProblem
 
@@ -119,6 +121,24 @@ def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
     return [problem.start, table, *moved]
 
 
+def _row_losses(problem: LeastSquaresProblem) -> Any:
+    """Return the loss for scipy: what is known beforehand counts by its square, whatever the loss of the data."""
+    loss, priors = problem.options.loss, problem.prior_count
+    if loss == "linear":
+        return loss
+
+    def losses(squares: Array) -> Array:
+        rho = np.array([squares, np.ones_like(squares), np.zeros_like(squares)])
+        data = squares.size - priors
+        z, c2 = squares[:data], LOSS_SCALES[loss] ** 2
+        weight = loss_weights(np.sqrt(z), loss)
+        rho[0, :data], rho[1, :data] = loss_costs(np.sqrt(z), loss), weight
+        rho[2, :data] = -(weight**3) / (2 * c2) if loss == "soft_l1" else -(weight**2) / c2
+        return rho
+
+    return losses
+
+
 class _FitMonitor:
     """Runs fits and stops them: in time, on request, and with the best point it saw."""
 
@@ -138,7 +158,7 @@ class _FitMonitor:
         try:
             with np.errstate(all="ignore"):
                 got = least_squares(
-                    descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=p.options.loss,
+                    descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=_row_losses(p),
                     xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=200,
                 )  # fmt: skip
         except _TimeLimitReached:
@@ -152,8 +172,9 @@ class _FitMonitor:
             converged = bool(got.success)
             message = "converged" if converged else "stopped after 200 evaluations without settling"
         if p.options.loss != "linear":
-            squares = 1 + r * r  # their weights are the derivative of the loss to the squared residual
-            J = J * np.sqrt(1 / np.sqrt(squares) if p.options.loss == "soft_l1" else 1 / squares)[:, None]
+            weights = np.ones(r.size)
+            weights[: r.size - p.prior_count] = loss_weights(r[: r.size - p.prior_count], p.options.loss)
+            J = J * np.sqrt(weights)[:, None]
         at_limit = [
             n
             for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)

@@ -28,7 +28,7 @@ class ProfileInterval:
 def profile_interval(
     fit: JointFit, name: str, coverage: float = 0.95, cancelled: CancelCheck | None = None
 ) -> ProfileInterval:
-    """The interval in which chi-square rises by no more than the quantile of one degree of freedom, times `fit.error_scale` squared.
+    """The interval in which chi-square rises by no more than the quantile of one degree of freedom, times the factor on the variance.
 
     Each side takes some ten fits.
 
@@ -42,9 +42,10 @@ def profile_interval(
         raise ParameterError(f"coverage is {coverage:g}: it must lie between 0 and 1, e.g. 0.95")
     at = fit.names.index(name)
     value = float(fit.theta[at])
-    error = float(np.sqrt(fit.covariance[at, at])) * fit.error_scale
+    error = float(np.sqrt(fit.enlarged_covariance[at, at]))
     step = error if 0 < error < abs(fit.parameter_scale[at]) else 0.1 * float(fit.parameter_scale[at])
-    limit_rise = float(chdtri(1, 1 - coverage)) * fit.error_scale**2
+    enlarged = error**2 / float(fit.covariance[at, at]) if fit.covariance[at, at] > 0 else 1.0
+    limit_rise = float(chdtri(1, 1 - coverage)) * enlarged
     others = tuple(n for n in fit.free_parameters if n != name)
     prior = fit.options.priors.get(name)
     limit = known.parameter_spec(name, fit.observations)
@@ -97,4 +98,4 @@ def _single_parameter_cost(fit: JointFit, value: float) -> float:
     if J.shape[1] > 1:
         theta[1:] += np.linalg.lstsq(J[:, 1:], rows, rcond=None)[0]
         rows, _ = fit.problem.evaluate(theta)
-    return fit_cost(rows, fit.options.loss)
+    return fit_cost(rows, fit.options.loss, fit.problem.prior_count)

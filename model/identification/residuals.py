@@ -32,6 +32,8 @@ class LeastSquaresProblem:
         self.start = np.array([options.start.get(n, known.start_value(n, base)) for n in self.names])
         prior = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()} | dict(options.priors)
         self._prior = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
+        self.prior_count = len(self._prior)
+        """Rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]
         limits = [known.parameter_spec(n, observations).interval for n in self.names]
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)
