@@ -10,6 +10,7 @@ from app.identification import (
     IdentificationResult,
     Method,
     ObservationError,
+    accept_identification,
     amplifier_of,
     calibrations,
 )
@@ -51,7 +52,7 @@ class Identification:
         found: the whole result of the service.
     """
 
-    def __init__(self, found: IdentificationResult) -> None:
+    def __init__(self, found: IdentificationResult, paths: Sequence[Path] = ()) -> None:
         self.found = found
         self.specimen, self.verdict, self.unidentified, self.notes = (
             found.specimen, found.verdict, found.unidentified, found.notes,
@@ -64,6 +65,26 @@ class Identification:
         self.membrane: Membrane = found.membrane
         self.adequacy: Adequacy | None = found.adequacy
         self.shapes: int = found.shapes
+        self._paths = tuple(paths)
+
+    def accept(self, by: str = "", note: str = "", reason: str = "", folder: str | Path | None = None) -> Calibration:
+        """Store the result as the next version of the specimen's calibration, which becomes the active one.
+
+        Args:
+            by: who accepts it.
+            note: a remark kept with it.
+            reason: why a result that is not adequate, or was not tested, is used all the same; needed for such a result.
+            folder: of the calibrations; by default that of the first run.
+
+        Raises:
+            CalibrationError: a reason is needed, nothing was identified, or the file cannot be written.
+
+        Example:
+            >>> found.accept(by="K. Tanaka", reason="only for the demonstration on Friday").decision  # doctest: +SKIP
+            'NOT ADEQUATE: ... Accepted all the same: only for the demonstration on Friday'
+        """
+        where = Path(folder) if folder is not None else self._paths[0].parent
+        return accept_identification(self.found, where, self._paths, by, note, reason)[0]
 
     def __repr__(self) -> str:
         return f"{self.specimen}: {self.verdict}\n{self.estimates!r}"
@@ -111,7 +132,7 @@ def identify(
         loss="cauchy" if robust else "linear",
         amplifier=amplifier_of(paths),
     )
-    return Identification(identify_runs(paths, method, setting, shapes))
+    return Identification(identify_runs(paths, method, setting, shapes), paths)
 
 
 def calibration(specimen: str, folder: str | Path = "runs", version: int | None = None) -> Calibration:

@@ -2,10 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
-
-import numpy as np
 
 from app.cli.identify_tables import (
     estimate_table,
@@ -16,7 +13,7 @@ from app.cli.identify_tables import (
 )
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common import Column, Table, UnitError, UsageError, path_argument, to_number, track, usage_errors, version
+from app.common import Column, Table, UnitError, UsageError, path_argument, to_number, track, usage_errors
 from app.config import ConfigError
 from app.identification import (
     CalibrationError,
@@ -25,6 +22,7 @@ from app.identification import (
     IdentificationResult,
     Method,
     ObservationError,
+    accept_identification,
     amplifier_of,
     calibrations,
     identify,
@@ -79,6 +77,12 @@ class AcceptCommand:
     robust: bool = switch("--robust", "let go of outliers (a Cauchy loss) instead of squares")
     by: str = option("--by", default="", metavar="NAME", help="who accepts it")
     note: str = option("--note", default="", help="a remark kept with it")
+    reason: str = option(
+        "--reason",
+        default="",
+        metavar="TEXT",
+        help="why a result that is not adequate, or was not tested, is accepted all the same; kept and printed with it",
+    )
     json: bool = switch("--json", JSON_OBJECT)
     accept: bool = True
 
@@ -164,33 +168,11 @@ def _parse_fixed(text: str) -> tuple[str, float]:
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:
-    if not identification.estimates:
-        raise UsageError(
-            f"nothing is accepted: these runs identify no parameter of {identification.specimen}; add runs, "
-            "or fix parameters with --fix. Without --accept the command names what to measure next"
-        )
-    folder = options.runs[0].parent
-    known = calibrations.read_calibrations(folder, identification.specimen)
-    number = max((each.version for each in known.versions), default=0) + 1
-    accepted = Calibration(
-        specimen=identification.specimen,
-        version=number,
-        estimates=identification.estimates,
-        covariance=tuple(tuple(row) for row in np.asarray(identification.covariance).tolist()),
-        method=identification.method,
-        runs=tuple(path.name for path in options.runs),
-        code=version(),
-        accepted_at=datetime.now(UTC).isoformat(timespec="seconds"),
-        accepted_by=options.by,
-        simulated=identification.observations.simulated,
-        fixed=dict(identification.fixed),
-        note=options.note,
-        reduced=correction.as_record() if correction else {},
+    accepted, path = accept_identification(
+        identification, options.runs[0].parent, options.runs, options.by, options.note, options.reason, correction
     )
-    path = calibrations.write_calibrations(
-        folder, identification.specimen, Calibrations((*known.versions, accepted), number)
-    )
-    return f"accepted as version {number} of {identification.specimen}, now active, in {path}"
+    decision = f"; {accepted.decision}" if accepted.decision else ""
+    return f"accepted as version {accepted.version} of {identification.specimen}, now active, in {path}{decision}"
 
 
 @dataclass(frozen=True)
@@ -248,7 +230,13 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
         "calibration show",
         {name: value for name, value in version.fixed.items() if value is not None},
         (estimate_table(title, version.estimates),),
-        (*notes, *_correction_lines(version), *([version.note] if version.note else []), *_version_lines(calibrations)),
+        (
+            *([version.decision] if version.decision else []),
+            *notes,
+            *_correction_lines(version),
+            *([version.note] if version.note else []),
+            *_version_lines(calibrations),
+        ),
         extra={"version": version.version, "active": calibrations.active, "record": version.as_record()},
     )
 

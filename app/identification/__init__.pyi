@@ -1,3 +1,6 @@
+from .acceptance import AcceptanceError as AcceptanceError
+from .acceptance import accept_identification as accept_identification
+from .acceptance import doubt_about as doubt_about
 from .active_model import PAPER_MODEL as PAPER_MODEL
 from .active_model import ActiveModel as ActiveModel
 from .active_model import load_active_model as load_active_model

@@ -74,6 +74,8 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         damping = tuple((at, value) for at, value in alone if at is not None)
         simulated = ", SIMULATED" if active.simulated else ""
         words = f"calibration {active.version} of {active.specimen}{simulated}"
+        if active.doubt:
+            words = f"{words} (accepted although {active.doubt.partition(':')[0]})"
         trouble = "" if of_tactor else "nothing of it has an error"
         return ActiveModel(active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping)
     except (CalibrationError, ParameterError) as error:

@@ -49,6 +49,10 @@ class Calibration:
     note: str = ""
     reduced: Mapping[str, Any] = field(default_factory=dict)
     """The bench file whose calibration the raw samples were reduced with anew; empty where runs were taken as they are."""
+    doubt: str = ""
+    """Why the result needed a decision: the model is not adequate for the runs, or was not tested; empty if it is adequate."""
+    reason: str = ""
+    """Why it was accepted all the same, in the words of who accepted it."""
 
     def __post_init__(self) -> None:
         P = len(self.estimates)
@@ -61,6 +65,11 @@ class Calibration:
                     f"calibration of {self.specimen}: standard error of {e.name} is {e.standard_error:g}, its variance "
                     f"{S[i, i]:g}: the record is damaged; accept the estimates again"
                 )
+
+    @property
+    def decision(self) -> str:
+        """Doubt and reason as text; empty for an adequate result."""
+        return f"{self.doubt}. Accepted all the same: {self.reason}" if self.doubt else ""
 
     def tactor(self) -> Tactor:
         """The tactor with these estimates."""
@@ -91,7 +100,7 @@ class Calibration:
             ParameterError: a key is missing or unknown, or a value does not fit.
         """
         known = {f.name for f in fields(cls)}
-        given = set(record) - {"kind"} | {"reduced"}  # older records have none
+        given = set(record) - {"kind"} | {"reduced", "doubt", "reason"}  # older records have none
         if record.get("kind") != "calibration" or given != known:
             missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
             raise ParameterError(

@@ -1,0 +1,88 @@
+"""Acceptance of an identification as the active calibration: inadequate or untested results need a written reason."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from app.common import version
+from app.identification.calibrations import CalibrationError, Calibrations, read_calibrations, write_calibrations
+from app.identification.recalibration import Correction
+from app.identification.specimen_identification import IdentificationResult
+from model.identification import Calibration
+
+MIN_REASON_LENGTH = 10
+"""Letters and digits of a reason."""
+
+
+class AcceptanceError(CalibrationError):
+    """The identification cannot be accepted like this; the message gives reason and remedy."""
+
+
+def doubt_about(identification: IdentificationResult) -> str:
+    """Return why the result needs a decision to be accepted; empty for a result whose model was tested and is adequate."""
+    adequacy = identification.adequacy
+    if adequacy is None:
+        return f"unchecked: no test of the model is made by the method '{identification.method}'"
+    if adequacy.adequate is None:
+        return f"unchecked: {adequacy.message}"
+    return "" if adequacy.adequate else f"NOT ADEQUATE: {adequacy.message}"
+
+
+def accept_identification(
+    identification: IdentificationResult,
+    folder: Path,
+    runs: Sequence[Path],
+    by: str = "",
+    note: str = "",
+    reason: str = "",
+    correction: Correction | None = None,
+) -> tuple[Calibration, Path]:
+    """Store an identification as the next version of the specimen's calibration, now active, and return it with its file.
+
+    Args:
+        identification: what is accepted.
+        folder: of the calibrations.
+        runs: run files that it is from.
+        by: who accepts it.
+        note: a remark.
+        reason: why a result that is not adequate, or was not tested, is used all the same.
+        correction: the bench file that the raw samples were reduced anew with.
+
+    Raises:
+        AcceptanceError: nothing was identified, or a reason is needed.
+        CalibrationError: the file cannot be read or written.
+    """
+    if not identification.estimates:
+        raise AcceptanceError(
+            f"nothing is accepted: these runs identify no parameter of {identification.specimen}; add runs, "
+            "or fix parameters with --fix. Without --accept the command names what to measure next"
+        )
+    doubt, reason = doubt_about(identification), reason.strip()
+    if doubt and sum(map(str.isalnum, reason)) < MIN_REASON_LENGTH:
+        raise AcceptanceError(
+            f"nothing is accepted: the result is {doubt}. Find the cause; or write why it is to be used all the same (--reason TEXT), "
+            f"with at least {MIN_REASON_LENGTH} letters: the reason is kept with the calibration and printed with it"
+        )
+    known = read_calibrations(folder, identification.specimen)
+    number = max((each.version for each in known.versions), default=0) + 1
+    accepted = Calibration(
+        specimen=identification.specimen,
+        version=number,
+        estimates=identification.estimates,
+        covariance=tuple(tuple(row) for row in np.asarray(identification.covariance).tolist()),
+        method=identification.method,
+        runs=tuple(path.name for path in runs),
+        code=version(),
+        accepted_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        accepted_by=by,
+        simulated=identification.observations.simulated,
+        fixed=dict(identification.fixed),
+        note=note,
+        reduced=correction.as_record() if correction else {},
+        doubt=doubt,
+        reason=reason if doubt else "",
+    )
+    path = write_calibrations(folder, identification.specimen, Calibrations((*known.versions, accepted), number))
+    return accepted, path

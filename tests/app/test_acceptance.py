@@ -1,0 +1,83 @@
+"""Acceptance of a calibration: a result that is not adequate, or was not tested, needs a written reason."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.cli.main import main
+from app.identification import AcceptanceError, accept_identification, calibrations, doubt_about
+from app.identification.active_model import load_active_model
+from app.identification.specimen_identification import IdentificationResult, identify
+from model.identification import Calibration
+from model.identification.adequacy import Adequacy
+from tests.helpers.importing import brought
+
+# A second side that is 20 % stiffer: no compliance explains both.
+SIDES = "load [N],deflection [um],u_deflection [um],side,repeat\n" + "".join(
+    f"{0.5 * i},{70 * i * (1 + 0.1 * side) + 0.1 * (-1) ** i:.2f},0.5,{side},1\n"
+    for side in (1, -1)
+    for i in range(1, 7)
+)
+REASON = "only compliance at small loads is needed for the mount"
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "t.csv").write_text(SIDES)
+    return brought(folder / "t.csv", "--specimen", "T1")
+
+
+@pytest.fixture(scope="module")
+def found(wrong: Path) -> IdentificationResult:
+    return identify([wrong])
+
+
+def test_a_result_that_is_not_adequate_is_accepted_only_with_a_reason(
+    wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / wrong.name
+    run.write_bytes(wrong.read_bytes())
+    for reason in ((), ("--reason", " ok ")):
+        assert main(["identify", str(run), "--accept", *reason]) == 2
+        said = capsys.readouterr().err
+        assert "nothing is accepted: the result is NOT ADEQUATE: the model is wrong for these runs" in said
+        assert "--reason TEXT" in said
+        assert calibrations.read_calibrations(tmp_path, "T1").versions == ()
+    assert main(["identify", str(run), "--accept", "--reason", REASON]) == 0
+    assert f"Accepted all the same: {REASON}" in " ".join(capsys.readouterr().out.split())
+    accepted = calibrations.read_calibrations(tmp_path, "T1").get()
+    assert accepted.reason == REASON
+    assert accepted.doubt.startswith("NOT ADEQUATE: ")
+    assert main(["calibration", "show", "T1", "--folder", str(tmp_path)]) == 0
+    assert f"Accepted all the same: {REASON}" in " ".join(capsys.readouterr().out.split())
+    assert load_active_model(tmp_path, "T1").description == "calibration 1 of T1 (accepted although NOT ADEQUATE)"
+
+
+def test_an_unchecked_result_needs_a_reason_and_an_adequate_one_does_not(
+    found: IdentificationResult, tmp_path: Path
+) -> None:
+    for adequacy in (None, Adequacy(None, "no residual is left over", (), 0)):
+        with pytest.raises(AcceptanceError, match="unchecked: "):
+            accept_identification(replace(found, adequacy=adequacy), tmp_path, ())
+    fine = replace(found, adequacy=Adequacy(True, "the misfit is noise", (), 9))
+    assert doubt_about(fine) == ""
+    accepted, path = accept_identification(fine, tmp_path, (), reason="a reason that is not needed")
+    assert (accepted.version, accepted.decision, accepted.reason) == (1, "", "")
+    record = json.loads(path.read_text("utf-8"))["versions"][0]
+    assert Calibration.from_record(record) == accepted
+    del record["doubt"], record["reason"]  # of an earlier version of the program
+    assert Calibration.from_record(record).decision == ""
+
+
+def test_python_accepts_with_a_reason(wrong: Path, tmp_path: Path) -> None:
+    import tactor_bench as tb
+
+    result = tb.identify(wrong)
+    with pytest.raises(tb.CalibrationError, match="nothing is accepted: the result is NOT ADEQUATE"):
+        result.accept(by="K. Tanaka", folder=tmp_path)
+    accepted = result.accept(by="K. Tanaka", reason=REASON, folder=tmp_path)
+    assert accepted.accepted_by == "K. Tanaka"
+    assert tb.calibration("T1", tmp_path).decision.endswith(f"Accepted all the same: {REASON}")
