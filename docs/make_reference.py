@@ -22,6 +22,7 @@ import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
+from drivers.generators.assumptions import assumptions  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
@@ -45,8 +46,25 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
     yield "reference/run-file.md", MADE + run_file()
     yield "reference/python.md", MADE + python_api()
+    yield "generators.md", with_assumptions((HERE / "generators.md").read_text("utf-8"))
     yield "decisions/README.md", LISTED + decisions()
     yield "pictures/README.md", LISTED + pictures()
+
+
+BEGIN, END = "<!-- assumptions: written by docs/make_reference.py from the code -->", "<!-- end of the assumptions -->"
+
+
+def with_assumptions(text: str) -> str:
+    """Return the page on generators with its table of assumptions."""
+    lines = ["| driver | models | property | value assumed | evidence |", "|---|---|---|---|---|"]
+    for each in assumptions():
+        evidence = cell(each.evidence) or "*unproven*"
+        hidden = "" if each.shows_at_output else " (cannot be seen at the output)"
+        lines.append(
+            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)}{hidden} | {evidence} |"
+        )
+    before, _, rest = text.partition(BEGIN)
+    return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{rest.partition(END)[2]}"])
 
 
 def protocol(kind: type[Protocol]) -> str:

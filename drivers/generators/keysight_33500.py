@@ -38,7 +38,7 @@ class Keysight33500(ScpiBurstGenerator):
     INTERPOLATES_POINTS = True
     NEUTRAL_SETTINGS = (
         NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL")),
-        NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL")),
+        NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True),
     )
     IDLE_AMPLITUDE_VPP = 0.01
     RATE_HEADER = "FUNC:ARB:SRAT"

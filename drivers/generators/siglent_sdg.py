@@ -308,7 +308,12 @@ class SiglentSdg(BurstGenerator):
         return query()
 
     def _max_points(self) -> int:
-        return 16_384 if self._is_sdg1000 else 32_000
+        return max_points(self.identity.model)
+
+
+def max_points(model: str) -> int:
+    """Return the longest waveform of a model."""
+    return 32_000 if model.upper().startswith("SDG2") else 16_384
 
 
 NOTHING = "nothing"

@@ -29,8 +29,8 @@ class TektronixAfg(ScpiBurstGenerator):
     SOURCE_PREFIX = "SOUR1:"
     OUTPUT_HEADER = "OUTP1:STAT"
     LOAD_HEADER = "OUTP1:IMP"
-    NEUTRAL_SETTINGS = (
-        NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True),
+    NEUTRAL_SETTINGS = (NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
+    AFG3000_SETTINGS = (
         NeutralSetting("SOUR1:COMB:FEED", '""', ('""', "''", ""), optional=True),
         *(
             NeutralSetting(f"{source}:{quantity}:CONC:STAT", "OFF", ("0", "OFF"), optional=True)
@@ -42,6 +42,9 @@ class TektronixAfg(ScpiBurstGenerator):
     @property
     def _is_afg1000(self) -> bool:
         return self.identity.model.upper().startswith("AFG1")
+
+    def _neutral_settings(self) -> Iterable[NeutralSetting]:
+        return self.NEUTRAL_SETTINGS + (() if self._is_afg1000 else self.AFG3000_SETTINGS)
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         yield from self._common_expected_settings(rest_v)

@@ -8,10 +8,17 @@ ONE_IN = {
 }
 """One more than a device has cases, so that the cases are dealt to the devices in turn."""
 
+VARIANTS_IN = 37
+"""One in so many cases of the variants is quick; it divides no number of variants, so that all cases and models have their turn."""
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests, which come from `sim_hardware.testing`, where there are no tiers."""
+    variants = [item for item in items if item.path.name == "test_sources_variants.py" and "[" in item.name]
+    for place, item in enumerate(variants):
+        if place % VARIANTS_IN:
+            item.add_marker("deep")
     for item in items:
         n = ONE_IN.get(getattr(item, "originalname", ""))
         if n is not None and "contract" in item.path.parts:

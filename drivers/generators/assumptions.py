@@ -1,0 +1,304 @@
+"""Assumptions of the generator and supply drivers: what safety or a number depends on, with its evidence.
+
+The table of docs/generators.md is written from here. The values come from the drivers where they have them. An assumption
+without evidence is unproven: measure it on the instrument before high voltage is on.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.keysight_33200 import FULL_SCALES, Keysight33200
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.rigol_dg import PACKET_POINTS, RigolDg
+from drivers.generators.siglent_sdg import FULL_SCALE, SiglentSdg, max_points
+from drivers.generators.tektronix_afg import TektronixAfg
+
+BENCHCTRL = "benchctrl at 0c6e51e (SDG1032X, firmware 1.01.01.33R1B6)"
+DMM6500 = "dmm6500-serial-decode at 0465be2 (SDG2122X, firmware 2.01.01.38R4 and 39R7)"
+PYMEASURE, QCODES, TM_DEVICES = "PyMeasure at 32503b8", "QCoDeS at 19fae2b", "tm_devices at db887dd"
+MENLO = "Menlo Systems' DG1000Z driver"
+GUIDE_33220A = "33220A User's Guide"
+DG1000Z_GUIDE = "DG1000Z Programming Guide"
+
+
+@dataclass(frozen=True, slots=True)
+class Assumption:
+    """One property of an instrument that a driver relies on.
+
+    Args:
+        driver: name of the driver, as the bench file has it.
+        models: the models it is about.
+        quantity: the property.
+        value: the value that the driver assumes.
+        evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
+        shows_at_output: whether measuring the output can confirm it.
+    """
+
+    driver: str
+    models: str
+    quantity: str
+    value: str
+    evidence: str = ""
+    shows_at_output: bool = True
+
+
+def assumptions() -> Iterator[Assumption]:
+    """Yield the assumptions of all generators and supplies, by driver."""
+    for driver, models, kind, how_idle, evidence in IDLE_LEVELS:
+        yield Assumption(driver, models, "level between bursts", f"the offset: {how_idle}", evidence)
+        yield Assumption(driver, models, "level after a burst and after its abort", "as between bursts")
+        yield Assumption(
+            driver, models, "polarity", "not inverted; an inverted one flips about the offset", POLARITY[driver]
+        )
+        yield Assumption(
+            driver,
+            models,
+            "output while a waveform is uploaded and selected",
+            "stays at the offset"
+            if not kind.CAN_FREEZE_RANGE
+            else f"stays within {kind.IDLE_AMPLITUDE_VPP / 2 * 1e3:g} mV of the offset",
+        )
+        yield Assumption(
+            driver,
+            models,
+            "relay at a change of amplitude",
+            "none: the range is held"
+            if kind.CAN_FREEZE_RANGE
+            else "possible: the amplitude is never changed at rest or in a drive",
+            RANGE_HOLD[driver],
+        )
+    yield from KEYSIGHT_33500
+    yield from KEYSIGHT_33200
+    yield from RIGOL
+    yield from SIGLENT
+    yield from TEKTRONIX
+    yield from SUPPLIES
+
+
+IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
+    ("keysight-33500", "33500B, 33600A", Keysight33500, "the first point of the waveform is 0", ""),
+    (
+        "keysight-33200",
+        "33210A, 33220A, 33250A",
+        Keysight33200,
+        "the first point of the waveform is 0",
+        f"{GUIDE_33220A} p. 227; 33210A guide p. 215",
+    ),
+    (
+        "rigol-dg",
+        "DG1000Z, DG800",
+        RigolDg,
+        "`BURS:IDLE CENTER`",
+        f"{DG1000Z_GUIDE} 2-165, DG800 2-129 (the setting); what CENTER of an uneven waveform is: unproven",
+    ),
+    ("siglent-sdg", "SDG1000X, SDG2000X, T3AFG", SiglentSdg, "the first point of the waveform is 0", ""),
+    (
+        "tektronix-afg",
+        "AFG3000, AFG1000",
+        TektronixAfg,
+        "the first point of the waveform is the middle of its range",
+        "",
+    ),
+)
+
+POLARITY = {
+    "keysight-33500": f"{QCODES} (output_polarity)",
+    "keysight-33200": f"{PYMEASURE} (keysight33250A)",
+    "rigol-dg": "Rigol DG4000 Programming Guide, OUTPut:POLarity (about the offset); DG1000Z has the same command",
+    "siglent-sdg": f"{BENCHCTRL}: `OUTP PLRT` and `INVT`; about the offset: unproven",
+    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG1000: unproven",
+}
+
+RANGE_HOLD = {
+    "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); the gap without it: E1441A guide p. 99",
+    "keysight-33200": "E1441A guide p. 99, Picotest G5100A guide p. 166",
+    "rigol-dg": f"{DG1000Z_GUIDE} 2-185",
+    "siglent-sdg": "",
+    "tektronix-afg": "",
+}
+
+KEYSIGHT_33500 = (
+    Assumption(
+        "keysight-33500",
+        "33500B, 33600A",
+        "amplitude of an uneven waveform",
+        "its span",
+        "Keysight community thread 22573 (33522B)",
+    ),
+    Assumption(
+        "keysight-33500",
+        "33500B, 33600A",
+        "smallest amplitude used",
+        f"{Keysight33500.IDLE_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
+        "a public 33522A driver: minimum 2 mVpp",
+    ),
+    Assumption("keysight-33500", "33500B, 33600A", "filter STEP", "smooths without overshoot"),
+    Assumption("keysight-33500", "33500B, 33600A", "ABORt in mid-cycle", "to the offset within the amplitude"),
+    Assumption(
+        "keysight-33500",
+        "33500B, 33600A",
+        "output limits",
+        "before or after inversion: not relied on",
+        shows_at_output=False,
+    ),
+    Assumption(
+        "keysight-33500",
+        "two channels",
+        "combining, coupling, tracking",
+        "`COMB:FEED`, `VOLT:COUP`, `FREQ:COUP`, `TRAC`: off",
+        "public 33512B adapter and agilent33500 driver (commands); their effect on the output: unproven",
+    ),
+    Assumption("keysight-33500", "33500B, 33600A", "gating", "`OUTP:MODE NORM`, where the model knows it"),
+)
+
+KEYSIGHT_33200 = (
+    Assumption("keysight-33200", "33210A, 33220A, 33250A", "amplitude of an uneven waveform", "its span"),
+    Assumption(
+        "keysight-33200",
+        "33210A, 33220A, 33250A",
+        "smallest amplitude",
+        f"{Keysight33200.MIN_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
+        f"{PYMEASURE} (agilent33220A: limits double with High Z)",
+    ),
+    Assumption(
+        "keysight-33200",
+        "33250A",
+        "converter",
+        f"±{FULL_SCALES['33250']}",
+        "Agilent's Visual Basic sample for the 33250A",
+    ),
+    Assumption("keysight-33200", "33210A, 33220A", "converter", "±8191, big-endian", f"{PYMEASURE} (agilent33220A)"),
+    Assumption(
+        "keysight-33200",
+        "33210A, 33220A, 33250A",
+        "burst mode off and on",
+        "plays at most the idle amplitude meanwhile",
+    ),
+)
+
+RIGOL = (
+    Assumption(
+        "rigol-dg", "DG1000Z", "points of a packet", f"{PACKET_POINTS}, 8 at least", MENLO, shows_at_output=False
+    ),
+    Assumption("rigol-dg", "DG800", "points of a packet", f"{PACKET_POINTS}", shows_at_output=False),
+    Assumption("rigol-dg", "DG1000Z, DG800", "trigger source after a burst", "set anew before each", MENLO),
+    Assumption("rigol-dg", "DG800", "points", "unsigned 14-bit, little-endian"),
+    Assumption("rigol-dg", "DG1000Z", "points", "unsigned 14-bit, little-endian", f"{DG1000Z_GUIDE} 2-173"),
+    Assumption(
+        "rigol-dg",
+        "DG1000Z",
+        "first output at another offset than 0",
+        "no surge",
+        f"contradicted by {MENLO}: look at the trace",
+    ),
+    Assumption(
+        "rigol-dg",
+        "DG1000Z, DG800",
+        "gating, coupling, tracking, sum",
+        "`OUTP:MODE`, `COUP`, `TRACK`, `SUM`: off, where the model knows them",
+        f"{DG1000Z_GUIDE} (commands); DG800: unproven",
+    ),
+    Assumption(
+        "rigol-dg", "DG1000Z, DG800", "offset", "`APPL?`, not `VOLT:OFFS?`", "nominal-io/instro (rigol_dg1022z)"
+    ),
+)
+
+SIGLENT = (
+    Assumption(
+        "siglent-sdg",
+        "SDG2000X",
+        "full-scale code",
+        f"{FULL_SCALE}",
+        f"{DMM6500}: 0.3309 of AMP where 0.3300 was computed",
+    ),
+    Assumption(
+        "siglent-sdg", "SDG1000X, T3AFG", "full-scale code", f"{FULL_SCALE}; Siglent's application note says 8192"
+    ),
+    Assumption(
+        "siglent-sdg",
+        "SDG1000X",
+        "end of a waveform's message",
+        "the first byte 0x0A: none is sent",
+        BENCHCTRL,
+        shows_at_output=False,
+    ),
+    Assumption(
+        "siglent-sdg",
+        "SDG2000X",
+        "largest upload",
+        f"{max_points('SDG2122X')} points, below 65 536 bytes",
+        DMM6500,
+        shows_at_output=False,
+    ),
+    Assumption(
+        "siglent-sdg",
+        "SDG1000X",
+        "largest upload",
+        f"{max_points('SDG1032X')} points",
+        BENCHCTRL,
+        shows_at_output=False,
+    ),
+    Assumption(
+        "siglent-sdg", "SDG1000X, SDG2000X", "uploads over USB", "lost: refused", BENCHCTRL, shows_at_output=False
+    ),
+    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "LAN clients", "one at a time", DMM6500, shows_at_output=False),
+    Assumption(
+        "siglent-sdg",
+        "SDG1000X, SDG2000X",
+        "selection of a waveform",
+        "restores no other levels than the present ones, or is read back",
+    ),
+    Assumption(
+        "siglent-sdg",
+        "SDG1000X, SDG2000X",
+        "combining, coupling, modulation, sweep",
+        "off",
+        f"{BENCHCTRL}; SDG2000X: PG02-E05B",
+    ),
+    Assumption(
+        "siglent-sdg", "SDG1000X, SDG2000X", "over-voltage protection", "`VOLTPRT` may open the relay", "PG02-E05B"
+    ),
+)
+
+TEKTRONIX = (
+    Assumption(
+        "tektronix-afg", "AFG3000", "smallest amplitude used", "100 mVpp into a high-impedance load", TM_DEVICES
+    ),
+    Assumption("tektronix-afg", "AFG3000", "channels tied together", "`CONC:STAT` and `COMB:FEED`: off", TM_DEVICES),
+    Assumption(
+        "tektronix-afg", "AFG1000", "load", "High Z, set by hand; measured at arming", "asvela/tektronix-func-gen"
+    ),
+    Assumption("tektronix-afg", "AFG1000", "`DATA:DEF`, `BURS:TDEL`, `FREQ:MODE`", "as on an AFG3000"),
+)
+
+SUPPLIES = (
+    Assumption(
+        "dc-supply",
+        "E36300",
+        "over-current protection",
+        "off: it acts at the current limit",
+        "public E36312A adapter (CURR:PROT:STAT)",
+    ),
+    Assumption("dc-supply", "E3632A, E3633A, E3634A", "over-current protection", "off", "E3632A guide p. 88"),
+    Assumption(
+        "dc-supply",
+        "DP800",
+        "over-current protection",
+        "off: it switches the output off",
+        "DP800 Programming Guide p. 2-57",
+    ),
+    Assumption("dc-supply", "E36300", "pairing of outputs", "`OUTP:PAIR OFF`, where the model knows it"),
+    Assumption("dc-supply", "E3631A, E3646A-E3649A, DP800", "tracking", "off, where the model knows it"),
+    Assumption("dc-supply", "SPD3303", "series or parallel", "bit 3 of the status word; `OUTP:TRACK 0` ends it"),
+    Assumption("dc-supply", "E36100, E36231A, E36232A", "channel lists", "none"),
+    Assumption(
+        "dc-supply",
+        "E3640A-E3649A",
+        "commands",
+        "without channel lists; two outputs by `INST:NSEL`",
+        f"{PYMEASURE} (keysightE364xA)",
+    ),
+    Assumption("dc-supply", "E3631A", "output off", "up to 0.6 V of the other sign: never sent", "E3631A manual p. 79"),
+    Assumption("dc-supply", "all", "fall of the output", "within `fall_time_s`, measured by its own voltmeter"),
+)
