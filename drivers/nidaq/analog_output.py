@@ -27,6 +27,7 @@ from drivers.nidaq.errors import translate_errors
 from drivers.nidaq.output_task import OutputQueue, OutputTask, find_queue, write_level
 from drivers.nidaq.rendering import (
     FADE_S,
+    HOLD_RATES_HZ,
     LONG_DRIVE_RATE_HZ,
     MAX_SAMPLES,
     QUEUE_S,
@@ -150,7 +151,7 @@ class NiAnalogOutput:
 
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
         replies_s = (STOP_ROUND_TRIPS + RAMP_ROUND_TRIPS) * self._reply_s
-        return 2 * self._margin_s + self._queue_limit_s() + FADE_S + RELEASE_S + distance_v / ramp_v_per_s + replies_s
+        return self._margin_s + self._queue_limit_s() + FADE_S + RELEASE_S + distance_v / ramp_v_per_s + replies_s
 
     def start_drive(self, drive: Drive) -> None:
         begins_v, _ = drive.end_levels_v
@@ -287,7 +288,7 @@ class NiAnalogOutput:
                 self._connection, self._physical_channel, self._description, SAMPLE_RATES_HZ[0]
             )
             self._reply_s = (self._clock.now() - begin_s) / STOP_ROUND_TRIPS
-        return self._found_queue
+        return self._found_queue or OutputQueue()
 
     def _rate_for(self, drive: Drive) -> float:
         """Return the sample rate of a drive: fine enough, and not slower than the queue permits."""
@@ -304,10 +305,10 @@ class NiAnalogOutput:
     def _start_hold(self, from_v: float, level_v: float, duration_s: float) -> None:
         rest_v = level_v if self._rest_v is None else self._rest_v
         ramp = Ramp(from_v, level_v, max(duration_s, 1e-3))
-        queue = self._queue()
-        rate = max(
-            sample_rate_for(ramp),
-            next((r for r in SAMPLE_RATES_HZ if queue.samples_at(r) <= self.lease_s / 4 * r), SAMPLE_RATES_HZ[-1]),
+        queue, fine = self._queue(), ramp.slew_v_per_s / STEP_V
+        rate = next(
+            (r for r in HOLD_RATES_HZ if r >= fine and queue.samples_at(r) <= self.lease_s / 4 * r),
+            HOLD_RATES_HZ[-1],
         )
         lease = math.ceil(self.lease_s * rate)
         rise, fall = math.ceil(ramp.duration_s * rate), math.ceil(abs(level_v - rest_v) / RETURN_V_PER_S * rate) + 1

@@ -175,12 +175,12 @@ def write_level(connection: NiConnection, physical_channel: str, description: st
         connection.close_task(task, OUTPUT)
 
 
-def find_queue(connection: NiConnection, physical_channel: str, description: str, rate_hz: float) -> OutputQueue:
-    """Return the queue of an output, from a task that is never started; as assumed if the card does not answer."""
+def find_queue(connection: NiConnection, physical_channel: str, description: str, rate_hz: float) -> OutputQueue | None:
+    """Return the queue of an output, from a task that is never started; None if the card does not answer or is in use."""
     try:
         probe = OutputTask(connection, physical_channel, description, rate_hz, 0)
     except BenchError:
-        return OutputQueue()
+        return None
     with contextlib.suppress(BenchError):
         probe.release()
     return probe.queue

@@ -11,6 +11,9 @@ from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine
 SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 250e3, 500e3)
 """Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
 
+HOLD_RATES_HZ = (2e3, 5e3, *SAMPLE_RATES_HZ)
+"""Sample rates of a held level, whose ramps are slow."""
+
 STEP_V = 0.02
 """Largest step between two samples: 12 V on the specimen."""
 
