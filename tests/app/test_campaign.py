@@ -7,6 +7,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,10 +18,12 @@ from app.campaign.status import ItemStatus, NextAction
 from app.campaign.summary import identified_tactor, identify_campaign_runs
 from app.cli.main import main
 from app.session.session import Session
+from drivers.errors import BenchError
 from model.parameters import Tactor
 from protocols.base import Event, LogMessage, Prompt, PromptShown, RunStarted
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
+from protocols.runfile.schema import RESERVE_BYTES
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
 
@@ -217,6 +220,22 @@ def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
         assert (rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v) == (-500, 1500)
         campaign.skip("dwell")
         assert rehearse_campaign(campaign, lab.bench).highest_specimen_v == 900
+
+
+def test_a_campaign_for_which_the_disk_has_no_space_is_refused_at_the_rehearsal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = Campaign.create(tmp_path, "T1", True, QUICK)
+    with laboratory() as lab:
+        needed = rehearse_campaign(campaign, lab.bench).file_bytes
+        for spare, refused in ((1, False), (-1, True)):
+            free = needed + RESERVE_BYTES + spare
+            monkeypatch.setattr("shutil.disk_usage", lambda _, free=free: SimpleNamespace(free=free))
+            if refused:
+                with pytest.raises(BenchError, match=r"the disk of .* has .* MB left"):
+                    rehearse_campaign(campaign, lab.bench)
+            else:
+                rehearse_campaign(campaign, lab.bench)
 
 
 def test_what_was_found_can_be_accepted_and_that_is_kept(measured) -> None:

@@ -157,6 +157,14 @@ def test_every_user_may_lock(folder: Path) -> None:
     assert folder.stat().st_mode & 0o7777 == 0o1777
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+def test_a_folder_that_another_user_made_is_left_as_it_is(folder: Path) -> None:
+    folder.mkdir(0o755)
+    with InstrumentLocks("mine") as locks:
+        locks.lock_address("the source", ADDRESS)
+    assert folder.stat().st_mode & 0o7777 == 0o755
+
+
 def test_one_instrument_has_one_name_and_simulated_ones_have_their_own() -> None:
     assert address_key("TCPIP0::127.0.0.1::5025::SOCKET") == address_key("tcpip::localhost::5025::socket")
     assert address_key(ADDRESS) != address_key(ADDRESS.replace("192.0.2.7", "192.0.2.8"))

@@ -1,0 +1,80 @@
+"""Window state between events: what an answered prompt, a request and an armed bench leave as it was, and what the log says."""
+
+import pytest
+
+from app.session.state import BenchState, OperatorAction, RunRequested, WindowEvent
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
+    BenchArmed,
+    DriveReadbackChanged,
+    PromptAnswered,
+    PromptShown,
+    RunPaused,
+    RunResumed,
+    ShutdownStarted,
+)
+from protocols.base.events import Prompt
+from tests.app.test_view import BEGUN, FAILED, LIVE, LOST, OPENED, SINE, STARTED, view_after
+
+DISABLE = (PromptShown(7, DISABLE_HIGH_VOLTAGE), PromptAnswered(7, "done"))
+OTHER = (PromptShown(7, Prompt("weight-off", "Take the weight off")), PromptAnswered(7, "done"))
+
+
+@pytest.mark.parametrize(
+    ("events", "state", "plays"),
+    [
+        ((*LIVE, *DISABLE), BenchState.HV_OFF, False),
+        ((*LIVE, *OTHER), BenchState.LIVE, True),
+        ((*LIVE, DriveReadbackChanged(True, 0.0, 0.0), *OTHER), BenchState.DRIVE_LOST, True),
+        ((*LIVE, ShutdownStarted(), *DISABLE), BenchState.GOING_TO_REST, True),
+        ((*BEGUN, *DISABLE), BenchState.ARMING, False),
+        ((*BEGUN, BenchArmed(False), *DISABLE), BenchState.HV_OFF, False),
+        ((*BEGUN, BenchArmed(False), PromptShown(8, ENABLE_HIGH_VOLTAGE)), BenchState.LIVE, False),
+    ],
+)
+def test_only_the_prompt_to_switch_off_ends_the_state_in_which_the_specimen_is_live(
+    events: tuple[WindowEvent, ...], state: BenchState, plays: bool
+) -> None:
+    view = view_after(*events)
+    assert view.bench_state is state
+    assert (view.drive == SINE) == plays
+
+
+def test_a_run_that_was_asked_for_has_measured_nothing_yet() -> None:
+    progress = view_after(OPENED, RunRequested("Sine dwell")).progress
+    assert progress is not None
+    assert (progress.title, progress.entries, progress.expected_s, progress.done, progress.label) == (
+        "Sine dwell",
+        0,
+        0.0,
+        0,
+        "",
+    )
+    progress = view_after(OPENED, RunRequested("Sine dwell", "run.h5")).progress
+    assert progress is not None
+    assert progress.label == "reading run.h5"
+
+
+def test_a_bench_that_was_armed_is_at_a_rest_that_was_measured() -> None:
+    """Arming measures rest: that an earlier run could not bring it there counts no more."""
+    again = (*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED)
+    assert view_after(*again, FAILED).bench_state is BenchState.UNSAFE
+    assert view_after(*again, BenchArmed(), FAILED).bench_state is not BenchState.UNSAFE
+
+
+@pytest.mark.parametrize(
+    ("events", "said"),
+    [
+        ((OperatorAction.PAUSE,), "Pause was asked"),
+        ((OperatorAction.PAUSE, RunPaused("paused"), OperatorAction.PAUSE), "Going on was asked"),
+        (
+            (OperatorAction.PAUSE, RunPaused("paused"), OperatorAction.PAUSE, RunResumed(), OperatorAction.PAUSE),
+            "Pause was asked",
+        ),
+        ((OperatorAction.STOP,), "Stop was asked; the bench goes to rest"),
+        ((OperatorAction.RECONNECT,), "Connecting again"),
+    ],
+)
+def test_the_log_says_what_the_operator_asked_for(events: tuple[WindowEvent, ...], said: str) -> None:
+    assert view_after(*LIVE, *events).messages[-1].text == said

@@ -1,0 +1,28 @@
+"""Vertex of a parabola and text of a probability, by numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from model.identification.fit_result import format_p_value
+from model.identification.paper_chain import parabola_vertex
+
+
+def test_the_vertex_of_a_parabola_through_three_points() -> None:
+    x = np.array([1.0, 2.0, 4.0])
+    assert parabola_vertex(x, 7.0 - 3.0 * (x - 2.5) ** 2) == pytest.approx((2.5, 7.0))
+
+
+@pytest.mark.parametrize("curvature", [0.0, 2.0])
+def test_three_points_without_a_top_give_the_middle_one(curvature: float) -> None:
+    x = np.array([1.0, 2.0, 4.0])
+    assert parabola_vertex(x, 3.0 * x + curvature * (x - 9.0) ** 2) == pytest.approx((2.0, 6.0 + 49.0 * curvature))
+
+
+@pytest.mark.parametrize(
+    ("probability", "digits", "text"),
+    [(0.0123, None, "p = 0.01"), (0.0123, 2, "p = 0.012"), (0.0, None, "p < 1e-300"), (0.5, None, "p = 0.5")],
+)
+def test_a_probability_has_one_digit_unless_more_are_asked_for(
+    probability: float, digits: int | None, text: str
+) -> None:
+    assert (format_p_value(probability) if digits is None else format_p_value(probability, digits)) == text

@@ -1,0 +1,150 @@
+"""Levels, steps, ramps, sines and peaks of signals without noise: the numbers that they were made of come back."""
+
+import numpy as np
+import pytest
+
+from protocols.signals import peak, sine
+from protocols.signals.levels import MIN_SAMPLES, estimate_level, estimate_step, find_ramp
+from protocols.signals.peak import low_pass
+from protocols.signals.sine import fit_sine
+
+
+@pytest.mark.parametrize("mains_hz", [50.0, 60.0])
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("phase", [0.0, np.pi / 2])
+def test_mains_of_every_order_and_phase_leave_a_level_as_it_is(mains_hz: float, order: int, phase: float) -> None:
+    rate_hz, n = 2000.0, 230  # no whole number of cycles
+    t = np.arange(n) / rate_hz
+    level = 0.7 + 0.3 * (t - t.mean()) + 5.0 * np.sin(2 * np.pi * order * mains_hz * t + phase)
+    seen = estimate_level(level, rate_hz, mains_hz)
+    assert seen.value == pytest.approx(0.7, abs=1e-9)
+    assert seen.drift_per_s == pytest.approx(0.3, abs=1e-7)
+    assert seen.noise < 1e-9
+    assert seen.standard_error < 1e-9
+
+
+def test_without_mains_a_level_keeps_them() -> None:
+    t = np.arange(230) / 2000.0
+    assert estimate_level(np.sin(2 * np.pi * 50 * t), 2000.0, None).noise > 0.1
+    assert estimate_level(np.sin(2 * np.pi * 200 * t), 2000.0).noise > 0.1  # the fourth order is none of the mains'
+
+
+def test_orders_beyond_the_sample_rate_are_left_out_of_a_level() -> None:
+    t = np.arange(60) / 300.0
+    seen = estimate_level(2.0 + np.sin(2 * np.pi * 100 * t), 300.0)
+    assert seen.value == pytest.approx(2.0, abs=1e-9)
+
+
+def test_the_fewest_samples_of_a_level_are_enough() -> None:
+    assert estimate_level(np.full(MIN_SAMPLES, 3.0), 1000.0).value == pytest.approx(3.0)
+    with pytest.raises(ValueError, match=rf"{MIN_SAMPLES}"):
+        estimate_level(np.full(MIN_SAMPLES - 1, 3.0), 1000.0)
+
+
+@pytest.mark.parametrize(("guard_s", "before"), [(0.06, 0.0), (0.0, None)])
+def test_a_guard_keeps_what_moves_before_the_step_out_of_its_zero(guard_s: float, before: float | None) -> None:
+    t = np.arange(3000) / 1000.0
+    moved = np.interp(t, [0.95, 1.0], [0.0, 3.0])
+    step = estimate_step(moved, 1000.0, 1.0, 1.0, guard_s=guard_s)
+    assert step.after.value == pytest.approx(3.0)
+    if before is None:
+        assert step.before.value > 0.3
+    else:
+        assert step.before.value == pytest.approx(before, abs=1e-9)
+        assert step.value == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("levels", [(2.5, 4.0), (2.5, 1.0)])
+def test_a_ramp_is_found_where_it_is(levels: tuple[float, float]) -> None:
+    t = np.arange(1000) / 1000.0
+    ramp = find_ramp(np.interp(t, [0.2, 0.5], levels), 1000.0, 0.3, 0.1)
+    assert (ramp.begin_s, ramp.end_s) == pytest.approx((0.2, 0.5), abs=0.0015)
+    assert (ramp.start_level_v, ramp.end_level_v) == pytest.approx(levels)
+
+
+def test_two_samples_of_rest_and_four_of_level_are_the_fewest_of_a_ramp() -> None:
+    drive_v = np.array([0.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0])
+    assert find_ramp(drive_v, 1.0, 4.0, 2.0).end_level_v == pytest.approx(3.0)
+    assert find_ramp(drive_v, 1.0, 6.0, 2.0).start_level_v == pytest.approx(0.0)
+    for hold_s, rest_s in ((3.0, 2.0), (4.0, 1.0), (7.0, 2.0)):
+        with pytest.raises(ValueError, match="a record of 8 s holds no"):
+            find_ramp(drive_v, 1.0, hold_s, rest_s)
+
+
+@pytest.mark.parametrize("samples", [700, sine.CHUNK_SAMPLES + 700])
+def test_a_sine_with_harmonics_and_drift_is_taken_apart(samples: int) -> None:
+    rate_hz, frequency_hz = 10_000.0, 130.0
+    t = np.arange(samples) / rate_hz
+    parts = np.array([1.0 - 0.5j, 0.02 + 0.03j, -0.01j])
+    wave = sum(
+        part.real * np.sin(2 * np.pi * (k + 1) * frequency_hz * t)
+        + part.imag * np.cos(2 * np.pi * (k + 1) * frequency_hz * t)
+        for k, part in enumerate(parts)
+    )
+    fit = fit_sine(0.4 + 0.2 * (t - t.mean()) + wave, rate_hz, frequency_hz, 3)
+    np.testing.assert_allclose(fit.components, parts, atol=1e-9)
+    assert fit.fundamental == pytest.approx(1.0 - 0.5j)
+    assert fit.thd == pytest.approx(np.sqrt((0.02**2 + 0.03**2 + 0.01**2) / 1.25))
+    assert (fit.offset, fit.drift_per_s) == pytest.approx((0.4, 0.2))
+    assert fit.noise < 1e-9
+
+
+def test_the_standard_error_of_a_sine_is_the_spread_of_many() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / 4000.0
+    fits = [
+        fit_sine(np.sin(2 * np.pi * 200 * t) + 0.1 * rng.standard_normal(t.size), 4000.0, 200.0) for _ in range(300)
+    ]
+    spread = float(np.std([abs(fit.fundamental) for fit in fits]))
+    assert fits[0].standard_error == pytest.approx(spread, rel=0.2)
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 1200.0])
+def test_a_low_pass_at_half_of_the_sample_rate_is_refused_with_the_rate_it_needs(rate_hz: float) -> None:
+    with pytest.raises(ValueError, match=rf"600 Hz needs more than 1200 samples per second, not {rate_hz:g}"):
+        low_pass(np.zeros(100), rate_hz)
+
+
+def test_a_resonance_without_noise_is_found_exactly() -> None:
+    f = np.linspace(180.0, 220.0, 41)
+    natural_hz, damping = 200.0, 0.1
+    power = 9.0 / ((natural_hz**2 - f**2) ** 2 + (2 * damping * natural_hz * f) ** 2)
+    seen = peak._fit_peak(f, power, 0.0)
+    top_hz = natural_hz * np.sqrt(1 - 2 * damping**2)
+    assert seen.frequency_hz == pytest.approx(top_hz, rel=1e-9)
+    assert seen.height == pytest.approx(3.0 / (2 * damping * natural_hz**2 * np.sqrt(1 - damping**2)), rel=1e-9)
+    assert seen.standard_error_hz < 1e-6
+    assert seen.degrees_of_freedom == 37  # 41 lines, four unknowns
+    assert seen.band_hz == (180.0, 220.0)
+
+
+def test_the_standard_error_of_a_peak_is_the_spread_of_many() -> None:
+    rng = np.random.default_rng(7)
+    f = np.linspace(180.0, 220.0, 41)
+    power = 1.0 / ((200.0**2 - f**2) ** 2 + (40.0 * f) ** 2)
+    seen = [peak._fit_peak(f, power * np.exp(0.05 * rng.standard_normal(f.size)), 0.0) for _ in range(150)]
+    spread = float(np.std([each.frequency_hz for each in seen]))
+    assert np.mean([each.standard_error_hz for each in seen]) == pytest.approx(spread, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ({5: 9.0, 6: 8.0, 4: 8.0}, "in a peak only 3 lines wide"),
+        ({0: 9.0, 1: 8.0, 2: 8.0, 3: 8.0}, r"no peak within 125\.\.500 Hz: .* at its edge, 0 Hz; move the band"),
+        ({19: 9.0, 18: 8.0, 17: 8.0, 16: 8.0}, r"no peak within 125\.\.500 Hz: .* at its edge, 19 Hz; move the band"),
+        (dict.fromkeys(range(20), 9.0), "nowhere falls to half of its largest power"),
+        ({}, "is zero in"),
+    ],
+)
+def test_lines_without_a_usable_peak_are_refused(lines: dict[int, float], message: str) -> None:
+    power = np.full(20, 1.0 if lines else 0.0)
+    for line, value in lines.items():
+        power[line] = value
+    with pytest.raises(ValueError, match=message):
+        peak._half_power_lines(np.arange(20.0), power, peak.PEAK_BAND_HZ, "response")
+
+
+def test_the_half_power_lines_of_a_peak_are_those_above_half_of_its_largest() -> None:
+    power = 10.0 - np.abs(np.arange(20) - 9.0)
+    assert peak._half_power_lines(np.arange(20.0), power, peak.PEAK_BAND_HZ, "response") == slice(4, 15)
