@@ -16,6 +16,8 @@ from model import AmplifierMap
 
 SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is refused"
 
+BACKEND_DESCRIPTION = "VISA library: @py is built in; @ivi is a vendor's, for GPIB, and for USB on Windows"
+
 
 class GeneratorTable(ConfigTable):
     """The function generator."""
@@ -30,6 +32,7 @@ class GeneratorTable(ConfigTable):
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
         9600
     )
+    backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
 
 
@@ -185,6 +188,7 @@ class SupplyTable(ConfigTable):
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
         9600
     )
+    backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
     channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
     current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "what the amplifier's input may draw"] = 0.1

@@ -148,7 +148,7 @@ def _open_locked_instruments(
 
     card = f"{server or 'this computer'}/{config.card.device}"
     locks.lock_address("the card", card)
-    open_link = partial(VisaLink, resource, baud=config.source_connection.baud)
+    open_link = partial(VisaLink, resource, backend=_backend(config), baud=config.source_connection.baud)
     try:
         digitizer = open_digitizer(config, clock, server, stack)
     except InstrumentError as error:
@@ -207,6 +207,7 @@ def _make_watchdog(
             resource="" if card_output else resource,
             timeout_s=config.source_connection.timeout_s,
             baud=config.source_connection.baud,
+            backend=_backend(config),
             options=source_options(config, clock.speed),
             map=config.amplifier.amplifier_map,
             limits=config.amplifier.drive_limits,
@@ -224,9 +225,14 @@ def _make_watchdog(
     return clock.watchdog
 
 
+def _backend(config: BenchConfig) -> str:
+    """Return the VISA library of the source; a simulated one listens on a socket of this computer."""
+    return "@py" if config.simulated else config.source_connection.backend
+
+
 def _allows_second_connection(resource: str) -> bool:
-    """Whether the connection allows two clients: on a serial or USB line they would read each other's replies."""
-    return not resource.upper().startswith(("ASRL", "USB"))
+    """Whether the connection allows two clients: on a serial, USB or GPIB line they would read each other's replies."""
+    return not resource.upper().startswith(("ASRL", "USB", "GPIB"))
 
 
 def _check_serial_number(identity: Identity, serial: str, table: str) -> None:

@@ -38,7 +38,7 @@ class VisaLink:
         resource: a VISA resource string, e.g. `TCPIP::192.0.2.7::5025::SOCKET`.
         timeout_s: longest wait for a reply.
         baud: bits per second of a serial line.
-        backend: the VISA library; `@py` is pyvisa-py.
+        backend: the VISA library; `@py` is pyvisa-py, `@ivi` a vendor's.
 
     Raises:
         LinkError: nothing answers there.
@@ -48,7 +48,7 @@ class VisaLink:
         self.name = resource
         self._baud = baud
         self.timeout_s = timeout_s
-        self._manager = pyvisa.ResourceManager(backend)
+        self._manager = _open_manager(resource, backend)
         self._session: Any = None
         _open_links.add(self)
         try:
@@ -194,6 +194,21 @@ class VisaLink:
 
 
 _open_links: set[VisaLink] = set()
+
+VENDOR_VISA = "a vendor's VISA library (NI-VISA, Keysight IO Libraries)"
+
+
+def _open_manager(resource: str, backend: str) -> pyvisa.ResourceManager:
+    """Return the resource manager of a VISA library. Raises LinkError if it is missing or cannot carry the resource."""
+    if resource.upper().startswith("GPIB") and backend == "@py":
+        raise LinkError(f'{resource}: GPIB needs {VENDOR_VISA}; install it and set backend = "@ivi" in the bench file')
+    try:
+        return pyvisa.ResourceManager(backend)
+    except VISA_ERRORS as error:
+        needed = VENDOR_VISA if backend == "@ivi" else f"the VISA library '{backend}'"
+        raise LinkError(
+            f"{resource}: {needed} is not installed on this computer ({error}); install it, or connect the instrument by LAN"
+        ) from error
 
 
 def _close_manager(manager: pyvisa.ResourceManager) -> None:

@@ -17,6 +17,7 @@ class WatchdogConfig:
         resource: VISA resource string of the source; empty for one without a link, called with (clock=clock, **options).
         timeout_s: longest wait for a reply of the source.
         baud: bits per second of a serial line.
+        backend: the VISA library.
         options: keyword arguments of the driver.
         map: input range and rest level of the amplifier.
         limits: drive limits of the ramp to rest.
@@ -32,6 +33,7 @@ class WatchdogConfig:
     resource: str
     timeout_s: float
     baud: int = 9600
+    backend: str = "@py"
     options: dict[str, Any] = field(default_factory=dict)
     map: AmplifierMap = field(default_factory=AmplifierMap)
     limits: DriveLimits = field(default_factory=DriveLimits)

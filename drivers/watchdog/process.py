@@ -191,7 +191,7 @@ class WatchdogLoop:
         else:
             from drivers.transport.visa import VisaLink
 
-            link = VisaLink(config.resource, config.timeout_s, baud=config.baud)
+            link = VisaLink(config.resource, config.timeout_s, config.backend, baud=config.baud)
             try:
                 source = driver(link, self._clock, **config.options)
             except BaseException:

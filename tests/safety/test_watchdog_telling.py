@@ -65,6 +65,7 @@ def test_no_watchdog_on_virtual_clock_and_warning_when_disabled() -> None:
         ("TCPIP::192.0.2.7::hislip0::INSTR", True),
         ("ASRL/dev/ttyUSB0::INSTR", False),
         ("usb0::0x2A8D::0x1301::MY1::INSTR", False),
+        ("GPIB0::10::INSTR", False),
     ],
 )
 def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
