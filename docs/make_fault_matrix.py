@@ -1,8 +1,8 @@
 """Fault matrix: runs every fault at every moment, writes docs/fault-matrix.md; exit code 1 if a cell violates a requirement.
 
-    python docs/make_fault_matrix.py [PROTOCOL...]
+    python docs/make_fault_matrix.py [--wires] [PROTOCOL...]
 
-With protocol names only their cells are run; all of them take about ten minutes.
+With protocol names only their cells are run, with --wires only the second table's; all of them take about ten minutes.
 """
 
 import sys
@@ -33,11 +33,16 @@ HEAD = """# The fault matrix
 
 Written by `python docs/make_fault_matrix.py`, which runs every cell on the simulated bench: the fault is injected at
 that moment of a real run and stays active. The outcome is determined from the voltage at the simulated amplifier's input and from
-the run file, which is opened afterwards. A cell gives the status of the run and the state of the input at its end.
+the run file, which is opened afterwards. A cell gives the status of the run and the state of the input at its end. The status says
+how the run ended; what its result is worth is the verdict, which is not in this table: a run whose sensor is stuck is *completed* with
+*no result*.
 
 - **at rest**: the input is constant at rest and no source will change it.
 - **unsafe**: rest could not be confirmed by measurement. The program reports this (exit code 3) and what to do by hand. The input
-  may be at rest nevertheless, for example if only the card was lost.
+  may be at rest nevertheless, for example if only the card was lost, or at **arming** if the source does not reply: it might hold a level
+  that an earlier program left, and the card does not see rest.
+- **stopped**: an abort level with the action *ask* was exceeded (the laser was lost), the source returned to measured rest, and the
+  simulated operator chose to stop the run.
 - **-**: the protocol has no such moment, for example because nothing is ramped.
 - **completed** after a fault during safe shutdown: everything was measured, and the card measured rest although the source no
   longer replied.
@@ -48,15 +53,17 @@ bring it back: see [safety](safety.md) for the hardware remedy.
 
 
 def main() -> int:
-    chosen = sys.argv[1:] or list(PROTOCOLS)
+    only_wires = "--wires" in sys.argv
+    chosen = [name for name in sys.argv[1:] if name != "--wires"] or list(PROTOCOLS)
     rows = [line for line in (HERE / "fault-matrix.md").read_text("utf-8").splitlines() if line.startswith("| ")]
-    kept = {name: [row for row in rows if row.startswith(f"| {name} |")] for name in PROTOCOLS if name not in chosen}
+    before = {name: [row for row in rows if row.startswith(f"| {name} |")] for name in PROTOCOLS}
+    kept = {name: before[name] for name in PROTOCOLS if name not in chosen}
     bad: list[str] = []
     lines = [HEAD, "## Every fault, every protocol, every moment (virtual clock)", ""]
     lines += [f"| protocol | fault | {' | '.join(MOMENTS)} |", "|---|---|" + "---|" * len(MOMENTS)]
     for name in PROTOCOLS:
-        if name in kept:
-            lines += [row for row in kept[name] if row.count(" | ") != WIRE_ROW]
+        if name in kept or only_wires:
+            lines += [row for row in before[name] if row.count(" | ") != WIRE_ROW]
             continue
         own = moments_of(name).names
         for fault in [fault for fault in FAULT_DESCRIPTIONS if fault not in (*ON_WIRES_ONLY, *SPECIMEN_FAULTS)]:

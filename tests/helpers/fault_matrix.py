@@ -135,7 +135,7 @@ class Cell:
         """What the program owes and did not keep; empty where all is well."""
         wrong = []
         if not self.broke:
-            wrong.append("the moment never came")
+            wrong.append(f"the moment never came: {self.reason}")
         if not self.ended:
             wrong.append(f"it did not end within {TOO_LONG_S:g} s")
         if not self.at_rest and self.status is not RunStatus.UNSAFE:
@@ -278,10 +278,10 @@ def _wires() -> Iterator[tuple[Any, SimulatedBench, Any]]:
         served = stack.enter_context(ServedBench(bench))
         config = BenchConfig.model_validate(
             {
-                "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", "timeout_s": 0.3},
+                "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", "timeout_s": 1.0},
                 "card": {"server": f"127.0.0.1:{served.card.port}"},
                 "sensor": {"delay_s": 1e-4},
-                "watchdog": {"patience_s": 1.0},
+                "watchdog": {"patience_s": 1.0, "silence_s": 5.0},  # what a busy computer may hold up a program
             }
         )
         yield stack.enter_context(connect(config)).bench, bench, SimulatedOperator(bench)
