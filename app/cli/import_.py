@@ -125,7 +125,7 @@ def _options(options: ImportCommand) -> ImportOptions:
         elongation_m=elongation,
         sensor=options.sensor,
         gain_error=_parse_number("--gain-error", options.gain_error, "1") or 0.0,
-        delay_s=_parse_number("--sensor-delay", options.sensor_delay, "s") or 0.0,
+        delay_s=_parse_number("--sensor-delay", options.sensor_delay, "s"),
         simulated=options.simulated,
         measured=read_time(options.measured) if options.measured else None,
         dry_run=options.dry_run,

@@ -135,8 +135,7 @@ def _score_tests(
             continue  # inside the space of the fit: these runs cannot show it
         size, error = float(rest @ r) / weight, weight**-0.5
         p = float(2 * ndtr(-abs(size) / error))
-        message = departure.description.format(f"{100 * size:+.2g} +- {100 * error:.1g}")
-        out.append(Finding(departure.kind, departure.runs, size, error, p, message))
+        out.append(Finding(departure.kind, departure.runs, size, error, p, departure.describe(size, error)))
     return out
 
 

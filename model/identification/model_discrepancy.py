@@ -4,6 +4,7 @@ A discrepancy is a direction in the space of all weighted residuals, scaled so t
 of the deflection, of the frequency, of the loop. `adequacy` estimates how much of each is in the residuals.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,6 +28,8 @@ from model.identification.paper_chain import parabola_vertex
 from model.identification.residuals import LeastSquaresProblem
 from model.response import Excitation, exact_response
 
+WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
+
 
 @dataclass(frozen=True)
 class Discrepancy:
@@ -36,8 +39,13 @@ class Discrepancy:
     """gain, bend, loop, creep, tuning, lag, amplitude, drift or clamp."""
     runs: tuple[str, ...]
     description: str
-    """What it means, with {} for its size in percent and error."""
+    """What it means, with {} for its size in percent and error, and <one|other> for words of a positive and a negative one."""
     direction: Array
+
+    def describe(self, size: float, error: float) -> str:
+        """Return what a discrepancy of this size means; the words have the sign, the number has none."""
+        words = WORD_PAIR.sub(lambda found: found[1 if size >= 0 else 2], self.description)
+        return words.format(f"{100 * abs(size):.2g} +- {100 * error:.1g}")
 
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
@@ -64,47 +72,62 @@ DiscrepancyParts = tuple[str, str, dict[str, Any]]
 
 def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
     tuned = _frequency_stretch_derivatives(fit)
+    others = "the other runs say" if len(fit.observations.runs) > 1 else "the parameters that are held allow"
     for run in fit.observations.runs:
         p = y[run.label]
         match run:
             case StaticLoadingObservation():
                 load = np.abs(run.load_n[run.usable])
-                yield "gain", f"{run.label} deflects {{}} % more than the other runs say", {run.label: p}
+                yield "gain", f"{run.label} deflects {{}} % <more|less> than {others}", {run.label: p}
                 if np.ptp(load) > 0:
-                    message = f"{run.label} is {{}} % softer at its largest load than at none: it is not linear"
+                    message = (
+                        f"{run.label} is {{}} % <softer|stiffer> at its largest load than at none: it is not linear"
+                    )
                     yield "bend", message, {run.label: p * load / load.max()}
             case MassResonanceObservation():
-                yield "gain", f"{run.label} resonates {{}} % higher than the other runs say", {run.label: p}
+                yield "gain", f"{run.label} resonates {{}} % <higher|lower> than {others}", {run.label: p}
                 mass = run.mass_kg[run.usable]
                 if np.ptp(mass) > 0:
-                    message = f"{run.label} is {{}} % stiffer in frequency with its largest mass than with its least"
+                    message = (
+                        f"{run.label} is {{}} % <stiffer|softer> in frequency with its largest mass than with its least"
+                    )
                     yield "bend", message, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
             case VoltageStepsObservation():
-                yield from _voltage_step_discrepancies(run, p)
+                yield from _voltage_step_discrepancies(run, p, others)
             case FrequencyResponseObservation():
-                yield "gain", f"{run.label} vibrates {{}} % more than the other runs say", {run.label: p}
-                yield "tuning", f"{run.label} is tuned {{}} % higher than the model", {run.label: tuned[run.label]}
+                yield "gain", f"{run.label} vibrates {{}} % <more|less> than {others}", {run.label: p}
+                yield (
+                    "tuning",
+                    f"{run.label} is tuned {{}} % <higher|lower> than the model",
+                    {run.label: tuned[run.label]},
+                )
                 if np.iscomplexobj(p):
-                    message = f"{run.label} lags {{}} % of a radian more than the model"
+                    message = f"{run.label} <lags|leads> the model by {{}} % of a radian"
                     yield "lag", message, {run.label: -1j * p}
             case MembraneSagObservation():
                 pass
 
 
-def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array) -> Iterator[DiscrepancyParts]:
-    yield "gain", f"{run.label} deflect {{}} % more than the other runs say", {run.label: p}
+def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array, others: str) -> Iterator[DiscrepancyParts]:
+    yield "gain", f"{run.label} deflect {{}} % <more|less> than {others}", {run.label: p}
     share = np.abs(p) / np.abs(p).max() if np.any(p) else np.zeros_like(p)
     if np.ptp(share) > 0:
-        message = f"{run.label} gain {{}} % more a volt at the largest deflection than near rest: it is not linear"
+        message = (
+            f"{run.label} gain {{}} % <more|less> a volt at the largest deflection than near rest: it is not linear"
+        )
         yield "bend", message, {run.label: p * share}
     if run.rising is not None and 0 < run.rising[run.usable].sum() < run.usable.sum():
         # half above, half below, closing at the largest deflection
         width = np.abs(p).max() * (1 - share**2) * np.where(run.rising[run.usable], -0.5, 0.5)
-        message = f"{run.label} lie {{}} % of the largest deflection higher falling than rising: hysteresis"
+        message = f"{run.label} lie {{}} % of the largest deflection <higher|lower> falling than rising: hysteresis"
         yield "loop", message, {run.label: width}
     if run.time_s is not None and np.ptp(run.time_s[run.usable]) > 0:
         decades = np.log10(np.maximum(run.time_s[run.usable], 1e-6))
-        yield "creep", f"{run.label} creep {{}} % a decade of time", {run.label: p * (decades - decades.mean())}
+        yield (
+            "creep",
+            f"{run.label} creep <on|back> by {{}} % a decade of time",
+            {run.label: p * (decades - decades.mean())},
+        )
 
 
 def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
@@ -118,23 +141,23 @@ def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepan
             r.label: -y[r.label] * (np.log10(r.frequency_hz[r.usable] / 100) + 1j * np.pi / 2 / np.log(10))
             for r in spread
         }
-        yield "creep", "the dwells lose {} % a decade of frequency, with the lag that belongs to it: creep", late
+        yield "creep", "the dwells <lose|gain> {} % a decade of frequency, with the lag that belongs to it: creep", late
     drives = {r.label: np.asarray(r.drive_amplitude_v)[r.usable] for r in with_phase}
     if drives:
         every = np.concatenate(list(drives.values()))
         if np.ptp(every) > 0.1 * every.max():
             share = {label: (a - every.mean()) / every.max() for label, a in drives.items()}
-            message = "at full drive the dwells give {} % more a volt than at none: the response is not linear"
+            message = "at full drive the dwells give {} % <more|less> a volt than at none: the response is not linear"
             yield "amplitude", message, {label: y[label] * s for label, s in share.items()}
-            message = "at full drive the dwells lag {} % of a radian more than at none: hysteresis"
+            message = "at full drive the dwells lag {} % of a radian <more|less> than at none: hysteresis"
             yield "amplitude", message, {label: -1j * y[label] * s for label, s in share.items()}
     ordered = sorted((r for r in dwells if r.order is not None), key=lambda r: float(r.order or 0))
     if len(ordered) > 1 and ordered[0].order != ordered[-1].order:
         first, last = float(ordered[0].order or 0), float(ordered[-1].order or 0)
         parts = {r.label: y[r.label] * ((float(r.order or 0) - first) / (last - first) - 0.5) for r in ordered}
-        yield "drift", "the dwells grew by {} % from the first to the last", parts
+        yield "drift", "the dwells <grew|shrank> by {} % from the first to the last", parts
     for a, b in _repeated_settings(ordered):
-        message = f"{b.label} vibrates {{}} % more than {a.label}, the same setting before it"
+        message = f"{b.label} vibrates {{}} % <more|less> than {a.label}, the same setting before it"
         yield "drift", message, {a.label: -y[a.label] / 2, b.label: y[b.label] / 2}
 
 
@@ -187,7 +210,11 @@ def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
                 parts[run.label] = p * (r if np.iscomplexobj(p) else r.real)
             case MembraneSagObservation():
                 pass
-    return "clamp", "the clamp turns by {} % of what the bare plate bends: it is not rigid", parts
+    return (
+        "clamp",
+        "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>",
+        parts,
+    )
 
 
 def _peak_shift(t: Tactor, f: float, spring: float) -> float:

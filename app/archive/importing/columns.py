@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
 from app.common import UnitError, to_number
 from protocols.registry import PROTOCOLS
@@ -80,6 +82,10 @@ COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
         ColumnSpec("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0)),
         ColumnSpec("resonance", "Hz", "undamped natural frequency", ("naturalfrequency", "undampedfrequency", "eigenfrequency"), (1.0, 2000.0)),
     ),
+    "membrane-sag": (
+        ColumnSpec("sag", "m", "depth of the membrane's centre", ("durchhang", "sagging", "membranesag"), (1e-5, 5e-2)),
+        ColumnSpec("repeat", "1", "which repeat; numbered by itself if it is not there", ("run", "trial", "wiederholung")),
+    ),
     TIME_SERIES: (
         ColumnSpec("time", "s", "time of the sample", ("t", "zeit")),
         ColumnSpec("drive", "V", "volts at the amplifier's input", ("input", "voltage", "u", "v"), (-0.5, 5.5)),
@@ -99,6 +105,7 @@ REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "static-loading": (("load", "mass"), ("deflection",)),
     "voltage-steps": (("level", "drive", "specimen_voltage"), ("deflection",)),
     "mass-resonance": (("mass",), ("frequency", "resonance")),
+    "membrane-sag": (("sag",),),
     TIME_SERIES: (("displacement",), ("time",)),
 }
 AMBIGUOUS_NAMES: dict[str, dict[str, tuple[str, ...]]] = {
@@ -206,6 +213,8 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
     least = min((missed for missed, _ in found), default=0)
     best = [kind for missed, kind in found if missed == least]
     best = [kind for kind in best if kind.name in COLUMN_SPECS] or best
+    if len(best) > 1 and any(kind.name == TIME_SERIES for kind in best) and _is_sampled(table):
+        best = [kind for kind in best if kind.name == TIME_SERIES]
     if len(best) == 1:
         return best[0]
     heads = ", ".join(f"'{cells.heading}'" for cells in table.columns)
@@ -220,6 +229,40 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
     raise TableImportError(
         f"{table.path} has the columns {heads}, which fit {len(best)} kinds of measurement; say which: {names_}"
     )
+
+
+MIN_SERIES_ROWS = 30
+"""A table with more rows, at even steps of time, is a time series."""
+TIME_STEP_TOLERANCE = 0.02
+MAX_ROWS_LOOKED_AT = 1000
+
+
+def _is_sampled(table: ImportTable) -> bool:
+    """Whether the table has many rows at even steps of time."""
+    names = {"time", *next(slot.aliases for slot in COLUMN_SPECS[TIME_SERIES] if slot.name == "time")}
+    column = next((cells for cells in table.columns if normalize_name(cells.name) in names), None)
+    if column is None or len(column.cells) < MIN_SERIES_ROWS:
+        return False
+    count = min(len(column.cells), MAX_ROWS_LOOKED_AT)
+    try:
+        time = np.array([table.parse_number(column, row) for row in range(count)])
+    except TableImportError:
+        return False
+    steps = np.diff(time)
+    middle = float(np.median(steps))
+    return bool(
+        middle > 0 and (np.abs(steps - middle) <= TIME_STEP_TOLERANCE * middle + 2 * np.spacing(abs(time[-1]))).all()
+    )
+
+
+def unit_factor(unit: str, expected: str) -> float:
+    """Return the factor from a unit of a table to another unit; a mil is a thousandth of an inch where a length is meant.
+
+    Raises:
+        UnitError: the unit is unknown, or of something else.
+    """
+    length_in_mil = expected == "m" and unit.casefold() in ("mil", "mils")
+    return to_number(f"1 {'thou' if length_in_mil else unit}", expected)
 
 
 def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: Mapping[str, str]) -> float:
@@ -237,7 +280,7 @@ def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: 
             f"{where}: no unit; write it in the header, '{column.name} [{spec.unit}]', or say it: --unit {spec.name}={spec.unit}"
         )
     try:
-        return to_number(f"1 {unit}", spec.unit)
+        return unit_factor(unit, spec.unit)
     except UnitError:
         raise TableImportError(
             f"{where}: '{unit}' is no unit of {spec.name.replace('_', ' ')}; {spec.unit} or a multiple of it is needed: --unit {spec.name}={spec.unit}"
@@ -269,7 +312,7 @@ def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> Co
 
 def _has_dimension(unit: str, expected: str) -> bool:
     try:
-        to_number(f"1 {unit}", expected)
+        unit_factor(unit, expected)
     except UnitError:
         return False
     return True

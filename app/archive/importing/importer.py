@@ -133,26 +133,30 @@ def _import_tables(
     ]
     *parts, raw_progress = progress.split([*sizes, raw])
     for sheet, kind, file_progress in zip(sheets, kinds, parts, strict=True):
-        table_options = _import_options(sheet, kind, options, amplifier)
+        table_options = _import_options(sheet, kind, options, amplifier, kinds)
         matched = match_columns(sheet, kind, options.columns)
         if kind.name == TIME_SERIES:
             series.append((sheet, matched))
         else:
             made.append((build_points(sheet, matched, table_options, file_progress), table_options))
     if series:
-        table_options = _import_options(series[0][0], kinds[0], options, amplifier)
+        table_options = _import_options(series[0][0], table_kinds()[TIME_SERIES], options, amplifier, kinds)
         made.append((build_series_points(series, table_options, raw_progress), table_options))
     return made
 
 
 def _import_options(
-    table: ImportTable, kind: TableKind, options: ImportOptions, amplifier: AmplifierTable
+    table: ImportTable,
+    kind: TableKind,
+    options: ImportOptions,
+    amplifier: AmplifierTable,
+    kinds: Sequence[TableKind],
 ) -> ImportOptions:
     """Complete the options by what an exported file says of itself."""
     about = table.metadata
     if options.elongation_m is not None and kind.protocol != "sine-dwell":
         raise UsageError(f"--membrane-elongation is for a sine dwell on a membrane; {table.path} is a {kind.name}")
-    settings = _settings(kind, options.settings)
+    settings = _settings(kind, options.settings, kinds)
     for name in PROTOCOLS[kind.protocol].model_fields:
         if f"parameter_{name}" in about and name not in settings:
             settings[name] = about[f"parameter_{name}"]
@@ -167,12 +171,20 @@ def _import_options(
     )
 
 
-def _settings(kind: TableKind, texts: Mapping[str, str]) -> dict[str, Any]:
+def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKind]) -> dict[str, Any]:
+    """Return the settings that are a kind's; those that only other tables of the same import have are left to them."""
     protocol = PROTOCOLS[kind.protocol]
+    others = {name for each in kinds for name in PROTOCOLS[each.protocol].model_fields}
     given: dict[str, Any] = {}
     for name, text in texts.items():
         if name not in protocol.model_fields:
-            raise UsageError(f"{protocol.name} has no parameter '{name}'; it has: {', '.join(protocol.model_fields)}")
+            if name in others:
+                continue
+            known = ", ".join(protocol.model_fields)
+            raise UsageError(
+                f"{protocol.name} has no parameter '{name}'; leave --set {name} away for this table, or import it together with those "
+                f"that have it. It has: {known}"
+            )
         try:
             given[name] = read_value(protocol, name, text)
         except UnitError as error:

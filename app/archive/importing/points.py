@@ -76,6 +76,7 @@ def build_points(
         case "voltage-steps":
             _complete_steps(table, mapping, values, options, cautions)
         case "membrane-sag":
+            values.setdefault("repeat", np.arange(1.0, rows + 1))
             parameters = protocol(**options.settings).model_dump(mode="json")
             cautions.append(
                 "the strip's geometry and weight are the protocol's unless --set says otherwise: see 'parameters'"

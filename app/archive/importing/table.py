@@ -35,8 +35,15 @@ UNIT_SUFFIXES = {
         "us",
         "deg",
         "rad",
+        "gf",
+        "kgf",
+        "lb",
+        "lbf",
+        "oz",
+        "mil",
+        "inch",
     )
-} | {"mv": "mV", "mn": "mN", "mg": "mg", "percent": "%"}
+} | {"mv": "mV", "mn": "mN", "mg": "mg", "percent": "%", "lbs": "lb", "mils": "mil", "thou": "mil"}
 """Units that may end a name: `amplitude_um`."""
 
 

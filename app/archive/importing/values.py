@@ -35,7 +35,7 @@ class ImportOptions:
         elongation_m: of the membrane, None where it is free or the table says it.
         sensor: name and serial number of the displacement sensor.
         gain_error: relative standard uncertainty of the sensor's gain, common to all values; 0 if unknown.
-        delay_s: delay of the sensor's output, taken out of phases of a time series.
+        delay_s: delay of the sensor's output, taken out of phases of a time series; None if it is not told.
         amplifier: the amplifier that drove the specimen.
         simulated: whether the values come from a simulation.
         measured: time of the measurement, None if unknown.
@@ -53,7 +53,7 @@ class ImportOptions:
     elongation_m: float | None = None
     sensor: str = ""
     gain_error: float = 0.0
-    delay_s: float = 0.0
+    delay_s: float | None = None
     amplifier: AmplifierTable = field(default_factory=AmplifierTable)
     simulated: bool = False
     measured: datetime | None = None

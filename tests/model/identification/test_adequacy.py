@@ -108,3 +108,20 @@ def test_a_soft_clamp_in_the_closed_form_is_the_one_of_finite_elements() -> None
     spring = 10 * Tactor().k1 / Tactor().L1
     assert exact_response(Tactor(), f, clamp_stiffness=spring) == pytest.approx(world.response(Tactor(), f), rel=1e-5)
     assert abs(exact_response(Tactor(), f, clamp_stiffness=spring)[0] / exact_response(Tactor(), f)[0]) > 1.03
+
+
+def test_words_of_a_finding_follow_its_sign_and_name_no_other_run_where_there_is_none() -> None:
+    loads = np.linspace(0.5, 5, 10)
+    for bend, word in ((0.2, "softer"), (-0.2, "stiffer")):
+        w = 1.38e-4 * loads * (1 + bend * loads / 5)
+        run = StaticLoadingObservation("static", loads, w, 1e-7 * np.ones(10))
+        found = assess_adequacy(joint_fit(ObservationSet((run,)), FitOptions(free=("k2",)))).findings
+        (words,) = (f.words for f in found if f.kind == "bend")
+        assert re.fullmatch(
+            rf"static is \d+ \+- \S+ % {word} at its largest load than at none: it is not linear", words
+        )
+    heavy = MassResonanceObservation("m", np.array([2e-3, 5e-3, 9e-3]), np.array([400.0, 280, 210]), 0.1 * np.ones(3))
+    gains = [d for d in possible_discrepancies(joint_fit(ObservationSet((heavy,)))) if d.kind == "gain"]
+    assert [d.describe(-0.14, 0.01) for d in gains] == [
+        "m resonates 14 +- 1 % lower than the parameters that are held allow"
+    ]
