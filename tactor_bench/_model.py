@@ -9,7 +9,14 @@ from numpy.typing import ArrayLike
 
 from model import AmplifierMap, Array, Complex, Membrane, ParameterError, Skin, Specimen, Tactor
 from model.identification import Calibration, parse_elongation
-from model.response import PeriodicResponse, Waveform, amplifier_response, frequency_response
+from model.response import (
+    PeriodicResponse,
+    Waveform,
+    amplifier_response,
+    check_frequency,
+    choose_shapes,
+    frequency_response,
+)
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
 if TYPE_CHECKING:
@@ -78,7 +85,8 @@ def response(
         waveform: `sine` or `square`.
         amplifier: the amplifier's map from input to specimen volts.
         position_m: distance from the clamp, m; default is the centre.
-        shapes: number of shape functions, 3 to 300; default is that of the identification, else 7.
+        shapes: number of shape functions, 3 to 300; default is that of the identification, 7 with a
+            calibration, else as many as keep the response within 0.1 % of the closed form.
         calibration: where the values and their errors come from: a `calibration(...)`, or the result of `identify(...)`.
         coverage: probability of the bands.
 
@@ -110,6 +118,9 @@ def response(
         k_s=skin.k_s if skin else None,
         c_s=skin.c_s if skin else own_damping,
     )
+    if shapes is None and known is None:
+        highest_hz = float(np.max(check_frequency(frequencies_hz)))
+        shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
     n = shapes or (known.shapes if known else SHAPES)
     amplifier = amplifier or AmplifierMap()
 

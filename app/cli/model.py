@@ -9,12 +9,12 @@ from annotated_types import Interval
 
 from app.cli.model_options import (
     VOLTAGE,
+    ShapeOptions,
     Topic,
     describe_specimen,
     read_load,
     read_specimen,
     read_values,
-    shapes_option,
 )
 from app.cli.model_response import (
     FrequencyResponseTopic,
@@ -84,23 +84,26 @@ class ParametersTopic(Topic):
 class ModesTopic(Topic):
     """Undamped frequencies, poles and damping ratios, free and on the skin."""
 
-    n: int = shapes_option()
+    shapes: ShapeOptions = group(ShapeOptions)
     count: int = option("--count", type=int, default=3, help="how many modes to tell (default: %(default)s)")
     files: FileOptions = group(FileOptions, "the mode shapes")
 
     def compute(self) -> CommandResult:
         on = read_specimen(self, on_membrane=True)
         free = Specimen(on.tactor)
-        count = min(self.count, self.n)
+        choices = [self.shapes.choose(specimen) for specimen in (free, on)]
+        choice = max(choices, key=lambda each: each.error if self.shapes.n else each.n)
+        n = choice.n
+        count = min(self.count, n)
         if count < 1:
             raise UsageError(f"--count {self.count}: ask for at least one mode")
         x = np.linspace(0, on.tactor.L, CURVE_POINTS)
         columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
         tables = []
         for key, head, specimen in (("free", "free", free), ("on_skin", "on the skin", on)):
-            f = natural_frequencies(on.tactor, specimen.skin, self.n)[:count]
+            f = natural_frequencies(on.tactor, specimen.skin, n)[:count]
             columns.append(Column(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
-            s = poles(on.tactor, specimen.skin, self.n)
+            s = poles(on.tactor, specimen.skin, n)
             s = s[s.imag >= 0][:count]
             tables.append(
                 Table(
@@ -114,7 +117,7 @@ class ModesTopic(Topic):
                     ),
                 )
             )
-            shapes = mode_shapes(on.tactor, x, specimen.skin, self.n, count)
+            shapes = mode_shapes(on.tactor, x, specimen.skin, n, count)
             curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
             lines = tuple(
                 FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
@@ -128,8 +131,10 @@ class ModesTopic(Topic):
             "model modes",
             specimen_record(on),
             (first, *tables),
+            (f"{choice.describe()}.",),
             write_csv=Table("shapes", "", tuple(curve)).to_csv,
             figures=tuple(panels),
+            extra={"shapes": choice.n, "shape_error": choice.error},
         )
 
 

@@ -3,9 +3,9 @@
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from model import (
     replace_variables,
     variable_specs,
 )
+from model.response import DEFAULT_ACCURACY, ShapeChoice, choose_shapes
 from protocols.base import parse_json_object
 
 VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
@@ -41,6 +42,14 @@ SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
     "'tactor-bench model parameters' lists them. @FILE takes many from a TOML or JSON file, as the Explore page copies them"
 )
+
+USUAL_RANGES: dict[str, tuple[float, float]] = {
+    "L": (2e-3, 0.2), "L1": (5e-4, 0.2), "L2": (1e-3, 0.2), "b_Al": (2e-3, 0.2), "h_Al": (1e-5, 5e-3),
+    "rho1": (1e-4, 1.0), "rho2": (1e-4, 1.0), "E_Al": (1e9, 1e12), "k2": (1e-5, 10.0), "mu": (1e-8, 1e-2),
+    "c0": (0.1, 1e5), "m_add": (1e-5, 0.2), "L_m": (1e-2, 1.0), "b_m": (1e-3, 1.0), "h_m": (1e-5, 2e-2),
+    "E_m": (1e3, 1e10), "delta": (0.0, 0.5), "contact_length": (1e-4, 0.2),
+}  # fmt: skip
+"""Sizes outside which a value of the model most likely has the wrong unit; 0 is never questioned."""
 
 NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
 
@@ -161,7 +170,8 @@ class Topic(SpecimenOptions, ABC):
         check_output_files(self.files)
         with translate_model_errors():
             result = self.compute()
-        return render(result, self.json, self.files)
+            notes = plausibility_notes(result.specimen, self)
+        return render(replace(result, notes=(*result.notes, *notes)), self.json, self.files)
 
 
 @dataclass(frozen=True)
@@ -182,9 +192,48 @@ class DriveOptions:
         return read_number(self.peak_to_peak, PEAK_TO_PEAK) / 2, read_number(self.offset, OFFSET)
 
 
-def shapes_option(default: int | None = 7) -> Any:
-    """Declare `-n`."""
-    return option("-n", type=int, default=default, help="number of shape functions, 3 to 300 (default: 7)")
+def plausibility_notes(values: Mapping[str, float], given: SpecimenOptions) -> tuple[str, ...]:
+    """Return a question for each value that the user gave and that is implausible: most likely its unit is wrong."""
+    names = set(read_settings(given.settings))
+    if given.pre_stretch is not None or given.elongation is not None:
+        names.add("delta")
+    notes = []
+    for name in sorted(names & USUAL_RANGES.keys() & values.keys()):
+        low, high = USUAL_RANGES[name]
+        value = values[name]
+        if value and not low <= abs(value) <= high:
+            unit = _variable_spec(name).unit.removeprefix("1")
+            notes.append(
+                f"CAUTION: {name} is {value:.4g} {unit}".rstrip()
+                + f", usually {low:g} to {high:g} {unit}".rstrip()
+                + ": is the unit right?"
+            )
+    return tuple(notes)
+
+
+@dataclass(frozen=True)
+class ShapeOptions:
+    """Number of shape functions, or the accuracy that they must have."""
+
+    n: int | None = option(
+        "-n", type=int, default=None, help="number of shape functions, 3 to 300 (default: as many as --accuracy needs)"
+    )
+    accuracy: str = option(
+        "--accuracy",
+        default=f"{100 * DEFAULT_ACCURACY:g} %",
+        metavar="SHARE",
+        help="of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
+    )
+
+    def choose(self, specimen: Specimen, highest_hz: float = 0.0) -> ShapeChoice:
+        """Return the number of shape functions for a specimen, and how accurate it is."""
+        share = to_number(self.accuracy.strip().removesuffix("%"), "1") / (100 if "%" in self.accuracy else 1)
+        return choose_shapes(specimen.tactor, specimen.skin, self.n, share, highest_hz)
+
+
+def shapes_option() -> Any:
+    """Declare `-n` of a study."""
+    return option("-n", type=int, default=None, help="number of shape functions, 3 to 300 (default: 7)")
 
 
 def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specimen:

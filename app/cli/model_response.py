@@ -11,12 +11,12 @@ from app.cli.model_options import (
     ELONGATION,
     VOLTAGE,
     DriveOptions,
+    ShapeOptions,
     Topic,
     describe_specimen,
     read_settings,
     read_specimen,
     read_values,
-    shapes_option,
 )
 from app.cli.options import FileOptions, group, option, switch
 from app.cli.output import CommandResult
@@ -68,7 +68,7 @@ POINTS = 2001
 class FrequencyResponseTopic(Topic):
     """Fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
 
-    n: int = shapes_option()
+    shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
     frequencies: str | None = option(
         "--frequencies",
@@ -85,9 +85,11 @@ class FrequencyResponseTopic(Topic):
 
     def compute(self) -> CommandResult:
         specimen = read_specimen(self)
-        t, skin, n = specimen.tactor, specimen.skin, self.n
+        t, skin = specimen.tactor, specimen.skin
         default = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
         f = np.array(read_values(default if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
+        choice = self.shapes.choose(specimen, float(f.max()))
+        n = choice.n
         amplitude, offset = self.drive.read()
         position = ParameterSpec("at", "m", Interval(ge=0, le=t.L), "distance from the clamp", None)
         at = None if self.at is None else read_number(self.at, position)
@@ -118,9 +120,9 @@ class FrequencyResponseTopic(Topic):
             "model frequency-response",
             specimen_record(specimen),
             (table,),
-            (note,),
+            (note, f"{choice.describe()}."),
             figures=(figure,),
-            extra={"felt_hz": bands},
+            extra={"felt_hz": bands, "shapes": choice.n, "shape_error": choice.error},
         )
 
 
@@ -128,7 +130,7 @@ class FrequencyResponseTopic(Topic):
 class StepTopic(Topic):
     """Latency of a step and of a sine's onset."""
 
-    n: int = shapes_option()
+    shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
     voltage: str = option("--voltage", default="1500 V", help="step on the specimen (default: %(default)s)")
     frequency: str = option("--frequency", default="160 Hz", help="of the sine that begins (default: %(default)s)")
@@ -139,7 +141,8 @@ class StepTopic(Topic):
 
     def compute(self) -> CommandResult:
         specimen = read_specimen(self)
-        t, skin, n = specimen.tactor, specimen.skin, self.n
+        choice = self.shapes.choose(specimen)
+        t, skin, n = specimen.tactor, specimen.skin, choice.n
         volts, hz = read_number(self.voltage, VOLTAGE), read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
         amplitude, offset = self.drive.read()
         threshold, tolerance = (
@@ -175,7 +178,15 @@ class StepTopic(Topic):
         )
         lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
         figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
-        return CommandResult("model step", specimen_record(specimen), tables, write_csv=curve.to_csv, figures=(figure,))
+        return CommandResult(
+            "model step",
+            specimen_record(specimen),
+            tables,
+            (f"{choice.describe()}.",),
+            write_csv=curve.to_csv,
+            figures=(figure,),
+            extra={"shapes": choice.n, "shape_error": choice.error},
+        )
 
 
 def _describe_felt_bands(f: Array, amplitude: Array) -> tuple[str, tuple[tuple[float, float], ...]]:

@@ -180,7 +180,7 @@ class StudyCommand:
         help="twice the fundamental (default), max - min, or the complex deflection per volt on the specimen",
     )
     drive: DriveOptions = group(DriveOptions)
-    n: int | None = shapes_option(None)
+    n: int | None = shapes_option()
     specimen: SpecimenOptions = group(SpecimenOptions)
     out: Path | None = option(
         "--out", inherited=True, type=path_argument, metavar="FILE.h5", help="HDF5 (NeXus) file to write"

@@ -28,6 +28,9 @@ from .modes import natural_frequencies_of as natural_frequencies_of
 from .perception import THRESHOLD_M as THRESHOLD_M
 from .perception import perception_margin as perception_margin
 from .perception import usable_bands as usable_bands
+from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY
+from .shape_choice import ShapeChoice as ShapeChoice
+from .shape_choice import choose_shapes as choose_shapes
 from .statics import deflection as deflection
 from .statics import load_compliance as load_compliance
 from .statics import voltage_gain as voltage_gain

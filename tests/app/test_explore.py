@@ -71,7 +71,7 @@ def test_copied_parameters_are_understood_by_set(kind: str, name: str, tmp_path:
 def test_the_command_takes_what_was_copied(capsys: pytest.CaptureFixture[str]) -> None:
     text = ExploreSetting().with_value("m_add", 1.75e-3).as_toml()
     assert tomllib.loads(text)["m_add"] == 1.75e-3
-    assert main(["model", "modes", "--json", "--set", text]) == 0
+    assert main(["model", "modes", "-n", "7", "--json", "--set", text]) == 0
     assert json.loads(capsys.readouterr().out)["undamped"]["free_frequency"][0] == pytest.approx(300.9, abs=0.1)
 
 

@@ -24,19 +24,22 @@ def sheet(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def test_poles_with_and_without_mass_and_skin(ask: Any) -> None:
-    got = ask("model", "modes")
+    got = ask("model", "modes", "-n", "7")
     assert got["free_poles"]["frequency"][:2] == pytest.approx([158.31, 2278.1], rel=3e-5)
     assert got["free_poles"]["damping_ratio"][:2] == pytest.approx([0.2110, 0.1183], abs=5e-5)
     assert got["undamped"]["free_frequency"][0] == pytest.approx(158.15, abs=0.005)
     assert got["on_skin_poles"]["damping_ratio"][0] > 0.3
-    bare = ask("model", "modes", "--set", "m_add=0 g", "--count", "2")
+    bare = ask("model", "modes", "-n", "7", "--set", "m_add=0 g", "--count", "2")
     assert bare["undamped"]["free_frequency"] == pytest.approx([620.66, 3642.75], rel=1e-5)
     assert bare["units"]["free_frequency"] == "Hz"
 
 
 def test_the_masses_of_the_resonance_series(ask: Any) -> None:
     expected = [300.9, 250.9, 219.7, 197.8, 181.4, 168.5, 158.0, 149.2, 141.8]
-    got = [ask("model", "modes", "--set", f"m_add={1.75 + i} g")["undamped"]["free_frequency"][0] for i in range(9)]
+    got = [
+        ask("model", "modes", "-n", "7", "--set", f"m_add={1.75 + i} g")["undamped"]["free_frequency"][0]
+        for i in range(9)
+    ]
     assert got == pytest.approx(expected, abs=0.05)
 
 
@@ -51,7 +54,7 @@ def test_statics_with_a_weight_and_without(ask: Any) -> None:
 
 
 def test_the_settled_table_under_the_amplifier(ask: Any) -> None:
-    got = ask("model", "frequency-response", "--frequencies", ", ".join(map(str, DWELL)) + " Hz")["response"]
+    got = ask("model", "frequency-response", "-n", "7", "--frequencies", ", ".join(map(str, DWELL)) + " Hz")["response"]
     assert got["frequency"] == DWELL
     assert 1e6 * np.array(got["twice_fundamental"]) == pytest.approx(FUNDAMENTAL, abs=0.06)
     assert 1e6 * np.array(got["peak_to_peak"]) == pytest.approx(PEAK_TO_PEAK, abs=0.06)
@@ -60,7 +63,7 @@ def test_the_settled_table_under_the_amplifier(ask: Any) -> None:
 
 @pytest.mark.parametrize(("delta", "expected"), [("0", [652.2, 705.9, 447.0]), ("0.75 %", [436.9, 357.4, 257.8])])
 def test_the_settled_table_on_the_membrane(delta: str, expected: list[float], ask: Any) -> None:
-    got = ask("model", "frequency-response", "--pre-stretch", delta, "--frequencies", "100:200:3")
+    got = ask("model", "frequency-response", "-n", "7", "--pre-stretch", delta, "--frequencies", "100:200:3")
     assert 1e6 * np.array(got["response"]["peak_to_peak"]) == pytest.approx(expected, abs=0.15)
     assert got["specimen"]["c_s"] == pytest.approx(165 + 5.48e4 * got["specimen"]["delta"])
 
@@ -75,13 +78,42 @@ def test_elongation_is_pre_stretch_times_length(ask: Any) -> None:
 
 
 def test_the_closed_form_beside_the_shapes(ask: Any) -> None:
-    got = ask("model", "frequency-response", "--exact", "--frequencies", "100,158,250")["response"]
+    got = ask("model", "frequency-response", "-n", "7", "--exact", "--frequencies", "100,158,250")["response"]
     assert 1e6 * np.array(got["exact"]) == pytest.approx([724.52, 1128.59, 290.90], abs=0.006)
     assert 1e6 * np.array(got["twice_fundamental"]) == pytest.approx([723.97, 1130.84, 291.58], abs=0.006)
 
 
+def test_the_number_of_shapes_keeps_the_accuracy_and_is_reported(ask: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """The paper's seven are 0.5 % off the closed form; a plate of 35 times its stiffness needs 20."""
+    got = ask("model", "frequency-response", "--exact", "--frequencies", "100,158,250")
+    assert got["shapes"] == 14
+    assert got["shape_error"] < 1e-3
+    assert got["response"]["twice_fundamental"] == pytest.approx(got["response"]["exact"], rel=1e-3)
+    stiff = ask("model", "modes", "--set", "k2=0.0322")  # 35 times k1 of the plate
+    assert stiff["shapes"] == 20
+    assert ask("model", "step", "--accuracy", "1 %")["shapes"] == 7
+    assert main(["model", "modes", "-n", "7"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "CAUTION: with 7 shape functions the response is only within 0.49 % of the closed form from 1 to 500 Hz" in said
+    )
+    assert main(["model", "modes", "--accuracy", "2"]) == 2
+    assert "accuracy is 2: it must lie between 1e-9 and 1" in capsys.readouterr().err
+
+
+def test_implausible_values_are_questioned_as_imports_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "static", "--set", "L=22", "--set", "L1=8", "--set", "L2=15", "--set", "k2=7e-3"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "CAUTION: L is 22 m, usually 0.002 to 0.2 m: is the unit right?" in said
+    assert "k2 is" not in said
+    assert main(["model", "static", "--elongation", "1.27"]) == 0
+    assert "CAUTION: delta is 7.471, usually 0 to 0.5: is the unit right?" in " ".join(capsys.readouterr().out.split())
+    assert main(["model", "static", "--set", "m_add=0"]) == 0
+    assert "CAUTION" not in capsys.readouterr().out
+
+
 def test_latency_of_step_and_sine_onset(ask: Any) -> None:
-    got = ask("model", "step")
+    got = ask("model", "step", "-n", "7")
     step = got["step"]
     assert step["final"] == pytest.approx(356.8e-6, abs=0.05e-6)
     assert step["to_threshold"] == pytest.approx(0.56e-3, abs=0.01e-3)
@@ -129,7 +161,7 @@ def test_a_person_reads_tables_with_units(capsys: pytest.CaptureFixture[str]) ->
     assert [line.split() for line in output.splitlines() if "final deflection" in line] == [
         ["final", "deflection", "356.8", "µm"]
     ]
-    assert main(["model", "frequency-response"]) == ExitCode.DONE
+    assert main(["model", "frequency-response", "-n", "7"]) == ExitCode.DONE
     output = capsys.readouterr().out
     assert "Highest max - min: 1154.2 µm at 150 Hz" in output
     assert ["25", "491.0", "486.8", "-3.8", "9.82"] in [line.split() for line in output.splitlines()]
@@ -137,7 +169,10 @@ def test_a_person_reads_tables_with_units(capsys: pytest.CaptureFixture[str]) ->
 
 def test_long_tables_are_thinned_for_people_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "response.csv"
-    assert main(["model", "frequency-response", "--frequencies", "1:500:500", "--csv", str(file)]) == ExitCode.DONE
+    assert (
+        main(["model", "frequency-response", "-n", "7", "--frequencies", "1:500:500", "--csv", str(file)])
+        == ExitCode.DONE
+    )
     output = capsys.readouterr().out
     assert "one row in 9 of 500" in output
     assert len(output.splitlines()) < 70
