@@ -36,8 +36,8 @@ WAVEFORM_NAMES = tuple(f"tbench{i}" for i in range(1, 9))
 """Names of the waveforms that are kept in the instrument."""
 
 LINE_FEED = 0x0A
-ANSWER_ATTEMPTS, ATTEMPT_PAUSE_S = 6, 0.5
-"""How often a query is repeated while a waveform is taken in; each attempt waits for the reply timeout."""
+ANSWER_ATTEMPTS, ANSWER_PATIENCE_S, ATTEMPT_PAUSE_S = 4, 8.0, 0.5
+"""How often and how long a query is repeated at least while a waveform is taken in; each attempt waits for the reply timeout."""
 
 SELECTION_ATTEMPTS = 6
 UPLOAD_BYTES_PER_S, UPLOAD_SETTLE_S = 100e3, 0.12
@@ -300,12 +300,15 @@ class SiglentSdg(BurstGenerator):
 
     def _repeat_until_answered(self, query: Callable[[], T]) -> T:
         """Repeat a query that the instrument does not answer while it takes a waveform in."""
-        for _ in range(ANSWER_ATTEMPTS - 1):
+        begin_s, attempts = self._clock.now(), 0
+        while True:
             try:
                 return query()
             except LinkError:
+                attempts += 1
+                if attempts >= ANSWER_ATTEMPTS and self._clock.now() - begin_s > ANSWER_PATIENCE_S:
+                    raise
                 self._clock.sleep(ATTEMPT_PAUSE_S)
-        return query()
 
     def _max_points(self) -> int:
         return max_points(self.identity.model)

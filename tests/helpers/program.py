@@ -96,10 +96,10 @@ class Program:
 
 @contextmanager
 def program(
-    folder: Path, *settings: str, watchdog: str = "", script: str = ""
+    folder: Path, *settings: str, watchdog: str = "", script: str = "", model: str = "33511B"
 ) -> Iterator[tuple[Program, ServedBench]]:
     """`tactor-bench run sine-dwell` with settings, or in its place a Python script that finds `bench.toml` where it runs."""
-    bench = SimulatedBench(simulated().simulation_parameters, WallClock(1.0))
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(1.0))
     with ServedBench(bench) as served:
         file = folder / "bench.toml"
         file.write_text(

@@ -88,6 +88,21 @@ def test_watchdog_kills_hung_program_on_a_single_connection_wire(tmp_path: Path)
         safe(tactor_bench.bench)
 
 
+@pytest.mark.deep
+@pytest.mark.parametrize("model", ["SDG1032X", "SDG2122X"])
+def test_a_siglent_that_answers_one_client_is_brought_to_rest_after_a_killed_program(
+    model: str, tmp_path: Path
+) -> None:
+    """The watchdog connects when the program has ended, and waits for the end of the drive, 9 s at most."""
+    settings = "frequencies_hz=100", "settle_limit_s=1", "record_s=5"
+    with program(tmp_path, *settings, watchdog="silence_s = 5", model=model) as (tactor_bench, _):
+        tactor_bench.go_live()
+        tactor_bench.process.kill()
+        wait(lambda: "was brought to rest" in log(tmp_path))
+        assert tactor_bench.bench.report().ends_at_rest
+        safe(tactor_bench.bench)
+
+
 # -- the watchdog and a source, without the rest of the program -----------------------------------------------------
 
 
