@@ -66,7 +66,7 @@ def carry_out(campaign: Campaign, events: list[Event], most: int = 9) -> None:
                 conductor.start(session, line)
                 assert session.finished.wait(60)
         finally:
-            assert session.close(10)
+            assert session.close(60)
         assert_safe_voltage(lab.control.report())
 
 
@@ -128,6 +128,7 @@ def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(meas
     assert campaign.item_state("steps").status is ItemStatus.MISSING
 
 
+@pytest.mark.deep
 def test_a_run_that_somebody_made_by_hand_counts(tmp_path: Path) -> None:
     Campaign.create(tmp_path, "T1", True, (CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (120.0,)}),))
     options = ["--speed", "max", "--out", str(tmp_path), "--specimen"]

@@ -250,6 +250,7 @@ def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], 
         assert file.state == "completed"
 
 
+@pytest.mark.deep
 def test_a_full_disk_under_the_answer_is_a_sentence() -> None:
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-m", "app.cli.main", "faults"]

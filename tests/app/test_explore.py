@@ -173,7 +173,7 @@ def test_of_many_questions_the_newest_is_answered() -> None:
 
     def compute(question: int) -> Iterator[str]:
         begun.set()
-        go_on.wait(10)
+        go_on.wait(60)
         yield f"first of {question}"
         yield f"second of {question}"
 
@@ -184,11 +184,11 @@ def test_of_many_questions_the_newest_is_answered() -> None:
 
     latest = LatestOnlyWorker(compute, tell, "test")
     latest.submit(1)
-    begun.wait(10)
+    begun.wait(60)
     for question in (2, 3, 4):
         latest.submit(question)
     go_on.set()
-    done.wait(10)
+    done.wait(60)
     latest.close()
     assert told == ["first of 1", "first of 4", "second of 4"]
 
@@ -208,7 +208,7 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
     for question in (0, 2):
         heard.clear()
         latest.submit(question)
-        heard.wait(10)
+        heard.wait(60)
     latest.close()
     assert isinstance(reported[0], ZeroDivisionError)
     assert reported[1] == 0.5

@@ -67,6 +67,7 @@ def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
     assert rows[-1, 1] == pytest.approx(2211.9, rel=1e-4)
 
 
+@pytest.mark.deep
 def test_one_figure_or_one_panel_alone_and_as_pdf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["figures", "--out", str(tmp_path), "--only", "fig9b", "--only", "fig6", "--pdf", "--json"]
     assert main(arguments) == ExitCode.DONE

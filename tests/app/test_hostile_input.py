@@ -227,6 +227,7 @@ def test_a_file_that_may_not_be_read_says_so(here: Path, capsys: Any) -> None:
     assert "run.h5 cannot be read: Permission denied" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_any_protocol_is_shown_and_drawn(here: Path, capsys: Any) -> None:
     assert main(["check", *FURTHER["check"], "--out", "runs"]) == 0
     (file,) = (here / "runs").glob("*.h5")

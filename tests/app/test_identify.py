@@ -23,7 +23,8 @@ from tests.helpers.run_files import finished_run
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
-DWELL = SineDwell(frequencies_hz=(50, 100, 130, 145, 160, 175, 200, 250))
+DWELL = SineDwell(frequencies_hz=(50, 100, 130, 145, 160, 175, 200, 250), record_s=0.1)
+STEPS = VoltageSteps(levels_v=(0.0, 1.0, 4.0, 5.0), repeats=2, rest_s=0.3, read_s=0.3, hold_s=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
     with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0}, seed=5)) as lab:
         dwells = [run(DWELL, folder, lab).path for _ in range(2)]
-        return [*dwells, run(VoltageSteps(levels_v=(0.0, 1.0, 4.0, 5.0), repeats=2), folder, lab).path]
+        return [*dwells, run(STEPS, folder, lab).path]
 
 
 @pytest.mark.parametrize("method", ["joint", "chain"])

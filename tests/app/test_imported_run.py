@@ -73,6 +73,7 @@ def test_imported_runs_are_listed_drawn_exported_and_reported(
     assert "imported" in next(tmp_path.glob("*T7*.html")).read_text("utf-8")
 
 
+@pytest.mark.deep
 def test_a_specimen_is_identified_from_old_tables_alone(tmp_path: Path) -> None:
     """Tables computed from a known tactor; only max - min, as the paper has it, no phase."""
     truth, map_ = Tactor(k2=8.0e-3, mu=-1.2e-5, c0=150.0), AmplifierMap()

@@ -14,6 +14,7 @@ from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run
 
 
+@pytest.mark.deep
 def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path) -> None:
     """The errors of depth and geometry are common to all repeats, and to both ways to find it."""
     with laboratory() as lab:

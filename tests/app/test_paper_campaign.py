@@ -51,7 +51,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
                 conductor.start(session, line)
                 assert session.finished.wait(100)
         finally:
-            assert session.close(10)
+            assert session.close(60)
         assert_safe_voltage(lab.control.report())
     return campaign, options
 

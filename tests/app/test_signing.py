@@ -180,6 +180,7 @@ def test_what_is_asked_wrongly_is_a_sentence(made: Made, arguments: list[str], m
 # -- a corrected calibration ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.deep
 def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path: Path, capsys: Any) -> None:
     """The laser's gain was 2 % off all the time: with the corrected bench file the plant's own coupling comes back."""
     runs = []
@@ -263,6 +264,7 @@ def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
             np.testing.assert_array_equal(now.points()[name], column, err_msg=name)
 
 
+@pytest.mark.deep
 def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(100, 160), record_s=0.1)
     with laboratory() as lab:

@@ -54,6 +54,12 @@ MESSAGES = [
 WIRES = [LINE, *MESSAGES]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def only_what_these_tests_made_is_collected() -> None:
+    gc.collect()
+    gc.freeze()
+
+
 @contextmanager
 def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iterator[tuple[SimulatedBench, VisaLink]]:
     bench = SimulatedBench(simulated(**truth).simulation_parameters, WallClock(SPEED))

@@ -25,11 +25,13 @@ PATIENCE_S = 60.0
 def until(condition: Callable[[], object], words: str = "") -> None:
     """Let Qt work until something is so."""
     deadline = time.monotonic() + PATIENCE_S
+    pause_s = 0.001
     while not condition():
         assert time.monotonic() < deadline, f"waited in vain {words}"
         QCoreApplication.processEvents()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-        time.sleep(0.001)
+        time.sleep(pause_s)
+        pause_s = min(1.3 * pause_s, 0.01)
 
 
 def press(window: MainWindow, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:

@@ -65,6 +65,7 @@ def test_watchdog_rests_after_sigkill_long_before_the_drive_ends(tmp_path: Path)
         safe(tactor_bench.bench)
 
 
+@pytest.mark.deep
 def test_watchdog_rests_after_sigstop_and_resumed_program_does_not_drive(tmp_path: Path) -> None:
     with program(tmp_path, *LONG, watchdog="silence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()

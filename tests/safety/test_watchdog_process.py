@@ -47,7 +47,7 @@ class Watched:
         self.client._live.clear()
         assert self.client._child.stdin is not None
         self.client._child.stdin.close()
-        self.client._child.wait(30)
+        self.client._child.wait(60)
 
     @property
     def calls(self) -> list[str]:

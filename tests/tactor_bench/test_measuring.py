@@ -210,7 +210,7 @@ def test_ctrl_c_brings_the_bench_to_rest_and_is_a_keyboard_interrupt(
 def test_a_bench_that_was_left_open_does_not_keep_python_from_ending(tmp_path: Path) -> None:
     code = "import tactor_bench as tb; bench = tb.connect('sim', speed='max', progress=False); print(bench)"
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=180, check=True
     )
     assert done.stdout.strip() == "<simulated bench, SIMULATED: at rest>"
 

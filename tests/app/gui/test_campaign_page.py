@@ -185,6 +185,7 @@ def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
     assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
 
 
+@pytest.mark.deep
 def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
     _, shown = page
     items = shown.board.item_list

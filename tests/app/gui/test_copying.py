@@ -18,6 +18,7 @@ def pasted() -> str:
     return QGuiApplication.clipboard().text()
 
 
+@pytest.mark.deep
 def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None:
     stage = open_stage(ahead=True)
     until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")

@@ -216,6 +216,7 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
     assert page.toolbar.fit_button.text() == "Fit these"
 
 
+@pytest.mark.deep
 def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     first = open_stage()
     first.window.tabs.explore.set_value("m_add", 5e-3)

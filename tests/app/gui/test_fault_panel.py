@@ -37,6 +37,7 @@ def window(
     end(window)
 
 
+@pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWindow) -> None:
     faults = window.faults

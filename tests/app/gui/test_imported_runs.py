@@ -72,9 +72,8 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     grab(stage.window, tmp_path / "explore.png")
 
 
-@pytest.mark.parametrize("name", ["dwell", "sine"])
-def test_explore_fits_what_a_table_tells(name: str, folder: Path) -> None:
-    specimen = {"dwell": "T7", "sine": "T9"}[name]
-    run = read_measured_response(next(folder.glob(f"*_{specimen}_*.h5")))
-    found = fit_runs([run], ExploreSetting())
-    assert found.setting.value("c0") == pytest.approx(159, rel=0.05)
+def test_explore_fits_what_a_table_tells(folder: Path) -> None:
+    for specimen in ("T7", "T9"):  # max - min alone, a fundamental alone
+        run = read_measured_response(next(folder.glob(f"*_{specimen}_*.h5")))
+        found = fit_runs([run], ExploreSetting())
+        assert found.setting.value("c0") == pytest.approx(159, rel=0.05), specimen

@@ -149,6 +149,7 @@ def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: 
     assert not stage.session.closed
 
 
+@pytest.mark.deep
 def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

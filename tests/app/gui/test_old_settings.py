@@ -43,6 +43,7 @@ def test_the_window_is_as_the_earlier_version_left_it(open_stage: OpenStage, old
     assert campaign.controller.recent == [old / "runs" / "T1.campaign.json"]
 
 
+@pytest.mark.deep
 def test_the_window_keeps_the_names_of_its_settings(open_stage: OpenStage, old: Path) -> None:
     """What this version writes, the earlier one can read."""
     names = set(QSettings(str(old / "settings.ini"), QSettings.Format.IniFormat).allKeys())

@@ -99,6 +99,7 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     assert page.currentIndex() == 0
 
 
+@pytest.mark.deep
 def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     page = in_window(open_stage(folder=folder))
     page.table.setFocus()
@@ -226,6 +227,7 @@ def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage
     assert len(page.details.facts_label.text()) < 500
 
 
+@pytest.mark.deep
 def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     choose(page, "T7", "T8")
     page.export_selected(tmp_path / "sheets", "csv")
@@ -301,6 +303,7 @@ def test_import_shows_progress_and_leaves_nothing_when_cancelled(
     assert going.isHidden()
 
 
+@pytest.mark.deep
 def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -341,6 +344,7 @@ def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> No
     assert len(dragged) == 2
 
 
+@pytest.mark.deep
 def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path) -> None:
     stage = open_stage(folder=folder)
     page = in_window(stage)

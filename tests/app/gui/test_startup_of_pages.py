@@ -72,6 +72,7 @@ def test_settings_that_make_no_sense_open_the_first_page(open_stage: OpenStage, 
         assert open_stage().window.tabs.currentIndex() == MEASURE
 
 
+@pytest.mark.deep
 def test_the_other_pages_are_made_behind_the_first_one(open_stage: OpenStage, qt: QApplication) -> None:
     windows = Windows()
     qt.installEventFilter(windows)

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 
 from app.gui.runs.table import COLUMNS
 from app.gui.tabs import RUNS
-from app.gui.widgets.theme import DARK, LIGHT, Theme
+from app.gui.widgets.theme import DARK, LIGHT
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from tests.helpers.main_window import Stage, find, until
@@ -39,15 +39,15 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
         (FAILED_CHECK, "⊘ DID NOT PASS", "error"),
     ],
 )
-@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
-def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str, theme: Theme) -> None:
-    stage.window.set_theme(theme)
-    end_with(stage, verdict)
-    sign = find(stage.window, "status.task")
-    assert sign.text == header
-    assert "Sine dwell" in sign.note
-    assert sign._foreground == getattr(theme, color)
-    assert "ompleted" not in stage.window.state.messages[-1].text
+def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str) -> None:
+    for theme in (LIGHT, DARK):
+        stage.window.set_theme(theme)
+        end_with(stage, verdict)
+        sign = find(stage.window, "status.task")
+        assert sign.text == header
+        assert "Sine dwell" in sign.note
+        assert sign._foreground == getattr(theme, color)
+        assert "ompleted" not in stage.window.state.messages[-1].text
 
 
 def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage: Stage) -> None:
@@ -80,6 +80,7 @@ def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Sta
     assert plots.currentWidget() is not plots.checks, "the next run shows its points"
 
 
+@pytest.mark.deep
 def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) -> None:
     for outcome in (Outcome.GOOD, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.NOT_JUDGED):
         reasons = () if outcome is Outcome.GOOD else (f"{outcome}; a remedy",)
