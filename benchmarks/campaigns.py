@@ -17,6 +17,7 @@ from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
+    Observation,
     ObservationSet,
     SharedError,
     StaticLoadingObservation,
@@ -131,13 +132,19 @@ def perfect(
     world: World, noise: Noise, common: tuple[SharedError, ...], amplitudes_v: tuple[float, ...] = (2.5,)
 ) -> ObservationSet:
     """Every run of the paper without noise, with the errors that `noise` says; the free dwell is done first and last."""
+    runs = _perfect_runs(world, noise, amplitudes_v)
+    return ObservationSet(
+        tuple(replace(r, shared_errors=tuple(e for e in r.shared_errors if e in common)) for r in runs)
+    )
+
+
+@lru_cache(maxsize=32)
+def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -> tuple[Observation, ...]:
+    """Compute the runs of `perfect` with every shared error."""
     t, m = world.tactor, world.membrane
     still = np.zeros(1)
     per_newton = elements(t, still, None, world.clamp, load=True)[0].real
     per_volt = elements(t, still, None, world.clamp)[0].real
-
-    def shared(*which: SharedError) -> tuple[SharedError, ...]:
-        return tuple(e for e in which if e in common)
 
     w = per_newton * LOADS_N
     runs: list = [
@@ -147,7 +154,7 @@ def perfect(
             w,
             noise.loading * w + noise.floor_m,
             side,
-            shared_errors=shared(SENSOR, WEIGHTS),
+            shared_errors=(SENSOR, WEIGHTS),
             simulated=True,
         )
         for side in ("mfc", "aluminium")
@@ -156,7 +163,7 @@ def perfect(
     f = np.array([peak_hz(partial(world.response, loaded)) for loaded in heavy])
     runs.append(
         MassResonanceObservation(
-            "masses", MASSES_KG, f, np.full(f.size, noise.resonance_hz), shared_errors=shared(GLUE), simulated=True
+            "masses", MASSES_KG, f, np.full(f.size, noise.resonance_hz), shared_errors=(GLUE,), simulated=True
         )
     )
     levels = np.concatenate((LEVELS_V, LEVELS_V[-2::-1]))
@@ -167,16 +174,16 @@ def perfect(
     runs.append(
         VoltageStepsObservation(
             "steps", levels, w, noise.steps * abs(per_volt * V) + noise.floor_m, rising,
-            shared_errors=shared(SENSOR, AMPLIFIER), simulated=True,
+            shared_errors=(SENSOR, AMPLIFIER), simulated=True,
         )
     )  # fmt: skip
     for elongation in (None, *ELONGATIONS_M):
         on = None if elongation is None else skin(m, elongation / m.L_m, tactor=t)
         for a in amplitudes_v if elongation is None else amplitudes_v[:1]:
             name = "free" if a == amplitudes_v[0] else f"free {a:g} V"
-            runs += [_dwell(world, noise, name, elongation, on, a, shared)]
+            runs += [_dwell(world, noise, name, elongation, on, a)]
     dwells = sum(isinstance(r, FrequencyResponseObservation) for r in runs)
-    runs.append(replace(_dwell(world, noise, "free again", None, None, amplitudes_v[0], shared), order=float(dwells)))
+    runs.append(replace(_dwell(world, noise, "free again", None, None, amplitudes_v[0]), order=float(dwells)))
     place = 0
     for i, run in enumerate(runs):
         if isinstance(run, FrequencyResponseObservation):
@@ -186,11 +193,11 @@ def perfect(
             place += 1
     hang = np.full(5, sag(m).centre_m)
     runs.append(MembraneSagObservation("sag", hang, noise.sag * hang, shared_errors=(), simulated=True))
-    return ObservationSet(tuple(runs))
+    return tuple(runs)
 
 
 def _dwell(
-    world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float, shared
+    world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float
 ) -> FrequencyResponseObservation:
     H = world.response(world.tactor, FREQUENCIES_HZ, on) * world.late(FREQUENCIES_HZ)
     F = 400 * a * H
@@ -207,5 +214,5 @@ def _dwell(
     label = name if elongation is None else f"membrane {1e3 * elongation:.3g} mm"
     return FrequencyResponseObservation(
         label, FREQUENCIES_HZ, F, errors, a, 2.5, elongation, harmonics_m=harmonics, harmonic_errors_m=0 * errors + noise.floor_m / 10,
-        shared_errors=shared(SENSOR, AMPLIFIER, DELAY), simulated=True,
+        shared_errors=(SENSOR, AMPLIFIER, DELAY), simulated=True,
     )  # fmt: skip

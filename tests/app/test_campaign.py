@@ -88,6 +88,7 @@ def test_from_nothing_to_the_end(measured) -> None:
     ]
 
 
+@pytest.mark.deep
 def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(measured, monkeypatch) -> None:
     campaign, _ = measured
     monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"settle_limit_s": "latency"})

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,15 @@ class Cancelled(Progress):
     cancelled = True
 
 
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished_run(tmp_path_factory.mktemp("original"), "T7")
+
+
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return finished_run(tmp_path / "runs", "T7")
+def path(original: Path, tmp_path: Path) -> Path:
+    (tmp_path / "runs").mkdir()
+    return Path(shutil.copy(original, tmp_path / "runs"))
 
 
 def sheet(file: Path) -> list[list[str]]:

@@ -32,6 +32,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """A dwell, a second one, and voltage steps of a tactor that is not the table's."""
     folder = tmp_path_factory.mktemp("runs")
     with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0}, seed=5)) as lab:
+        lab.bench.block_s = 0.2  # fewer writes to the file
         dwells = [run(DWELL, folder, lab).path for _ in range(2)]
         return [*dwells, run(STEPS, folder, lab).path]
 

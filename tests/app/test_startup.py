@@ -14,6 +14,13 @@ with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
 print(*(m for m in {!r} if m in sys.modules))
 """
 
+HELP = """import app.cli.main
+    for name in ('run', 'window', 'show'):
+        with contextlib.suppress(SystemExit):
+            app.cli.main.main([name, '--help'])
+            raise AssertionError(name)
+"""
+
 
 def loaded(code: str) -> set[str]:
     program = PROGRAM.format(code, HEAVY)
@@ -25,10 +32,7 @@ def loaded(code: str) -> set[str]:
     ("code", "needs"),
     [
         ("import app.cli.main; app.cli.main._parser()", set()),
-        *(
-            (f"import app.cli.main; app.cli.main.main(['{name}', '--help'])", set())
-            for name in ("run", "window", "show")
-        ),
+        (HELP, set()),
         (
             "import app.cli.model, app.cli.study, app.common.units; app.common.units.to_number('4 V', 'V')",
             {"pydantic", "pint"},

@@ -69,7 +69,7 @@ class Program:
         self.wait_for("high voltage is on")
         while self.bench.report().outside_rest_s < 0.2:
             assert self.process.poll() is None, self.text
-            time.sleep(0.02)
+            time.sleep(0.1)
 
     def end(self) -> int:
         code = self.process.wait(timeout=120)

@@ -75,6 +75,7 @@ def test_chunks_change_nothing() -> None:
     assert small.run().values == pytest.approx(GRID.run().values, rel=1e-12)
 
 
+@pytest.mark.deep
 def test_memory_is_bounded_by_the_chunk_not_by_the_study() -> None:
     """Four times the study, the same peak, while every set is computed."""
     peaks = []

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,14 @@ from protocols.runfile.reader import NotARunError, Run, RunReadError
 from tests.helpers.run_files import finished_run
 
 
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished_run(tmp_path_factory.mktemp("original"))
+
+
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return finished_run(tmp_path)
+def path(original: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(original, tmp_path))
 
 
 @pytest.fixture(autouse=True)

@@ -83,6 +83,7 @@ def test_dwell_with_the_membrane_left_on_is_doubtful(tmp_path: Path) -> None:
     assert judge_file(ran.path) == ran.verdict
 
 
+@pytest.mark.deep
 def test_static_loading_names_the_weight_that_weighs_61_g(tmp_path: Path) -> None:
     with laboratory() as lab:
         lab.control.inject("weight-mislabelled")

@@ -197,6 +197,7 @@ def test_a_drive_that_is_gone_is_reported_in_the_first_block(fault: str, tmp_pat
 
 
 @pytest.mark.breaks_the_drive
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("command", ["OUTP OFF", "*RST", "VOLT 0.5", "VOLT:OFFS 2.0", "FREQ 50"])
 def test_a_second_hand_on_the_generator_is_reported_in_the_first_block(command: str, tmp_path: Path) -> None:
     moved: list[float] = []

@@ -102,6 +102,7 @@ def test_points_and_events_of_a_cut_run_file_are_saved_in_another(tmp_path: Path
         assert any(e.kind == "AtRest" for e in saved.events())
 
 
+@pytest.mark.deep
 def test_file_lost_at_the_very_end_fails_the_run_and_keeps_its_estimates(tmp_path: Path) -> None:
     moved = tmp_path / "elsewhere.h5"
     folder = tmp_path / "runs"

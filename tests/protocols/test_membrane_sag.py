@@ -35,6 +35,7 @@ def test_the_modulus_of_the_simulated_rubber_comes_out(E_m: float, reference_m: 
     assert abs(ran.points[0].sag - sag(Membrane(E_m=E_m)).centre_m) < 5 * ran.points[0].sag_errors + 1e-8
 
 
+@pytest.mark.deep
 def test_a_reference_that_lies_deeper_than_it_says_is_within_the_error(tmp_path: Path) -> None:
     with laboratory(simulated(plant_rate_hz=10e3, hands={"reference_m": 20e-6})) as lab:
         ran = run(SHORT, tmp_path, lab)

@@ -66,6 +66,7 @@ def test_sound_series_has_no_remarks_and_no_drift(ran) -> None:
     assert tops == sorted(tops, reverse=True)
 
 
+@pytest.mark.deep
 def test_wrongly_stretched_membrane_is_noticed_while_correctable(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SERIES, tmp_path, lab, operator=Mistaken(lab.control))

@@ -284,6 +284,7 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
         assert [e.name for e in file.estimates()] == ["quality factor"]
 
 
+@pytest.mark.deep
 def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)

@@ -109,6 +109,7 @@ def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
     assert columns["harmonics"].shape == (18, 8)
 
 
+@pytest.mark.deep
 def test_the_same_seed_gives_the_same_bytes_of_samples_and_another_does_not(tmp_path: Path) -> None:
     raws = []
     for seed in (3, 3, 4):
@@ -283,6 +284,7 @@ def test_averaging_stops_where_the_time_budget_ends(tmp_path: Path) -> None:
     assert any("as many as the time allows" in text for text in notes(ran))
 
 
+@pytest.mark.deep
 def test_points_are_added_around_the_peak_until_they_lie_as_close_as_asked(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(100, 140, 180, 220), refine_to_hz=5.0, record_s=0.1)
     with laboratory() as lab:
@@ -308,6 +310,7 @@ def test_refinement_ends(points: list[tuple[float, float, bool]], closest_hz: fl
     raise AssertionError("it never ends")
 
 
+@pytest.mark.deep
 def test_settling_of_a_ringing_tactor_needs_its_decay_time(tmp_path: Path) -> None:
     """Decay time 0.4 s: between windows of 40 ms hardly anything changes, and what is still to come is missing."""
     truth = abs(amplifier_response(Tactor(c0=2.0), np.array([158.0]), 0.01).fundamental[0])

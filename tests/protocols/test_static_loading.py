@@ -95,6 +95,7 @@ def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: P
     }
 
 
+@pytest.mark.deep
 def test_a_side_that_is_stiffer_and_creep_and_wrong_weights_are_noticed(tmp_path: Path) -> None:
     truth = {"side_difference": 0.1, "weight_error": 0.01}
     protocol = StaticLoading(
@@ -204,6 +205,7 @@ def test_a_specimen_unlike_the_expected_is_kept_after_three_alike(tmp_path: Path
     assert ran.points[0].deflection == pytest.approx(load_compliance(soft) * ran.points[0].load, rel=2e-3)
 
 
+@pytest.mark.deep
 def test_a_sensor_that_stands_still_is_no_deflection(tmp_path: Path) -> None:
     with laboratory(simulated()) as lab:
         lab.control.inject("sensor-stuck")

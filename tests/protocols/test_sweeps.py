@@ -173,6 +173,7 @@ def test_a_sweep_without_a_response_is_no_resonance(tmp_path: Path) -> None:
     assert any("no response" in e.text for e in ran.events if isinstance(e, LogMessage))
 
 
+@pytest.mark.deep
 def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cancel = threading.Event()
     protocol = Sweep(repeats=2, periods=2)

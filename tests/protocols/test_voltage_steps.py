@@ -142,6 +142,7 @@ def test_defaults_are_the_papers_and_shuffled_order_depends_on_seed() -> None:
     assert len({tuple(row) for row in rows}) == 5
 
 
+@pytest.mark.deep
 def test_a_supply_that_can_only_hold_will_do(tmp_path: Path) -> None:
     record = {**simulated().model_dump(), "source": {"kind": "dc-supply"}}
     with laboratory(BenchConfig.model_validate(record)) as lab:

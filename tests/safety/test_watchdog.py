@@ -39,11 +39,11 @@ def log(folder: Path) -> str:
     return file.read_text() if file.exists() else ""
 
 
-def wait(until: Callable[[], object], seconds: float = 50.0) -> None:
+def wait(until: Callable[[], object], seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < deadline
-        time.sleep(0.02)
+        time.sleep(0.1)
 
 
 def cut_short(bench: ServedBench) -> bool:

@@ -23,7 +23,7 @@ from drivers.watchdog.origin import describe_copy
 SOURCE = "tests.helpers.watchdog_sources:RecordingSource"
 
 
-def wait(until: Callable[[], object], seconds: float = 30.0) -> None:
+def wait(until: Callable[[], object], seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < deadline

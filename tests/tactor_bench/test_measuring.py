@@ -114,6 +114,7 @@ def test_a_run_that_fails_raises_with_what_was_measured(tmp_path: Path, monkeypa
         assert len(failure.points["frequency"]) > 0
 
 
+@pytest.mark.deep
 def test_a_failed_run_is_returned_where_that_is_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     break_it(monkeypatch, "scpi-dropped@4")
     with tb.connect("sim", folder=tmp_path, speed="max", progress=False) as bench:

@@ -183,13 +183,14 @@ def test_a_frame_has_a_column_for_each_number_of_a_point(dwell: Path, monkeypatc
     assert values.columns["unit"] == [each.unit for each in opened.estimates.values()]
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    finished_run(tmp_path, "T7")
-    finished_run(tmp_path / "older", "T8")
-    crashed_run(tmp_path, "T3")
-    newer_run(tmp_path, "T5")
-    return tmp_path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("folder")
+    finished_run(folder, "T7")
+    finished_run(folder / "older", "T8")
+    crashed_run(folder, "T3")
+    newer_run(folder, "T5")
+    return folder
 
 
 @pytest.mark.parametrize(

@@ -227,6 +227,7 @@ def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     assert stage.session.runs[1][0] == WiringCheck()
 
 
+@pytest.mark.deep
 def test_a_campaign_is_begun_by_a_name_and_comes_back_at_the_next_start(
     open_stage: OpenStage, tmp_path: Path, settings: QSettings
 ) -> None:

@@ -119,7 +119,8 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
     bench.session._thread.join()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
+@pytest.mark.deep
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no signals that one process sends another")
 def test_a_signal_takes_the_same_way_out(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, number: signal.Signals

@@ -53,6 +53,7 @@ def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
     assert {"F5", "F8", "Esc", "Ctrl+2", "Alt+Up", "Ctrl+Shift+C", "/"} <= {key for _, key in every}
 
 
+@pytest.mark.deep
 def test_shortcut_sheet_lists_page_keys_is_searchable_and_closes_on_escape(stage: Stage) -> None:
     room = stage.window.central
     stage.press(Qt.Key.Key_2, CTRL)

@@ -80,6 +80,7 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Written:
     return Written(runs, out, pages)
 
 
+@pytest.mark.deep
 def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(written: Written) -> None:
     assert not list(written.out.glob("*.part"))
     assert len(written.pages) >= 4

@@ -181,6 +181,7 @@ def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
     assert np.abs(found.response / H - 1).max() < 2e-3
 
 
+@pytest.mark.deep
 def test_a_given_delay_is_taken_out() -> None:
     drive, moved = bench()
     late = 5
