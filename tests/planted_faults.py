@@ -53,7 +53,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "protocols/runner/operator_prompts.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
         "protocols/runner/plan_progress.py": "tests/protocols/test_entries.py tests/protocols/test_continuation.py",
         "protocols/base/verdict.py": "tests/protocols/test_verdict.py",
-        "protocols/resume.py": "tests/protocols/test_continuation.py",
+        "protocols/resume.py": "tests/protocols/test_resume_rules.py tests/protocols/test_continuation.py",
     },
     "file": {
         "protocols/runfile/writer.py": "tests/protocols/test_runfile.py tests/protocols/test_lost_files.py tests/protocols/test_verdict.py",
@@ -109,6 +109,11 @@ RAN = 64
 """Added to pytest's exit code, so that a process that could not begin is not taken for a test that failed."""
 
 EQUIVALENT: Mapping[tuple[str, str, str], str] = {
+    (
+        "drivers/watchdog/process.py",
+        "sys.stderr.flush()",
+        "pass",
+    ): "Python writes every line to standard error at once, and the line is complete",
     (
         "model/identification/joint_least_squares.py",
         'self._cached_x, self._cached = b"", (np.empty(0), np.empty((0, 0)))',

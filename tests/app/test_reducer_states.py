@@ -78,3 +78,12 @@ def test_a_bench_that_was_armed_is_at_a_rest_that_was_measured() -> None:
 )
 def test_the_log_says_what_the_operator_asked_for(events: tuple[WindowEvent, ...], said: str) -> None:
     assert view_after(*LIVE, *events).messages[-1].text == said
+
+
+def test_a_drive_that_is_lost_and_seen_again_is_in_the_log_while_the_bench_is_live_only() -> None:
+    lost = DriveReadbackChanged(True, 0.0, 0.0)
+    assert view_after(*LIVE, lost).messages[-1].text.startswith("The drive is not seen: ")
+    again = view_after(*LIVE, lost, DriveReadbackChanged(False, 0.0, 5.0))
+    assert again.messages[-1].text == "The card sees the drive again"
+    stopped = view_after(*LIVE, ShutdownStarted())
+    assert view_after(*LIVE, ShutdownStarted(), lost).messages == stopped.messages
