@@ -134,8 +134,12 @@ class BurstGenerator(ABC):
     @classmethod
     def supports_model(cls, model: str) -> bool:
         """Return whether this driver is for a model, by the name that `*IDN?` reports."""
-        name = model.upper()
-        return name.startswith(cls.MODELS) and re.match(cls.MODEL_PATTERN, name) is not None
+        name, pattern = model.upper(), ""
+        for kind in cls.__mro__:  # a pattern goes with the prefixes beside it, not with those of a derived class
+            pattern = pattern or vars(kind).get("MODEL_PATTERN", "")
+            if "MODELS" in vars(kind):
+                break
+        return name.startswith(cls.MODELS) and re.match(pattern, name) is not None
 
     def reconnect(self) -> None:
         self._scpi.link.reopen()

@@ -6,6 +6,7 @@ import pytest
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from drivers.drive import LinearSweep, Sine
 from drivers.errors import InstrumentError
+from drivers.generators.rigol_dg import RigolDg
 from tests.drivers.test_generator_foreign_settings import opened
 from tests.helpers.simulated_bench import assert_safe_voltage
 
@@ -46,6 +47,14 @@ def test_each_supported_model_has_one_driver(model: str) -> None:
 @pytest.mark.parametrize("model", RELATIVES)
 def test_a_relative_with_another_command_set_has_none(model: str) -> None:
     assert drivers_for(model) == []
+
+
+def test_a_derived_driver_is_for_its_own_models() -> None:
+    class Relabelled(RigolDg):
+        MODELS = ("FG20",)
+
+    assert Relabelled.supports_model("FG20A")
+    assert not Relabelled.supports_model("DG1032Z")
 
 
 @pytest.mark.parametrize("model", ["33210A", "33220A", "33250A"])
