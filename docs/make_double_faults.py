@@ -1,0 +1,140 @@
+"""Double faults: runs two faults at a time under every kind of drive, writes docs/double-faults.md; exit code 1 if a cell is at fault.
+
+    python docs/make_double_faults.py [--jobs N] [--source NAME] [--drive NAME] [--only FAULT] [--missing]
+
+With `--source`, `--drive`, `--only` or `--missing` the other cells are kept as they are. All of them take about an hour on two cores.
+"""
+
+import argparse
+import concurrent.futures
+import multiprocessing
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+from tests.helpers.double_faults import (  # noqa: E402
+    DRIVES,
+    FAULTS,
+    SLOW_WIRE_S,
+    SOURCES,
+    WATCHDOG_PATIENCE_S,
+    NotLiveError,
+    double_cell,
+    pairs_of,
+)
+
+PAGE = HERE / "double-faults.md"
+
+HEAD = f"""# Two faults at the same time
+
+Written by `python docs/make_double_faults.py`. Every cell runs the whole program with its watchdog, each in a process of its own, on the
+real wires of the simulated bench; both faults are injected while the drive is on the specimen. The voltage at the simulated
+amplifier's input, over the whole run, decides what a cell says, and the text of the program and `watchdog.log` decide who reported it.
+
+- **rest 0.5 s**: from 0.5 s after the faults on, the input was constant at rest.
+- **3.2 V** in bold: the input was not at rest at the end. Every such cell names who reported it, and when.
+- *may be live*: the warning that the specimen may be live, with the manual instruction, before the program or the watchdog acts.
+- *unsafe*: the run ended unsafe, exit code 3. *could not*: the watchdog wrote into `watchdog.log` and on the terminal that the source could
+  not be brought to rest.
+- **-**: not measured.
+- *next start*: reported by the next start of the program, in seconds after it was started, before it asked the operator anything.
+
+Times are wall time, on two cores with a load average of 18 to 28; a computer with less other work is faster. The slow wire has a
+round trip of {2 * SLOW_WIRE_S:g} s. The watchdog tries for {WATCHDOG_PATIENCE_S:g} s (`patience_s`; the default is 30 s). A ramp has a slope of 1 V/s here. The limits that
+hold are in [safety](safety.md).
+"""
+
+Key = tuple[str, str, tuple[str, str]]
+
+
+def main() -> int:
+    """Run the chosen cells and write the page."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--source", choices=list(SOURCES))
+    parser.add_argument("--drive")
+    parser.add_argument("--only", choices=list(FAULTS), help="cells with this fault")
+    parser.add_argument("--missing", action="store_true", help="cells that were not run yet, or are at fault")
+    options = parser.parse_args()
+    cells = _read_page()
+    done = {key for key, words in cells.items() if "FAULT" not in words} if options.missing else set()
+    chosen = [
+        (source, drive, pair)
+        for source, kind in SOURCES.items()
+        for pair in pairs_of(source)
+        for drive in kind.drives
+        if options.source in (None, source)
+        and options.drive in (None, drive)
+        and (not options.only or options.only in pair)
+        and (source, drive, pair) not in done
+    ]
+    chosen.sort(key=lambda key: DRIVES.index(key[1]))
+    context = multiprocessing.get_context("spawn")  # each cell has threads, servers and clocks of its own
+    with concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=context, max_tasks_per_child=40) as pool:
+        running = {pool.submit(run_cell, key): key for key in chosen}
+        for done in concurrent.futures.as_completed(running):
+            key = running[done]
+            try:
+                cells[key] = done.result()
+            except NotLiveError as error:
+                print(*key, f"was not measured: {error}", flush=True)
+                continue
+            except Exception as error:  # noqa: BLE001 - the other cells are of use all the same
+                cells[key] = f"FAULT: {type(error).__name__}: {' '.join(str(error).split())[-300:]}".replace("|", "/")
+            print(*key, cells[key], flush=True)
+            _write_page(cells)
+    bad = {key: words for key, words in cells.items() if "FAULT" in words}
+    print(
+        f"{len(bad)} of {len(cells)} cells are at fault", *(f"{key}: {words}" for key, words in bad.items()), sep="\n"
+    )
+    return int(bool(bad))
+
+
+def run_cell(key: Key) -> str:
+    """Return the text of a cell."""
+    with tempfile.TemporaryDirectory() as folder:
+        return double_cell(*key, Path(folder)).words
+
+
+def _read_page() -> dict[Key, str]:
+    cells: dict[Key, str] = {}
+    source, drives = "", []
+    for line in PAGE.read_text("utf-8").splitlines() if PAGE.exists() else []:
+        if found := re.match(r"## .*\((\w+)\)$", line):
+            source = found[1]
+        parts = [part.strip() for part in line.strip("|").split("|")]
+        if line.startswith("| first fault"):
+            drives = parts[2:]
+        elif line.startswith("| ") and source in SOURCES and tuple(parts[:2]) in pairs_of(source):
+            for drive, words in zip(drives, parts[2:], strict=True):
+                if words != NOT_RUN:
+                    cells[source, drive, (parts[0], parts[1])] = words
+    return cells
+
+
+NOT_RUN = "-"
+
+
+def _write_page(cells: dict[Key, str]) -> None:
+    lines = [HEAD]
+    for source, kind in SOURCES.items():
+        lines += [f"## {kind.title} ({source})", ""]
+        lines += [
+            f"| first fault | second fault | {' | '.join(kind.drives)} |",
+            "|---|---|" + "---|" * len(kind.drives),
+        ]
+        for pair in pairs_of(source):
+            row = [cells.get((source, drive, pair), NOT_RUN) for drive in kind.drives]
+            lines.append(f"| {' | '.join((*pair, *row))} |")
+        lines.append("")
+    lines += ["## The faults", "", "| fault | what it is |", "|---|---|"]
+    lines += [f"| {name} | {description} |" for name, description in FAULTS.items()]
+    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

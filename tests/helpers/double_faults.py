@@ -1,0 +1,445 @@
+"""Double faults: two faults at the same time under a drive, the volts that follow, and who reports what.
+
+Every cell runs the whole program in a process of its own, with its watchdog, on the real wires of a simulated bench. Used by the test
+and by `docs/make_double_faults.py`.
+"""
+
+import contextlib
+import math
+import resource
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from drivers.bench.rest import REST_TOLERANCE_V
+from drivers.clock import WallClock
+from drivers.watchdog.log import LOG_NAME
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.service.served_bench import ServedBench
+from sim_hardware.testing.safe_volts import STEP_V
+from tests.helpers import one_drive
+from tests.helpers.program import Program, start
+from tests.helpers.simulated_bench import simulated
+from tests.wires.tcp_proxy import TcpProxy
+
+SLOW_WIRE_S = 0.3
+"""Delay of every byte on the slow wire, each way."""
+
+WATCHDOG_PATIENCE_S = 5.0
+"""Of the bench file: the default is 30 s."""
+
+TOO_LONG_S = 60.0
+"""Wall time after which a cell that neither rests nor reports is at fault; the times of the table are measured, not required."""
+
+FAULTS = {
+    "program killed": "SIGKILL to the program",
+    "program frozen": "SIGSTOP to the program, and SIGCONT when all others have done what they can",
+    "watchdog killed": "SIGKILL to the watchdog's process",
+    "watchdog frozen": "SIGSTOP to the watchdog's process, until the end",
+    "slow wire": "every byte to and from the source takes 0.3 s from then on",
+    "wire cut": "the connection to the source is closed, and no new one is accepted",
+    "source silent": "the source neither obeys nor replies, and continues what it plays",
+    "source off": "the generator loses mains: the amplifier's input is pulled to 0 V",
+    "card lost": "the card's USB cable is off",
+    "disk full": "no file of the program can grow any more",
+    "Stop pressed": "SIGINT to the program, as Ctrl-C",
+}
+
+PAIRS = (
+    ("program killed", "slow wire"),
+    ("program killed", "wire cut"),
+    ("program killed", "source silent"),
+    ("program killed", "source off"),
+    ("program killed", "card lost"),
+    ("program killed", "watchdog killed"),
+    ("program killed", "watchdog frozen"),
+    ("program frozen", "slow wire"),
+    ("program frozen", "wire cut"),
+    ("program frozen", "source silent"),
+    ("program frozen", "card lost"),
+    ("program frozen", "watchdog killed"),
+    ("watchdog killed", "slow wire"),
+    ("watchdog killed", "wire cut"),
+    ("watchdog killed", "source silent"),
+    ("watchdog killed", "card lost"),
+    ("watchdog killed", "disk full"),
+    ("watchdog frozen", "Stop pressed"),
+    ("source silent", "card lost"),
+    ("source silent", "Stop pressed"),
+    ("source silent", "disk full"),
+    ("wire cut", "card lost"),
+    ("wire cut", "Stop pressed"),
+    ("slow wire", "Stop pressed"),
+    ("slow wire", "card lost"),
+    ("source off", "card lost"),
+    ("disk full", "Stop pressed"),
+    ("card lost", "Stop pressed"),
+)
+
+DRIVES = ("level", "sine", "arbitrary", "ramp", "sweep")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceKind:
+    """A source of the table: simulation parameters, bench file, and how long its drives last."""
+
+    title: str
+    truth: dict[str, object]
+    bench_file: str = ""
+    drive_s: float = 60.0
+    on_card: bool = False
+    drives: tuple[str, ...] = DRIVES
+
+
+SOURCES = {
+    "33511B": SourceKind(
+        "Keysight 33511B: holds its range, a drive is stopped in steps", {"generator": {"model": "33511B"}}
+    ),
+    "SDG1032X": SourceKind(
+        "Siglent SDG1032X: cannot hold its range, a drive of 9 s at most is waited for",
+        {"generator": {"model": "SDG1032X"}},
+        drive_s=8.0,
+        drives=("level", "sine", "arbitrary"),
+    ),
+    "card": SourceKind(
+        "analogue output of the card behind a gRPC server: no watchdog (docs/safety.md)",
+        {"source": "ao0"},
+        '[source]\nkind = "card-output"\n',
+        on_card=True,
+        drives=("level", "sine"),
+    ),
+}
+
+NOT_ON_CARD = ("watchdog killed", "watchdog frozen", "source off")
+"""Faults that a card as the source does not have: it has no watchdog behind a server, and no mains of its own."""
+
+
+def pairs_of(source: str) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that a source can have; on a card, a lost card is a lost source."""
+    if not SOURCES[source].on_card:
+        return PAIRS
+    return tuple(pair for pair in PAIRS if not set(pair) & set(NOT_ON_CARD))
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What was reported, by whom, and how many seconds after the faults."""
+
+    who: str
+    what: str
+    after_s: float
+
+
+@dataclass
+class DoubleCell:
+    """What became of a drive under two faults."""
+
+    source: str
+    drive: str
+    pair: tuple[str, str]
+    rest_s: float = math.nan
+    """Seconds after the faults from which on the input was constant at rest; NaN if it was not."""
+    end_v: float = math.nan
+    largest_jump_v: float = 0.0
+    lowest_v: float = math.nan
+    highest_v: float = math.nan
+    exit_code: int | None = None
+    reports: list[Report] = field(default_factory=list)
+    text: str = ""
+    next_text: str = ""
+    confirmed_wrongly: bool = False
+
+    @property
+    def at_rest(self) -> bool:
+        return not math.isnan(self.rest_s)
+
+    @property
+    def alarms(self) -> list[Report]:
+        """Reports that the specimen may be live."""
+        return [report for report in self.reports if report.what in (MAY_BE_LIVE, UNSAFE, COULD_NOT)]
+
+    @property
+    def faults(self) -> list[str]:
+        """What the product owes and did not keep; empty where all is well."""
+        wrong = []
+        if not self.at_rest and not self.alarms:
+            wrong.append(f"the input is at {self.end_v:.3f} V and nobody reports it")
+        if self.confirmed_wrongly:
+            wrong.append("rest was confirmed while the input was not at rest")
+        if not self.at_rest and self.exit_code == 0:
+            wrong.append("exit code 0")
+        if "source off" not in self.pair:
+            if self.largest_jump_v > STEP_V + 1e-6:
+                wrong.append(f"a jump of {self.largest_jump_v:.3f} V")
+            if self.lowest_v < -1e-9 or self.highest_v > 5 + 1e-9:
+                wrong.append(f"the input left its range: {self.lowest_v:.3f} to {self.highest_v:.3f} V")
+        if any(words in self.text + self.next_text for words in ("an error of this program", "Traceback")):
+            wrong.append("an error of the program")
+        return wrong
+
+    @property
+    def words(self) -> str:
+        """The cell of the table."""
+        if self.faults:
+            return "FAULT: " + "; ".join(self.faults)
+        state = f"rest {self.rest_s:.1f} s" if self.at_rest else f"**{self.end_v:.1f} V**"
+        return "; ".join([state, *(f"{r.who}: {r.what} {r.after_s:.1f} s" for r in self.alarms)])
+
+
+MAY_BE_LIVE, UNSAFE, COULD_NOT, DONE = "may be live", "unsafe", "could not", "brought to rest"
+
+SAID_BY_PROGRAM = {"DANGER: ": MAY_BE_LIVE, "UNSAFE: ": UNSAFE}
+SAID_BY_WATCHDOG = {
+    "does not obey": MAY_BE_LIVE,
+    "could NOT be brought to rest": COULD_NOT,
+    "was brought to rest": DONE,
+}
+
+
+class NotLiveError(Exception):
+    """The program ended before the faults were injected."""
+
+
+class Scene:
+    """A program that plays one drive on the wires of a bench, and the faults that meet it."""
+
+    def __init__(self, source: str, drive: str, folder: Path, stack: ExitStack) -> None:
+        self.kind, self.folder = SOURCES[source], folder
+        parameters = simulated(plant_rate_hz=20_000.0, modes=3, **self.kind.truth).simulation_parameters
+        self.bench = SimulatedBench(parameters, WallClock(1.0))
+        self.served = stack.enter_context(ServedBench(self.bench))
+        self.proxy = stack.enter_context(
+            TcpProxy(self.served.card.port if self.kind.on_card else self.served.scpi.port)
+        )
+        card = self.proxy.port if self.kind.on_card else self.served.card.port
+        (folder / "bench.toml").write_text(
+            f'name = "bench under test"\n{self.kind.bench_file}'
+            f'[generator]\nresource = "{self.proxy.resource}"\ntimeout_s = 1.0\n'
+            f'[card]\nserver = "127.0.0.1:{card}"\n'
+            f"[sensor]\ndelay_s = 1e-4\n"
+            f"[levels]\nlaser_lost = 'warning'\nstroke = 'warning'\n"
+            f"[amplifier]\nramp_v_per_s = {1.0 if drive == 'ramp' else 5.0}\nway_to_rest_s = 10\n"
+            f"[watchdog]\nsilence_s = 1.0\npatience_s = {WATCHDOG_PATIENCE_S}\n"
+        )
+        self.settings = f"drive={drive}", f"drive_s={self.kind.drive_s}"
+        self.program = self.start(stack)
+        self.drive = drive
+
+    def start(self, stack: ExitStack) -> Program:
+        program = start(self.bench, self.folder, *self.settings, protocol=one_drive.__file__)
+        stack.callback(program.close)
+        return program
+
+    def go_live(self) -> None:
+        """Until the drive is on the specimen; a ramp, until it is in its middle.
+
+        Raises:
+            NotLiveError: the program ended before; on a computer that is too busy.
+        """
+        try:
+            self.program.arm()
+            self.program.wait_for("high voltage is on")
+        except AssertionError:
+            raise NotLiveError(self.program.text[-300:]) from None
+        while not self._is_under_way():
+            if self.program.process.poll() is not None:
+                raise NotLiveError(self.program.text[-300:])
+            time.sleep(0.02)
+        self.watchdog = next(
+            (
+                p
+                for p in psutil.Process(self.program.process.pid).children()
+                if "drivers.watchdog.process" in p.cmdline()
+            ),
+            None,
+        )
+
+    def _is_under_way(self) -> bool:
+        report = self.bench.report()
+        least_v = {"ramp": 3.2, "level": 3.99}.get(self.drive)
+        return report.end_v > least_v if least_v else report.outside_rest_s > 0.2
+
+    def break_(self, fault: str) -> None:
+        """Inject a fault."""
+        process = self.program.process
+        match fault:
+            case "program killed":
+                process.kill()
+            case "program frozen":
+                process.send_signal(signal.SIGSTOP)
+            case "watchdog killed" if self.watchdog is not None:
+                self.watchdog.kill()
+            case "watchdog frozen" if self.watchdog is not None:
+                self.watchdog.suspend()
+            case "slow wire":
+                self.proxy.delay_s = SLOW_WIRE_S
+            case "wire cut":
+                self.bench.inject("grpc-gone" if self.kind.on_card else "scpi-dropped")
+            case "source silent" if self.kind.on_card:
+                self.proxy.silent = True
+            case "source silent":
+                self.bench.inject("scpi-silent")
+            case "source off":
+                self.bench.inject("generator-power-off")
+            case "card lost":
+                self.bench.inject("card-unplugged")
+            case "disk full":
+                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1, 1))
+            case "Stop pressed":
+                process.send_signal(signal.SIGINT)
+
+    def log(self) -> str:
+        file = self.folder / LOG_NAME
+        return file.read_text() if file.exists() else ""
+
+    def clean_up(self) -> None:
+        """Let go of a frozen watchdog."""
+        with contextlib.suppress(psutil.Error):
+            if self.watchdog is not None:
+                self.watchdog.resume()
+
+
+def _wait(until: Callable[[], object], seconds: float) -> bool:
+    deadline = time.monotonic() + seconds
+    while not until():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+ATTEMPTS = 3
+"""At bringing a drive onto the specimen, which a computer that is too busy may prevent."""
+
+
+def double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -> DoubleCell:
+    """Play a drive, inject both faults, and return what followed.
+
+    Raises:
+        NotLiveError: the drive did not come onto the specimen.
+    """
+    for attempt in range(1, ATTEMPTS + 1):
+        (own := folder / str(attempt)).mkdir(parents=True)
+        try:
+            return _double_cell(source, drive, pair, own)
+        except NotLiveError:
+            if attempt == ATTEMPTS:
+                raise
+    raise AssertionError
+
+
+def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -> DoubleCell:
+    seen = DoubleCell(source, drive, pair)
+    with _scene(source, drive, folder) as (scene, stack):
+        scene.go_live()
+        bench, program = scene.bench, scene.program
+        began_s, began_bench_s = time.monotonic(), bench.now()
+        for fault in pair:
+            scene.break_(fault)
+        told: list[Report] = []
+
+        def listen() -> None:
+            for words, what in SAID_BY_WATCHDOG.items():
+                if words in scene.log() and not any(r.who == "watchdog" and r.what == what for r in told):
+                    told.append(Report("watchdog", what, time.monotonic() - began_s))
+
+        def settled() -> bool:
+            """Whether every party that can still act has done so."""
+            listen()
+            can_act = "program killed" not in pair and "program frozen" not in pair
+            if can_act:
+                return program.process.poll() is not None
+            dead_watchdog = scene.watchdog is None or {"watchdog killed", "watchdog frozen"} & set(pair)
+            if dead_watchdog:
+                return True
+            return any(report.what in (COULD_NOT, DONE) for report in told)
+
+        _wait(settled, TOO_LONG_S)
+        if "program killed" in pair:
+            program.process.wait()
+        if "program frozen" in pair:
+            program.process.send_signal(signal.SIGCONT)
+            _wait(lambda: listen() or program.process.poll() is not None, TOO_LONG_S)
+        if program.process.poll() is None:
+            seen.text = "the program did not end"
+        else:
+            seen.exit_code = program.process.wait()
+            time.sleep(
+                0.2
+            )  # its last lines: the end of its pipe is not waited for, because a frozen watchdog holds it, too
+        listen()
+        seen.text += program.text
+        for words, what in SAID_BY_PROGRAM.items():
+            at = next((t for line, t in zip(program.said, program.said_s, strict=True) if words in line), None)
+            if at is not None and at >= began_s - 0.5:
+                told.append(Report("program", what, at - began_s))
+        confirmed_s = next(
+            (t for line, t in zip(program.said, program.said_s, strict=True) if "at rest: the card" in line), None
+        )
+        seen.confirmed_wrongly = confirmed_s is not None and not bench.report().ends_at_rest
+        if not bench.report().ends_at_rest and not any(r.what in (UNSAFE, COULD_NOT) for r in told):
+            _next_start(scene, seen, told, stack, began_s)
+        report = bench.report()
+        seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v
+        seen.lowest_v, seen.highest_v = report.lowest_v, report.highest_v
+        if report.ends_at_rest or _stays_at_rest(bench):
+            seen.rest_s = _rest_since(bench, began_bench_s) - began_bench_s
+        seen.reports = sorted(told, key=lambda r: r.after_s)
+    return seen
+
+
+def _next_start(scene: Scene, seen: DoubleCell, told: list[Report], stack: ExitStack, began_s: float) -> None:
+    """Start the program again: it must report, before it asks the operator anything, or bring the source to rest."""
+    del began_s
+    started_s = time.monotonic()
+    following = scene.start(stack)
+
+    def reacted() -> bool:
+        return (
+            following.process.poll() is not None
+            or "must be ON now" in following.text
+            or "voltage OFF." in following.text
+        )
+
+    _wait(reacted, TOO_LONG_S)
+    if following.process.poll() is None:
+        following.process.send_signal(signal.SIGINT)
+    following.end()
+    seen.next_text, seen.exit_code = following.text, following.process.returncode
+    for words, what in {**SAID_BY_PROGRAM, **SAID_BY_WATCHDOG}.items():
+        at = next((t for line, t in zip(following.said, following.said_s, strict=True) if words in line), None)
+        if at is not None:
+            told.append(Report("next start", what, at - started_s))
+
+
+def _rest_since(bench: SimulatedBench, begin_s: float) -> float:
+    """Return the bench time from which on the input has been at rest, not before `begin_s`."""
+    entries, end_s, since = bench.history.entries(), bench.now(), begin_s
+    for entry, following in zip(entries, [*entries[1:], None], strict=True):
+        stop_s = end_s if following is None else min(following.start_s, end_s)
+        t = np.arange(max(entry.start_s, begin_s), stop_s, 5e-4)
+        away = np.flatnonzero(np.abs(entry.segment.volts(t) - 2.5) > REST_TOLERANCE_V / 2) if t.size else t
+        if away.size:
+            since = float(t[int(away[-1])])
+    return since
+
+
+def _stays_at_rest(bench: SimulatedBench) -> bool:
+    """Return whether the input is at rest in what is left of the samples that the card plays."""
+    segment, now_s = bench.history.entries()[-1].segment, bench.now()
+    t = np.arange(now_s, min(max(segment.constant_from_s, now_s) + 1e-3, now_s + 120.0), 5e-4)
+    return bool(np.abs(segment.volts(t) - 2.5).max() <= REST_TOLERANCE_V / 2)
+
+
+@contextmanager
+def _scene(source: str, drive: str, folder: Path) -> Iterator[tuple[Scene, ExitStack]]:
+    with ExitStack() as stack:
+        scene = Scene(source, drive, folder, stack)
+        stack.callback(lambda: scene.clean_up() if hasattr(scene, "watchdog") else None)
+        yield scene, stack

@@ -1,0 +1,51 @@
+"""Two faults at a time: at rest by the volts of the simulated bench, or reported; `docs/double-faults.md` has every cell."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.double_faults import PAIRS, SOURCES, double_cell, pairs_of
+
+pytestmark = [
+    pytest.mark.breaks_the_drive,
+    pytest.mark.skipif(os.name != "posix", reason="programs cannot be frozen here"),
+]
+
+DEALT = ("level", "sine", "arbitrary", "ramp", "sweep")
+
+
+@pytest.mark.one_in(len(PAIRS))
+@pytest.mark.parametrize(("number", "pair"), [*enumerate(PAIRS)], ids=[" x ".join(pair) for pair in PAIRS])
+def test_a_drive_under_two_faults_ends_at_rest_or_is_reported(
+    number: int, pair: tuple[str, str], tmp_path: Path
+) -> None:
+    """Drives are dealt to the pairs."""
+    seen = double_cell("33511B", DEALT[number % len(DEALT)], pair, tmp_path)
+    assert seen.faults == [], seen.text + seen.next_text
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("source", [source for source in SOURCES if source != "33511B"])
+@pytest.mark.parametrize(
+    "pair",
+    [("program killed", "wire cut"), ("program killed", "slow wire"), ("card lost", "Stop pressed")],
+    ids=" x ".join,
+)
+def test_other_sources_under_two_faults(source: str, pair: tuple[str, str], tmp_path: Path) -> None:
+    if pair not in pairs_of(source):
+        pytest.skip("this source cannot have them")
+    seen = double_cell(source, "level", pair, tmp_path)
+    assert seen.faults == [], seen.text + seen.next_text
+
+
+def test_the_table_in_the_documentation_has_every_pair_and_no_fault() -> None:
+    """`python docs/make_double_faults.py` runs every cell and writes it."""
+    text = (Path(__file__).parents[2] / "docs" / "double-faults.md").read_text()
+    assert "FAULT" not in text
+    for source, kind in SOURCES.items():
+        (table,) = re.findall(rf"## .*\({source}\)\n(.*?)\n## ", text, re.DOTALL)
+        assert f"| first fault | second fault | {' | '.join(kind.drives)} |" in table
+        for pair in pairs_of(source):
+            assert f"| {' | '.join(pair)} | " in table, "a pair is new: python docs/make_double_faults.py --missing"
