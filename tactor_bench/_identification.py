@@ -96,6 +96,7 @@ def identify(
     method: Method = "joint",
     free: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
     robust: bool = False,
     shapes: int | None = None,
 ) -> Identification:
@@ -106,6 +107,8 @@ def identify(
         method: `joint` fits all runs at once, weighted by their errors; `chain` goes step by step as the paper did.
         free: names of the free parameters, for example `["k2", "mu", "m_add", "c0"]`; default: what the runs determine.
         fixed: values to hold, by name, SI.
+        priors: value and standard uncertainty, by name, SI, of what ruler, caliper or scale say; these parameters become free
+            within that, and their uncertainty is in all errors: `{"h_Al": (0.20e-3, 0.01e-3)}`.
         robust: a Cauchy loss, which lets go of outliers, instead of squares.
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
 
@@ -113,7 +116,7 @@ def identify(
         RunReadError: a file is no run.
         ObservationError: the runs do not belong together, or contain nothing about the model.
         IdentificationError, ChainError, ParameterError: why it cannot be identified so; all three are ValueErrors.
-        ValueError: free, fixed or robust with the chain, whose steps are the paper's.
+        ValueError: free, fixed, priors or robust with the chain, whose steps are the paper's.
 
     Example:
         >>> found = identify(runs("runs", specimen="T7"))  # doctest: +SKIP
@@ -124,11 +127,13 @@ def identify(
     paths = [source.path if isinstance(source, MeasuredRun | CatalogueEntry) else Path(source) for source in sources]
     if not paths:
         raise ValueError("there are no runs to identify; give at least one")
-    if method == "chain" and (free or fixed or robust):
-        raise ValueError("free, fixed and robust are for the joint fit; the chain's steps are the paper's")
+    if method == "chain" and (free or fixed or priors or robust):
+        raise ValueError("free, fixed, priors and robust are for the joint fit; the chain's steps are the paper's")
+    known = dict(priors or {})
     setting = FitOptions(
-        free=None if free is None else tuple(free),
+        free=None if free is None else (*free, *(name for name in known if name not in free)),
         fixed=dict(fixed or {}),
+        priors=known,
         loss="cauchy" if robust else "linear",
         amplifier=amplifier_of(paths),
     )

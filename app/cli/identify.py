@@ -50,6 +50,12 @@ class AcceptCommand:
         help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)",
     )
     fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a value to hold; SI or with unit")
+    priors: Sequence[str] = repeated(
+        "--prior",
+        "NAME=VALUE+-ERROR",
+        "what ruler, caliper or scale say of a parameter that is held otherwise, with its standard uncertainty, e.g. "
+        "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; it becomes free within that, and its uncertainty is in all errors",
+    )
     profile: Sequence[str] = repeated(
         "--profile",
         "NAME",
@@ -88,19 +94,23 @@ class AcceptCommand:
 
     @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, ValueError)
     def execute(self) -> int:
-        if self.method == "chain" and (self.free or self.fixed or self.robust):
-            raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
+        if self.method == "chain" and (self.free or self.fixed or self.priors or self.robust):
+            raise UsageError(
+                "--free, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
+            )
         if self.method == "chain" and (self.profile or self.next is not None):
             raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
         if not 0 < self.coverage < 1:
             raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
         free = tuple(name.strip() for name in self.free.split(",") if name.strip())
         fixed = dict(_parse_fixed(text) for text in self.fixed)
+        priors = dict(_parse_prior(text) for text in self.priors)
         corrected = _correction(self)
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         setting = FitOptions(
-            free=free or None,
+            free=(*free, *(name for name in priors if name not in free)) if free else None,
             fixed=fixed,
+            priors=priors,
             loss="cauchy" if self.robust else "linear",
             amplifier=corrected.amplifier.amplifier_map
             if corrected and corrected.amplifier
@@ -165,6 +175,27 @@ def _parse_fixed(text: str) -> tuple[str, float]:
         return name.strip(), to_number(value.strip(), parameter_spec(name.strip()).unit)
     except (UnitError, ParameterError) as error:
         raise UsageError(f"--fix {text}: {error}") from None
+
+
+def _parse_prior(text: str) -> tuple[str, tuple[float, float]]:
+    name, equals, stated = text.partition("=")
+    value, plus_minus, error = stated.replace("±", "+-").partition("+-")
+    name, value, error = name.strip(), value.strip(), error.strip()
+    if not (equals and plus_minus and value and error):
+        raise UsageError(f"--prior {text}: write NAME=VALUE+-ERROR, for example --prior 'h_Al=0.20 mm +- 0.01 mm'")
+    try:
+        quantity = parameter_spec(name)
+        unit = quantity.unit or "1"
+        number = float(quantity.check(to_number(value, unit)))
+        if error.endswith("%"):
+            size = abs(number) * to_number(error.removesuffix("%"), "1") / 100
+        else:
+            size = to_number(error, unit)
+    except (UnitError, ParameterError) as problem:
+        raise UsageError(f"--prior {text}: {problem}") from None
+    if not 0 < size < float("inf"):
+        raise UsageError(f"--prior {text}: the uncertainty must be positive; --fix holds a value that is exact")
+    return name, (number, size)
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:

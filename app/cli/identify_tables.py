@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from app.cli.output import CommandResult
-from app.common import Column, Table, track
+from app.common import Column, Table, display_unit, track
 from app.identification import IdentificationResult
-from model import ParameterError
+from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
     ExpectedPrecision,
@@ -148,6 +148,30 @@ def _format_arms(profile_: ProfileInterval, value: float, error: float) -> str:
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
 
 
+HELD_TEXT = "held, as if exact"
+USED_PARAMETERS = tuple(q.name for q in parameter_specs(Tactor))
+SKIN_PARAMETERS = tuple(q.name for q in parameter_specs(Membrane))
+
+
+def held_parameters(identification: IdentificationResult) -> str:
+    """Return the parameters that the fit held, with their values, as text; an error of one is in no standard error."""
+    runs = identification.observations.runs
+    skin = any(
+        getattr(run, "elongation_m", None) is not None or isinstance(run, MembraneSagObservation) for run in runs
+    )
+    names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
+    shown = []
+    for name in names:
+        value = identification.fixed.get(name)
+        if value is not None:
+            unit = parameter_spec(name).unit
+            factor, text = display_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
+            shown.append(f"{name} {factor * value:.4g} {text}".strip())
+    if not shown:
+        return ""
+    return f"{HELD_TEXT} (--prior gives a value its uncertainty): {', '.join(shown)}."
+
+
 def identification_command_result(identification: IdentificationResult) -> CommandResult:
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     simulated = ", SIMULATED" if identification.observations.simulated else ""
@@ -182,13 +206,17 @@ def identification_command_result(identification: IdentificationResult) -> Comma
             )
         )
     notes = [
+        *([text] if (text := held_parameters(identification)) else []),
         f"{identification.verdict}.",
         *(f"not identifiable from these runs: {text}" for text in identification.unidentified),
     ]
     more: dict[str, Any] = {}
     if identification.adequacy is not None:
         tables += adequacy_tables(identification.adequacy)
-        notes.insert(0, f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.")
+        notes.insert(
+            1 if notes[0].startswith(HELD_TEXT) else 0,
+            f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.",
+        )
         more = {
             "adequate": identification.adequacy.adequate,
             "adequacy": identification.adequacy.message,

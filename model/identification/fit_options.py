@@ -29,7 +29,8 @@ class FitOptions:
 
     Attributes:
         tactor, membrane, contact_length: values of what is not free.
-        free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for.
+        free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for, and those
+            with a prior.
         fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
         tied: name -> (other, factor): the parameter is always that many times the other.
         priors: name -> (value, standard error): what is known of a free parameter beforehand, e.g. from a calliper.
@@ -73,6 +74,7 @@ class FitOptions:
         free = known.identifiable_parameters(observations, self.per_elongation) if self.free is None else self.free
         if self.free is None:
             free = tuple(name for name in free if name not in self.fixed and name not in self.tied)
+            free += tuple(name for name in self.priors if name not in free)
         free = known.validate_names(free, observations)
         for name in free:
             if name in self.fixed or name in self.tied:
