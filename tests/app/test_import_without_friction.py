@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -68,3 +69,12 @@ def test_a_setting_of_one_table_is_no_fault_of_the_others(tmp_path: Path, capsys
     for made in (tmp_path / "runs").glob("*.h5"):
         made.unlink()
     assert "leave --set peak_to_peak_v away for this table" in refused(tmp_path / "l.csv", capsys, *FULL)
+
+
+def test_the_default_plot_shows_the_column_that_is_there(tmp_path: Path) -> None:
+    """A viewer drew nothing of a table of fundamentals: the signal was max - min, all NaN."""
+    for head, signal in (("pp", "peak_to_peak"), ("fundamental", "fundamental")):
+        (tmp_path / "f.csv").write_text(f"frequency [Hz],{head} [um]\n100,362\n150,577\n")
+        with h5py.File(brought(tmp_path / "f.csv", *FULL)) as file:
+            assert file["entry/points"].attrs["signal"] == signal
+            assert np.isfinite(file[f"entry/points/{signal}"][:]).all()

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Unit
 
-from app.archive.importing.columns import INPUT_UNCERTAINTIES, ColumnMapping
+from app.archive.importing.columns import INPUT_UNCERTAINTIES, REQUIRED_COLUMNS, ColumnMapping
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import (
     ColumnSource,
@@ -116,7 +116,7 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
         title=run.protocol.title,
         parameters=dict(run.parameters),
         point_type=type(run.points[0]),
-        axes=run.protocol.axes,
+        axes=_plotted_axes(run),
         sensor=LaserSensor(
             options.sensor or "not told (imported)", nothing, nothing, nothing, nothing, nothing, options.gain_error
         ),
@@ -139,6 +139,16 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
     hashes = ", ".join(f"{name} (SHA-256 {sha256[:16]}...)" for name, sha256 in run.files)
     file.finish(RunStatus.COMPLETED, f"from {hashes if len(run.files) < 4 else names}", curves=run.curves)
     return file.path
+
+
+def _plotted_axes(run: ImportedRun) -> tuple[str, str]:
+    """Return the columns of the default plot: the protocol's, or what was measured instead of its second."""
+    x, y = run.protocol.axes
+    required = REQUIRED_COLUMNS.get("sine-dwell" if y == "peak_to_peak" else run.protocol.name, ((y,),))
+    present = (
+        name for name in (y, *required[-1]) if any(math.isfinite(getattr(p, name, math.nan)) for p in run.points)
+    )
+    return x, next(present, y)
 
 
 def _complete_dwell(
