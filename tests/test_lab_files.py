@@ -63,6 +63,7 @@ def the_run(folder: Path, before: frozenset[Path] = frozenset()) -> Path:
     return new
 
 
+@pytest.mark.deep
 def test_the_lab_protocol_is_run_shown_and_resumed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with old_names():
         assert program("protocols", PROTOCOL) == 0

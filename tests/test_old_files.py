@@ -117,7 +117,7 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
     assert not comparison.differences
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize("run", RUNS)
 def test_a_run_is_shown_and_exported_in_every_format(run: str, folder: Path) -> None:
     if run in (DWELL, CRASHED):
@@ -192,6 +192,7 @@ def test_a_run_that_another_computer_may_still_write_is_left_alone(
     assert "still being written" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_the_campaign_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert program("campaign", "run", "wiring", *BENCH, "--json") == 0
     capsys.readouterr()

@@ -106,7 +106,8 @@ def test_a_wrong_table_is_refused_in_a_sentence(text: str, says: str, tmp_path: 
     assert says in str(caught.value)
 
 
-@pytest.mark.parametrize("trigger", ["", pytest.param("ai/SampleClock", marks=pytest.mark.deep)])
+@pytest.mark.deep
+@pytest.mark.parametrize("trigger", ["", "ai/SampleClock"])
 def test_a_dwell_on_a_bench_without_a_generator(trigger: str, tmp_path: Path) -> None:
     config = of_kind("card-output", source={"kind": "card-output", "start_trigger": trigger})
     with connect(config) as lab:

@@ -50,6 +50,7 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     assert one.started_at is not None
 
 
+@pytest.mark.deep
 def test_each_verdict_is_listed_found_and_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

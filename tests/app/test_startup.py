@@ -37,9 +37,10 @@ def loaded(code: str) -> set[str]:
             "import app.cli.model, app.cli.study, app.common.units; app.common.units.to_number('4 V', 'V')",
             {"pydantic", "pint"},
         ),
-        (
+        pytest.param(
             "import app.cli.run, app.session.bench_connection, app.gui.application",
             {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"},
+            marks=pytest.mark.deep,
         ),
     ],
 )

@@ -93,6 +93,7 @@ def test_what_comes_into_the_way_after_the_import_changes_nothing(tmp_path: Path
     assert (done.returncode, done.stdout.strip()) == (0, "simulated bench"), done.stderr
 
 
+@pytest.mark.deep
 def test_a_folder_without_python_in_it_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "model").mkdir()
     (tmp_path / "model" / "fit.csv").write_text("1,2")

@@ -200,6 +200,7 @@ def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], t
     assert [items.item(at).text().split(":")[0] for at in range(4)] == ["last", "wiring", "dwell", "again"]
 
 
+@pytest.mark.deep
 def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     page: tuple[Stage, CampaignPage], tmp_path: Path
 ) -> None:

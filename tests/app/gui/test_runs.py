@@ -244,6 +244,7 @@ def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: R
     assert find(page, "runs.message").text().startswith("10 files")
 
 
+@pytest.mark.deep
 def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
     new = finished_run(tmp_path / "stick", "T9")
 
