@@ -1,1 +1,1 @@
-"""Who is asking: command line, configuration, session, pictures; `app.gui` is the only Qt."""
+"""Front ends: command line, graphical user interface, configuration, sessions and reports."""

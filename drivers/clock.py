@@ -1,6 +1,6 @@
 """Clock: bench time, which is real time, faster on a simulated bench, or a counter in tests.
 
-Every wait of a driver or protocol goes through a clock, so that no test has to sleep.
+Every wait of a driver or protocol goes through a clock, so that tests need not wait.
 """
 
 import time

@@ -230,7 +230,7 @@ def renamed(names: Mapping[str, str] | None = None, **more: str) -> Callable[[ty
 def adapt(cls: type, names: Mapping[str, str], interface: type = object) -> None:
     """Give a class that was written for version 0.1.0 the new names of its members.
 
-    The class itself is changed, not wrapped: the watchdog opens it anew by its module and name.
+    The class itself is changed, not wrapped: the watchdog opens it again by its module and name.
     """
     for old, new in names.items():
         has_new = hasattr(cls, new) and getattr(cls, new) is not getattr(interface, new, None)

@@ -309,11 +309,11 @@ def from_record(record: dict[str, Any]) -> Drive:
     """Return the drive that `as_record` described.
 
     Raises:
-        ValueError: the record is not of a drive, or of one that only a newer version of this program knows.
+        ValueError: the record is not of a drive, or of one of a newer version of this program.
     """
     kind = record.get("kind")
     if kind not in DRIVES:
-        raise ValueError(f"unknown drive {kind!r}: this version knows {', '.join(DRIVES)}; install a newer one")
+        raise ValueError(f"unknown drive {kind!r}: this version has {', '.join(DRIVES)}; install a newer one")
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k != "kind"}
     try:
         return DRIVES[kind](**values)

@@ -5,7 +5,7 @@ The message names the instrument, the value, the limit and the remedy. Only the 
 
 
 class BenchError(Exception):
-    """A problem on the bench; `str(error)` is what the operator reads."""
+    """A problem on the bench; `str(error)` is the message to the operator."""
 
 
 class InstrumentError(BenchError):

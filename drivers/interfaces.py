@@ -57,7 +57,7 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class InputChannel:
-    """A further input of the card, beside drive and displacement: value = gain * volts + offset.
+    """A further input of the card, in addition to drive and displacement: value = gain * volts + offset.
 
     Attributes:
         name: of its data in run files.
@@ -220,7 +220,7 @@ class HoldRenewer(Protocol):
 
 @runtime_checkable
 class LiveChecker(Protocol):
-    """A source that can tell whether an earlier program left a drive or a level on it. Others are assumed to be so left."""
+    """A source that reports whether an earlier program left a drive or a level on it. For others this is assumed."""
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
         """Whether the output is on, set up by this driver, and not at rest. Changes nothing."""

@@ -27,7 +27,7 @@ class SagSolution:
 
     centre_m: float
     linear_theory_m: float
-    """What linear theory, without the tension of the deflection itself, would say."""
+    """Sag by linear theory, without the tension of the deflection itself."""
     tension_n: float
     stretch: float
     """Pre-stretch and the stretch of the deflection together."""
@@ -77,7 +77,7 @@ def young_modulus_from_sag(
     softest, stiffest = np.log(1e3), np.log(1e12)
     if not (sag_m > 0 and q > 0) or off(softest) <= 0 or off(stiffest) >= 0:
         raise ParameterError(
-            f"no modulus lets this membrane sag by {sag_m:g} m under {q:g} N/m; check its dimensions and the sag"
+            f"with no modulus does this membrane sag by {sag_m:g} m under {q:g} N/m; check its dimensions and the sag"
         )
     return float(np.exp(brentq(off, softest, stiffest, xtol=1e-13)))
 

@@ -52,7 +52,7 @@ class ParameterSpec:
         return inside
 
     def check(self, values: object) -> Array:
-        """`values` as floats; raises ParameterError naming the first one that is no number, not finite or outside."""
+        """`values` as floats; raises ParameterError naming the first one that is not a number, not finite or outside."""
         try:
             v = np.asarray(values)
             if v.dtype.kind not in "iuf":

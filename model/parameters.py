@@ -110,7 +110,7 @@ class Membrane:
 
 
 def check_segment_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
-    """Refuse segments that do not follow each other; floats or arrays of one shape, m.
+    """Reject segments that do not follow each other; floats or arrays of one shape, m.
 
     Raises:
         ParameterError: L1 < L2 < L does not hold everywhere.

@@ -42,7 +42,7 @@ NO_SKIN = Skin()
 def skin(membrane: Membrane, delta: float, contact_length: float | None = None, tactor: Tactor | None = None) -> Skin:
     """Skin of `membrane` at pre-stretch `delta`.
 
-    `contact_length` (m) is what the point stiffness is divided by. Default: L - L2 of `tactor` (Table I if None), which
+    `contact_length` (m) is the length by which the point stiffness is divided. Default: L - L2 of `tactor` (Table I if None), which
     reproduces the paper's 8.5e4 N/m^2; the symmetric reading, both halves of the beam carrying the membrane, is
     `2 * (tactor.L - tactor.L2)`.
 

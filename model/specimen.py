@@ -34,7 +34,7 @@ def variable_specs() -> dict[str, ParameterSpec]:
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if there is none.
 
-    `k_s` and `c_s`, where given, take the place of what the membrane would give; None is as described in `model.skin_model`.
+    `k_s` and `c_s`, where given, replace those of the membrane; None is as described in `model.skin_model`.
 
     Raises:
         ParameterError: a value is not physical.

@@ -22,7 +22,7 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
         store: whether to write the verdict into the file, in place of an earlier one; the format version stays.
 
     Raises:
-        RunReadError: it is no run, is still being written, or is of a protocol that is not known here.
+        RunReadError: it is not a run, is still being written, or is of an unknown protocol.
         StorageError: the verdict cannot be written.
     """
     with Run(path) as run, translate_read_errors(path):

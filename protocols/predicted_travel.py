@@ -42,7 +42,7 @@ def predict_travel(
             case LinearSweep(start, stop, _, a, offset_v) | PeriodicSweep(start, stop, _, _, a, offset_v):
                 swept = np.linspace(start, stop, SWEEP_POINTS).tolist()
                 sines.setdefault((loaded.m_add, a, offset_v), []).extend((entry.label, f) for f in swept)
-            case Hold(level_v, _):  # the guard ramps there, too slowly to ring
+            case Hold(level_v, _):  # the guard ramps there, too slowly to excite a vibration
                 moved = float(voltage_gain(loaded) * amplifier.specimen_v(level_v))
                 yield PredictedTravel(entry.label, min(moved, 0.0), max(moved, 0.0))
             case Ramp() | Steps():

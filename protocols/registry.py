@@ -67,7 +67,7 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 class ProtocolFileError(Exception):
-    """A file defines no protocol; the message says which and why."""
+    """A file defines no protocol; the message names the file and the reason."""
 
 
 def load_plug_ins() -> list[str]:

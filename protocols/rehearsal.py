@@ -1,6 +1,6 @@
 """Rehearsal: checks a protocol against bench and disk before arming; duration, prompts, warnings.
 
-What cannot be run is refused; what the model merely expects to go wrong is a caution.
+A protocol that cannot be run is rejected; a problem that the model predicts is a caution.
 """
 
 import shutil
@@ -34,7 +34,7 @@ class Rehearsal:
     worst: str
     """The moment closest to a limit."""
     cautions: tuple[str, ...] = ()
-    """What could not be checked, and what the model expects to go wrong."""
+    """Checks that were not possible, and problems that the model predicts."""
 
 
 def rehearse(
@@ -47,11 +47,11 @@ def rehearse(
     meters: Mapping[str, Meter] | None = None,
     folder: Path | None = None,
 ) -> Rehearsal:
-    """Check every drive of a protocol against the guard and the source; return what the run demands.
+    """Check every drive of a protocol against the guard and the source; return the run's requirements.
 
     Args:
         protocol: the protocol to run.
-        amplifier: the guard; it knows what its source can play.
+        amplifier: the guard, with the limits of its source.
         channels: of the card that are kept.
         sensor: whose range the predicted stroke is held against, where there is also a `tactor` to predict it with.
         tactor: model of the specimen.

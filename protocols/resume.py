@@ -69,22 +69,22 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
     try:
         return kind(**run.parameters)
     except ValidationError as error:
-        raise RunReadError(f"{run_name} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+        raise RunReadError(
+            f"{run_name} has parameters that this version rejects: {error.errors()[0]['msg']}"
+        ) from error
 
 
 def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableRun:
     """Load a run to resume it, or to measure `repeat_entries` again.
 
     Raises:
-        RunReadError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
+        RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
     with Run(path) as run, translate_read_errors(path):
         if run.status is RunStatus.RUNNING and not run.crashed:
             raise RunReadError(f"{path} is still being written; stop that run first")
         if run.imported:
-            raise RunReadError(
-                f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own"
-            )
+            raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
         protocol = protocol_of_run(run, str(path))
         rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
         points = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
@@ -99,7 +99,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             )
         if run.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
             raise RunReadError(f"{path} is complete: there is nothing to resume")
-        words = f"Goes on with {path.name} ({run.state}), {len(points)} points carried over"
+        words = f"Continues {path.name} ({run.state}), {len(points)} points carried over"
         if stale:
             words += f", {len(stale)} left behind: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None

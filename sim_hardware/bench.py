@@ -152,7 +152,7 @@ class SimulatedBench:
                 return done_s
             if self.history.high_voltage_on:
                 raise ValueError(
-                    f"{action}: high voltage is on, nobody reaches for a live specimen; switch it off first"
+                    f"{action}: high voltage is on, and a live specimen must not be touched; switch it off first"
                 )
             weights, hands = action.endswith("-weight"), self.parameters.hands
             done_s = self.plant.schedule_change(
@@ -195,7 +195,7 @@ class SimulatedBench:
         self._notify_listeners()
 
     def _apply_fault(self, fault: str, active: bool) -> None:
-        """Carry out what a fault does to the instruments beyond what they look up themselves."""
+        """Apply the effects of a fault on the instruments that they do not look up themselves."""
         match fault:
             case "generator-power-off":
                 self.generator.set_power(on=not active)

@@ -6,7 +6,7 @@ Example:
     1116 um
 
 Reading: `open_run`, `runs`. Model: `Tactor`, `Membrane`, `Skin`, `response`. Identification: `identify`, `calibration`.
-Measuring: `connect`. All values are in SI units. What is imported takes time only when it is first used.
+Measuring: `connect`. All values are in SI units. Modules are imported when they are first used.
 """
 
 import lazy_loader

@@ -32,7 +32,7 @@ __all__ = ["BenchError", "BenchSession", "RunFailedError", "UnsafeError", "conne
 
 
 class RunFailedError(BenchError):
-    """A run failed or was stopped, and is at rest; the sentence says why.
+    """A run failed or was stopped, and is at rest; the message gives the reason.
 
     Attributes:
         path: its run file with what was measured before, None where it could not be created.
@@ -44,7 +44,7 @@ class RunFailedError(BenchError):
 
 
 class BenchSession(Closeable):
-    """A connected bench. Every run begins and ends at measured rest; closing it lets go of the instruments.
+    """A connected bench. Every run begins and ends at measured rest; closing it releases the instruments.
 
     Attributes:
         name: as in the bench file.
@@ -110,14 +110,14 @@ class BenchSession(Closeable):
             **more: further parameters of the protocol: numbers in SI, or texts with a unit (`peak_to_peak_v="4 V"`).
 
         Returns:
-            The run. `run.verdict` states what it is worth: its `outcome` is `good` or `doubtful`, without `check` also
-            `no result`, `did not pass`, `stopped` or `failed`; `reasons` and `checks` say why.
+            The run. `run.verdict` is its verdict: the `outcome` is `good` or `doubtful`, without `check` also
+            `no result`, `did not pass`, `stopped` or `failed`; `reasons` and `checks` give the reasons.
 
         Raises:
             ValueError: an unknown protocol or parameter, or a value out of range; or a real bench without a terminal or a
                 notebook to answer the prompts in. Nothing has moved.
             RunFailedError: the run gave no result, or its file could not be created; the bench is at rest.
-            UnsafeError: rest could not be confirmed. The sentence says what to do by hand, now.
+            UnsafeError: rest could not be confirmed. The message gives the manual steps.
             BenchError: the bench has been closed or lost, or another thread's run is in progress.
             KeyboardInterrupt: the run was interrupted, and is at rest.
 
@@ -157,7 +157,7 @@ class BenchSession(Closeable):
         return open_run(path)
 
     def close(self) -> None:
-        """Stop a run that is in progress, wait for rest, and let go of the instruments. Closing twice is harmless."""
+        """Stop a run that is in progress, wait for rest, and release the instruments. Closing twice is harmless."""
         self._session.close()
         _OPEN.discard(self)
 
@@ -214,7 +214,7 @@ def connect(
         specimen: name of the specimen, for runs that name none.
         speed: of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
         seed: of the simulated bench's noise.
-        progress: whether to show it; without, only prompts and what is wrong are shown.
+        progress: whether to show it; without, only prompts and problems are shown.
 
     Raises:
         ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.

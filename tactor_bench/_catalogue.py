@@ -14,10 +14,10 @@ class CatalogueEntry:
 
     Attributes:
         path: the file.
-        status: as `MeasuredRun.status`; besides `newer version` and `damaged`, whose `reason` says why.
-        start_time: local time, None for a file that does not say.
+        status: as `MeasuredRun.status`; besides `newer version` and `damaged`, with a `reason`.
+        start_time: local time, None for a file without it.
         points: number of points.
-        verdict: what the run is worth, for example `good`.
+        verdict: outcome of the verdict, for example `good`.
         verdict_reasons: why, with remedies.
         duration_s: length of what was sampled.
         found: what was identified, in words.
@@ -57,7 +57,7 @@ def runs(
     since: str | datetime | timedelta = "",
     search: str = "",
 ) -> list[CatalogueEntry]:
-    """List the runs in a folder and below, newest first; what is left empty admits all.
+    """List the runs in a folder and below, newest first; an empty argument does not filter.
 
     Args:
         folder: where the run files are.
@@ -71,7 +71,7 @@ def runs(
 
     Raises:
         FileNotFoundError: there is no such folder.
-        ValueError: `since` is no time.
+        ValueError: `since` is not a time.
 
     Example:
         >>> [entry.path.name for entry in runs("runs", specimen="T7", since="7d")]  # doctest: +SKIP

@@ -43,7 +43,7 @@ class FrontEnd(ABC):
     """Shows what a session does, and asks the operator.
 
     Attributes:
-        operator: answers prompts of a bench without an operator of its own.
+        operator: answers the prompts of a bench that has no operator itself.
         stopped_by: the signal that stopped the present run, None where there was none.
         failure: why the front end stopped the present run, empty where it did not.
     """
@@ -78,7 +78,7 @@ class FrontEnd(ABC):
 
     @contextmanager
     def running(self, session: Session) -> Iterator[None]:
-        """Meanwhile show a run, and let Ctrl-C, an interrupted kernel and SIGTERM stop it.
+        """Show a run; Ctrl-C, an interrupted kernel and SIGTERM stop it.
 
         Rest comes first, so a second interrupt changes nothing.
         """
@@ -108,7 +108,7 @@ class FrontEnd(ABC):
             self._session.abandon_if_hung()
 
     def _lines(self, event: SessionEvent) -> list[str]:
-        """Return the lines to show for an event; without progress only what the operator must know."""
+        """Return the lines to show for an event; without progress only those that the operator must see."""
         message = describe_event(event)
         shown = message is not None and (
             self._progress or message[0] is Severity.ERROR or isinstance(event, PromptShown)
@@ -247,7 +247,7 @@ class NotebookFrontEnd(FrontEnd):
                 typed = self._input(label)
             except KeyboardInterrupt:
                 continue
-            except (EOFError, RuntimeError) as error:  # IPython raises an error of its own where input is impossible
+            except (EOFError, RuntimeError) as error:  # IPython raises its own error where input is impossible
                 self.failure = (
                     f"no operator can answer in this notebook ({error}), so the run was stopped: {prompt.text}"
                 )
@@ -259,7 +259,7 @@ class NotebookFrontEnd(FrontEnd):
                 self._waiting = None
                 self._answers[ask_id] = meant
             elif self._waiting == ask_id:
-                label = f"That is no answer. {label.removeprefix('That is no answer. ')}"
+                label = f"That is not an answer. {label.removeprefix('That is not an answer. ')}"
 
     def _input(self, text: str) -> str:
         self._reading = True

@@ -113,7 +113,7 @@ def identify(
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
 
     Raises:
-        RunReadError: a file is no run.
+        RunReadError: a file is not a run.
         ObservationError: the runs do not belong together, or contain nothing about the model.
         IdentificationError, ChainError, ParameterError: why it cannot be identified so; all three are ValueErrors.
         ValueError: free, fixed, priors or robust with the chain, whose steps are the paper's.

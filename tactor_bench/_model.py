@@ -77,7 +77,7 @@ def response(
         frequencies_hz: greater than 0, (F,).
         tactor: default is that of `calibration`, or the paper's Table I.
         skin: a given distributed stiffness and damping under the cylinder; default is the free tactor.
-        membrane: the membrane that stands for skin; default, where it is stretched, is that of `calibration` or Table I.
+        membrane: the membrane that represents skin; default, where it is stretched, is that of `calibration` or Table I.
         elongation_m: elongation of the membrane, m.
         pre_stretch: the same as a share of the membrane's free length.
         peak_to_peak_v: drive at the amplifier's input, V, for example `run.parameters["peak_to_peak_v"]`.

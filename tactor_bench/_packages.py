@@ -9,10 +9,10 @@ PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware")
 
 
 def import_own_packages() -> None:
-    """Import the packages of this application, which are beside this one, so that nothing can take their place later.
+    """Import the packages of this application, which are in the same folder, so that no others can replace them later.
 
     Raises:
-        ImportError: something else has the name of one of them; the sentence says what and where. It is not imported.
+        ImportError: something else has the name of one of them; the message names it and its place. It is not imported.
     """
     home = Path(__file__).resolve().parent.parent
     for name in PACKAGES:
@@ -24,7 +24,7 @@ def import_own_packages() -> None:
             origin = None if spec is None else spec.origin or next(iter(spec.submodule_search_locations or ()), None)
         if origin is None and loaded is None:
             raise ImportError(
-                f"tactor_bench needs its own package '{name}', which is not beside it in {home}; install Tactor Bench again"
+                f"tactor_bench needs its own package '{name}', which is not in {home}; install Tactor Bench again"
             )
         found = Path(origin or "an interactive session")
         found = found.parent if found.name == "__init__.py" else found

@@ -33,7 +33,7 @@ class Samples:
         displacement_m: of the tactor's centre, as the sensor measures it, (N,).
         rate_hz: scans per second.
         quality: flags of the recording; `Quality.GOOD` for a part of the trace.
-        drive: what the source played, None for a part of the trace.
+        drive: the drive of the source, None for a part of the trace.
         entry: the entry of the protocol's plan it was recorded for, None for a part of the trace.
         sensor_delay_s: how late `displacement_m` is against `drive_v`.
         channels: further inputs by name in the unit of the bench file, (N,) each, for example `amplifier_voltage`.
@@ -66,7 +66,7 @@ class MeasuredRun:
         specimen: name of the specimen.
         status: `completed`, `stopped`, `failed`, `unsafe`, `running`, `crashed` or `imported`.
         reason: how the run ended and why, in a sentence.
-        verdict: what the run is worth: outcome, reasons and checks. Runs of earlier versions and imports are not judged.
+        verdict: outcome, reasons and checks. Runs of earlier versions and imports are not judged.
         simulated: whether it was measured on the simulated bench.
         start_time: when it began, with time zone.
         parameters: the protocol's parameters by name, SI.
@@ -142,12 +142,12 @@ class MeasuredRun:
 
     @cached_property
     def estimates(self) -> EstimateTable:
-        """What the run identified, by name: value, standard error and unit."""
+        """Identified quantities by name: value, standard error and unit."""
         return self._read(lambda run: EstimateTable(run.estimates()))
 
     @cached_property
     def curves(self) -> tuple[CurveTable, ...]:
-        """Curves that entries gave beside their points, for example frequency responses; empty until a run is finished."""
+        """Curves of entries in addition to their points, for example frequency responses; empty until a run is finished."""
         return self._read(lambda run: tuple(map(CurveTable, run.curves())))
 
     @cached_property
@@ -235,7 +235,7 @@ def open_run(path: str | Path) -> MeasuredRun:
     """Open a run file: finished, still being written, or left by a crash.
 
     Raises:
-        RunReadError: the file is missing, is no run, is damaged, or comes from a newer version.
+        RunReadError: the file is missing, is not a run, is damaged, or comes from a newer version.
 
     Example:
         >>> run = open_run("run.h5")  # doctest: +SKIP

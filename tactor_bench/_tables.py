@@ -16,7 +16,7 @@ class ValueWithError(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is, for example `k2` or `resonance frequency`."""
+        """Its name, for example `k2` or `resonance frequency`."""
 
     @property
     def value(self) -> float:
@@ -110,16 +110,16 @@ class Points(ColumnTable):
 
     @property
     def usable(self) -> Mask:
-        """Whether fits and summaries may use each point, (N,): no flag speaks against it."""
+        """Whether fits and summaries may use each point, (N,), by its flags."""
         return usable_mask(self["quality"])
 
 
 class CurveTable(ColumnTable):
-    """A curve that one entry of a run gave beside its point: a frequency response, a decay, a loop.
+    """A curve of one entry of a run, in addition to its point: a frequency response, a decay, a loop.
 
     Attributes:
-        name: what it is, for example `response`.
-        label: what tells it from the run's other curves of this name.
+        name: for example `response`.
+        label: distinguishes it from the run's other curves of this name.
         x, y: names of the columns to draw; `errors(y)` are the standard uncertainties of y, where known.
         entry: the entry of the protocol's plan it belongs to.
     """

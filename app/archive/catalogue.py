@@ -1,7 +1,7 @@
 """SQLite index (catalogue) of the run files in a folder; a cache that is rebuilt from the files.
 
-The index is in the user's cache directory, not beside the runs: a folder of runs may be read-only, or on a network drive
-where SQLite locking is unreliable. Tags and notes are in a small file beside each run, see `app.archive.notes`.
+The index is in the user's cache directory, not in the folder of the runs: a folder of runs may be read-only, or on a network drive
+where SQLite locking is unreliable. Tags and notes are in a small file next to each run, see `app.archive.notes`.
 """
 
 import hashlib
@@ -62,7 +62,7 @@ class _FolderListing:
     skipped: list[str] = field(default_factory=list)
 
     def notes_path_of(self, run: str) -> str:
-        """Return the notes of a run: beside it, or at its former place if the run file was moved alone."""
+        """Return the notes of a run: next to it, or at its former place if the run file was moved alone."""
         beside = run.removesuffix(".h5") + NOTES_SUFFIX
         if beside in self.notes:
             return beside
@@ -111,7 +111,7 @@ class Catalogue:
             for path, stat in walk.runs.items():
                 notes = walk.notes_path_of(path)
                 seen = _FileStamp(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
-                # A file that says `running` does not change when its writer dies.
+                # A file marked `running` does not change when its writer is killed.
                 if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
             # Newest first, as users look for recent runs: file names begin with the start time.
@@ -216,7 +216,7 @@ def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[
         path.encode()
         stat = item.stat()
     except UnicodeEncodeError:
-        walk.skipped.append(f"{folder / path} has a name that is no UTF-8 text; rename it")
+        walk.skipped.append(f"{folder / path} has a name that is not UTF-8 text; rename it")
     except FileNotFoundError:  # deleted meanwhile, or a link that leads nowhere
         pass
     except OSError as error:
@@ -245,7 +245,7 @@ def _list_folder(folder: Path) -> _FolderListing:
                     elif item.name.endswith((".h5", NOTES_SUFFIX)):
                         _list_file(walk, folder, path, item)
         except FileNotFoundError:
-            if inside:  # deleted during the walk; the root folder itself may not exist yet
+            if inside:  # deleted during the scan; the root folder itself may not exist yet
                 continue
         except OSError as error:
             walk.skipped.append(f"{folder / inside} cannot be read: {error.strerror or error}")

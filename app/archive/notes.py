@@ -1,4 +1,4 @@
-"""Tags and notes of a run, in a small JSON file beside it.
+"""Tags and notes of a run, in a small JSON file next to it.
 
 Not inside the run file: adding attributes to a finished HDF5 file damaged it when the program was killed meanwhile
 (docs/decisions/0030-archive.md).

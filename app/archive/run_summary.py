@@ -65,7 +65,7 @@ class RunSummary(NamedTuple):
     parameters_json: str = "{}"
     estimates_json: str = "[]"
     verdict: str = str(Outcome.NOT_JUDGED)
-    """The outcome: what the run is worth."""
+    """The outcome of the verdict."""
     verdict_reasons: str = ""
     """Reasons of the verdict, with remedies."""
     failed_checks: str = ""
@@ -199,7 +199,7 @@ def read_since(text: str, now: datetime | None = None) -> str:
         try:
             begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
         except ValueError:
-            raise ValueError(f"'{text}' is no date") from None
+            raise ValueError(f"'{text}' is not a date") from None
         begin = begin.astimezone() if begin.tzinfo is None else begin
     return begin.astimezone(UTC).isoformat(timespec="milliseconds")
 
@@ -296,7 +296,7 @@ def _running_reason(file: Path) -> str:
     written = datetime.fromtimestamp(file.stat().st_mtime).astimezone()
     if (datetime.now().astimezone() - written).total_seconds() < STALE_AFTER_S:
         return "still being written"
-    return f"says it is running, but was last written {written:%Y-%m-%d %H:%M}"
+    return f"is marked as running, but was last written {written:%Y-%m-%d %H:%M}"
 
 
 assert {s.value for s in RunStatus} <= {s.value for s in RunState}

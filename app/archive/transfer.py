@@ -76,7 +76,7 @@ def copy_runs_into(
         if (folder / path.name).exists():
             there.append(path.name)
             continue
-        with Run(path):  # refuses files that are not runs
+        with Run(path):  # rejects files that are not runs
             pass
         try:
             _copy_file(path, folder / path.name, file_progress)
@@ -84,7 +84,7 @@ def copy_runs_into(
             break
         except OSError as error:
             raise RunReadError(
-                f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
+                f"{path.name} cannot be copied into {folder}: {error.strerror or error}; free space there, or choose another folder"
             ) from None
         copied.append(path.name)
     return CopyResult(tuple(copied), tuple(there))

@@ -78,7 +78,7 @@ class Campaign:
         """Open the specimen's campaign.
 
         Raises:
-            CampaignError: there is none, or its file cannot be understood.
+            CampaignError: there is none, or its file cannot be read.
         """
         return cls.open_file(campaign_path(folder, specimen), specimen)
 
@@ -87,7 +87,7 @@ class Campaign:
         """Open the campaign of a file, which must be that of `specimen` if it is given.
 
         Raises:
-            CampaignError: there is none, it is another specimen's, or its file cannot be understood.
+            CampaignError: there is none, it is another specimen's, or its file cannot be read.
         """
         try:
             campaign = cls(path, read_record(path))
@@ -97,12 +97,12 @@ class Campaign:
         except FileNotFoundError:
             of = f"of {specimen} in {path.parent}" if specimen else f"at {path}"
             raise CampaignError(
-                f"there is no campaign {of}; begin one: tactor-bench campaign new --specimen {specimen or 'NAME'}"
+                f"there is no campaign {of}; create one: tactor-bench campaign new --specimen {specimen or 'NAME'}"
             ) from None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise CampaignError(
                 f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); correct the file, or take it "
-                "away and begin anew. The runs themselves are untouched"
+                "away and create a new one. The runs themselves are unchanged"
             ) from None
 
     @property
@@ -142,7 +142,7 @@ class Campaign:
         """Return the item's protocol with its settings and the estimates carried over from items it depends on.
 
         Raises:
-            CampaignError: the protocol is unknown, or refuses the settings.
+            CampaignError: the protocol is unknown, or rejects the settings.
         """
         carried = self.accepted_estimates(item)
         return self._make_protocol(

@@ -1,6 +1,6 @@
 """Campaign plan: ordered items with their dependencies, the paper's campaign, and the campaign file.
 
-The campaign file is JSON, beside the runs, named for the specimen, and replaced atomically.
+The campaign file is JSON, in the folder of the runs, named after the specimen, and replaced atomically.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ class CampaignError(Exception):
 
 
 def campaign_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's campaign file, beside its runs; that of an earlier version if it is the specimen's."""
+    """Return the path of a specimen's campaign file, in the folder of its runs; that of an earlier version if it is the specimen's."""
     path, earlier = (folder / f"{name(specimen)}{SUFFIX}" for name in (safe_name, folded_name))
     if earlier != path and not path.exists() and earlier.exists():
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, CampaignError):
@@ -98,7 +98,7 @@ def read_record(path: Path) -> dict[str, Any]:
         if item["name"] in before:
             raise ValueError(f"there are two items '{item['name']}'")
         if missing := [need for need in item.get("needs", ()) if need not in before]:
-            raise ValueError(f"{item['name']} needs '{missing[0]}', which is no item before it")
+            raise ValueError(f"{item['name']} needs '{missing[0]}', which is not an earlier item")
         before.add(item["name"])
     return record
 
@@ -236,5 +236,5 @@ class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
         for i, item in enumerate(items):
             if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
                 where = f"before {before}" if before else "at the end"
-                raise CampaignError(f"{name} cannot stand {where}: {item.name} needs {later[0]} before it")
+                raise CampaignError(f"{name} cannot be moved {where}: {item.name} needs {later[0]} before it")
         self.push(items)

@@ -121,7 +121,7 @@ def format_progress(summary: CampaignSummary, running: str = "", run_left_s: flo
 def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextStep:
     row = summary.item(running)
     if row is None:
-        return NextStep("A run of the Measure page is going on", "The campaign goes on when it has ended.")
+        return NextStep("A run of the Measure page is in progress", "The campaign continues when it has ended.")
     follows = "Measurements without manual steps follow automatically." if queue else ""
     return NextStep(
         f"Measuring {row.name}: {row.state.title}", follows, "", (CampaignAction.HALT_QUEUE,) if queue else (), row.name

@@ -41,7 +41,7 @@ class CampaignRunner:
         """Return the request for an item's run, new or resumed. Reads files.
 
         Raises:
-            CampaignError: the protocol is unknown, or refuses its settings.
+            CampaignError: the protocol is unknown, or rejects its settings.
             RunReadError: the run cannot be resumed.
         """
         item, specimen, folder = state.item, self.campaign.specimen, self.campaign.path.parent
@@ -71,7 +71,7 @@ class CampaignRunner:
 
 
 def check_bench_kind(campaign: Campaign, simulated: bool) -> None:
-    """Refuse a bench of the other kind.
+    """Reject a bench of the other kind, real or simulated.
 
     Raises:
         CampaignError: simulated and real runs would be mixed.
@@ -138,7 +138,7 @@ def rehearse_campaign(
 
     Raises:
         BenchError: an item cannot be measured on this bench; the message names it.
-        CampaignError: an item's protocol is unknown, or refuses its settings.
+        CampaignError: an item's protocol is unknown, or rejects its settings.
     """
     rehearsals: list[tuple[CampaignItem, Rehearsal]] = []
     for line in campaign.item_states() if states is None else states:

@@ -27,7 +27,7 @@ class CampaignRuns:
     def begun_since(self, since: str, exclude: Path | None = None) -> list[RunSummary]:
         """Return all runs begun since (ISO, UTC), oldest first; `exclude` is being written and is not opened.
 
-        A file that cannot be read is left out: `tactor-bench runs` says why.
+        A file that cannot be read is left out: `tactor-bench runs` gives the reason.
         """
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
         files = self.folder.glob("*.h5") if self.folder.is_dir() else ()
@@ -41,7 +41,7 @@ class CampaignRuns:
         except OSError:
             return None
         known = self._cache.get(path)
-        # A file that says `running` does not change when its writer dies.
+        # A file marked `running` does not change when its writer is killed.
         if known is None or known.running or (known.modified_ns, known.size) != (stat.st_mtime_ns, stat.st_size):
             known = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
             self._cache[path] = known._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)

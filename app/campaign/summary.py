@@ -111,7 +111,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
     """Summarize a campaign. Reads run files.
 
     Raises:
-        CampaignError: an item's protocol is unknown, or refuses its settings.
+        CampaignError: an item's protocol is unknown, or rejects its settings.
     """
     lines = campaign.item_states()
     rehearsals: Mapping[str, Rehearsal] = {}

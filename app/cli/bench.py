@@ -76,7 +76,7 @@ class CheckCommand(ProtocolOptions):
             print_json(record)
         else:
             Console(markup=False).print(
-                _check_table(checks) if checks else "The check was not carried to its end: there is no table."
+                _check_table(checks) if checks else "The check was not completed: there is no table."
             )
             for remedy, same in checks_by_remedy(check for check in checks if not check.passed).items():
                 names = ", ".join(check.name for check in same)
@@ -109,16 +109,16 @@ class DiscoveryOptions:
     hosts: Sequence[str] = repeated(
         "--host",
         "HOST[:PORT]",
-        "also ask for an instrument on a LAN socket of this host (default ports 5025 and 5555); may be given often",
+        "also query an instrument on a LAN socket of this host (default ports 5025 and 5555); may be repeated",
     )
     server: str = option(
-        "--server", default="", metavar="HOST:PORT", help="NI's gRPC device server, for a card elsewhere"
+        "--server", default="", metavar="HOST:PORT", help="NI's gRPC device server, for the card of another computer"
     )
 
 
 @dataclass(frozen=True)
 class DevicesCommand(DiscoveryOptions):
-    """Print the connected devices; finding none is no failure."""
+    """Print the connected devices; finding none is not a failure."""
 
     json: bool = switch("--json", JSON_PLAIN)
 
@@ -188,8 +188,8 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
     ),
     "devices": CommandSyntax(
         DevicesCommand,
-        "What can be found: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC "
-        "server, serial ports. A raw LAN socket cannot be found, only asked: name its host.",
+        "Connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC "
+        "server, serial ports. A raw LAN socket cannot be discovered, only queried: give its host.",
         "example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763",
     ),
     "bench": CommandGroup(
@@ -199,7 +199,7 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
         "VERB",
         {
             "new": (
-                "write a first bench file from what is found",
+                "write a first bench file with the devices that were found",
                 CommandSyntax(
                     NewBenchCommand,
                     "Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",

@@ -42,7 +42,7 @@ class CampaignCommand(BenchOptions):
         return self.apply(Campaign.open(folder, specimen))
 
     def apply(self, known: Campaign) -> int:
-        """Do what the verb says with an existing campaign; return the exit code."""
+        """Execute a subcommand on an existing campaign; return the exit code."""
         return _rehearse(known, self) if self.verb == "rehearse" else _print_campaign(known, self.json)
 
 
@@ -64,7 +64,9 @@ class ItemCommand(CampaignCommand):
 class SkipCommand(ItemCommand):
     """Leave an item out."""
 
-    reason: str = option("--reason", default="skipped", help="why; kept in the campaign. '' takes it in again")
+    reason: str = option(
+        "--reason", default="skipped", help="reason, stored in the campaign; '' includes the item again"
+    )
 
     def change(self, known: Campaign) -> None:
         known.skip(self.item, self.reason)
@@ -74,7 +76,7 @@ class SkipCommand(ItemCommand):
 class MoveCommand(ItemCommand):
     """Put an item before another one."""
 
-    before: str = option("--before", required=True, metavar="ITEM", help="the item it shall stand before")
+    before: str = option("--before", required=True, metavar="ITEM", help="the item before which it is inserted")
 
     def change(self, known: Campaign) -> None:
         known.move(self.item, self.before)
@@ -85,8 +87,8 @@ class RunItemCommand(CampaignCommand):
     """Measure the next items of a campaign, or resume one."""
 
     item: str = option(nargs="?", default="", help="name of the item, as in 'status'")
-    all: bool = switch("--all", "go on with what comes next until all is done")
-    hands_free: bool = switch("--hands-free", "like --all, but only what nobody must touch the specimen for")
+    all: bool = switch("--all", "continue with the next items until all are done")
+    hands_free: bool = switch("--hands-free", "like --all, but only items for which nobody must touch the specimen")
     faults: Sequence[str] = faults_option()
 
     def apply(self, known: Campaign) -> int:
@@ -200,23 +202,23 @@ def _item_text(state: ItemState) -> str:
 
 
 VERBS: Mapping[str, tuple[type[CampaignCommand], str]] = {
-    "new": (CampaignCommand, "begin a campaign of a specimen: the paper's measurements in their order"),
-    "status": (CampaignCommand, "what is done, stale, missing or failed, and what comes next"),
-    "rehearse": (CampaignCommand, "go through what is left without moving anything: time, prompts, volts, bytes"),
+    "new": (CampaignCommand, "create a campaign of a specimen: the paper's measurements in their order"),
+    "status": (CampaignCommand, "items that are done, stale, missing or failed, and the next step"),
+    "rehearse": (CampaignCommand, "rehearse the remaining items without driving anything: time, prompts, volts, bytes"),
     "run": (RunItemCommand, "measure the next item, or the one that is named"),
-    "resume": (RunItemCommand, "go on with the item that was broken off"),
-    "skip": (SkipCommand, "leave an item out"),
-    "repeat": (ItemCommand, "measure an item again: its runs until now do not count"),
-    "accept": (ItemCommand, "say that what the run of an item found has been looked at and is taken"),
-    "reject": (ItemCommand, "do not accept the run of an item that counts now"),
-    "move": (MoveCommand, "put an item before another one"),
+    "resume": (RunItemCommand, "resume the item that was interrupted"),
+    "skip": (SkipCommand, "skip an item"),
+    "repeat": (ItemCommand, "measure an item again: its earlier runs no longer count"),
+    "accept": (ItemCommand, "accept the result of an item's run after reviewing it"),
+    "reject": (ItemCommand, "reject the present run of an item"),
+    "move": (MoveCommand, "move an item before another one"),
 }
 
 
 COMMANDS: Mapping[str, CommandGroup] = {
     "campaign": CommandGroup(
-        "All measurements of one specimen, each after what it is based on. How they stand is read from the run "
-        "files; a campaign can be stopped, killed and gone on with at any time.",
+        "All measurements of one specimen, each after what it is based on. Their status is read from the run "
+        "files; a campaign can be stopped, killed and resumed at any time.",
         "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
         "what to do",
         "VERB",

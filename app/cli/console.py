@@ -55,7 +55,7 @@ class ConsoleObserver:
     """Shows a run on a terminal: a progress bar, a line per point, and messages.
 
     A context manager that restores the terminal when it exits. Texts are printed as they are: a specimen named `[red]x`
-    is no instruction to the terminal.
+    is not an instruction to the terminal.
     """
 
     def __init__(self, console: Console, key_help: str = "", simulated: bool = True) -> None:
@@ -91,7 +91,11 @@ class ConsoleObserver:
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
                 self._print(f"writing {event.path}" + (f"; {self._key_help}" if self._key_help else ""))
             case BenchArmed(high_voltage):
-                on = "high voltage is on, says the operator" if high_voltage else "high voltage is off and stays off"
+                on = (
+                    "high voltage is on, as confirmed by the operator"
+                    if high_voltage
+                    else "high voltage is off and stays off"
+                )
                 self._print(f"rest is measured; {on}")
             case PromptShown(_, prompt):
                 self._print((f"> {prompt.text}", "bold yellow"))
@@ -167,4 +171,4 @@ class JsonObserver:
             sys.stdout.flush()
         except OSError as error:  # the reader has closed the pipe, or the disk is full
             self._reader_present = False
-            print_message(f"standard output takes no more events ({error.strerror}); the run goes on without")
+            print_message(f"standard output takes no more events ({error.strerror}); the run continues without them")

@@ -132,7 +132,7 @@ def run_headless(
 
 
 MAX_PROMPTS_NAMED = 4
-"""Prompts that a refusal names; it counts the others."""
+"""Prompts that a rejection names; it counts the others."""
 
 
 def check_planned_faults(bench: SelectedBench, planned_faults: Sequence[str]) -> None:
@@ -142,10 +142,10 @@ def check_planned_faults(bench: SelectedBench, planned_faults: Sequence[str]) ->
 
 
 def refuse_unreachable_operator(bench: SelectedBench, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
-    """Refuse a run whose prompts nobody can answer, before anything moves.
+    """Reject a run whose prompts nobody can answer, before anything moves.
 
     Raises:
-        UsageError: standard input is no terminal, the bench is real, and the run has prompts; they are named.
+        UsageError: standard input is not a terminal, the bench is real, and the run has prompts; they are named.
     """
     if bench.config.simulated or operator_reachable():
         return

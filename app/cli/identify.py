@@ -47,7 +47,7 @@ class AcceptCommand:
         "--free",
         default="",
         metavar="NAMES",
-        help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)",
+        help="free parameters, e.g. k2,mu,m_add,c0 (default: those that the runs determine)",
     )
     fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a value to hold; SI or with unit")
     priors: Sequence[str] = repeated(
@@ -59,26 +59,28 @@ class AcceptCommand:
     profile: Sequence[str] = repeated(
         "--profile",
         "NAME",
-        "an interval by profile for this parameter, where a standard error is too simple; may be given often",
+        "an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
     )
-    coverage: float = option("--coverage", type=float, default=0.95, help="of profile intervals (default: 0.95)")
+    coverage: float = option(
+        "--coverage", type=float, default=0.95, help="coverage of profile intervals (default: 0.95)"
+    )
     next: str | None = option(
         "--next",
         nargs="?",
         const="",
         metavar="NAME",
-        help="what to measure next for this parameter, by default the one known worst: every candidate with its minutes",
+        help="rank the next measurements for this parameter, by default the least certain one: every candidate with its duration",
     )
     bench: str | None = option(
         "--bench",
         metavar="FILE",
-        help="a bench file with the corrected calibration of sensor or amplifier: raw samples are reduced anew with it",
+        help="a bench file with the corrected calibration of sensor or amplifier, with which raw samples are reduced again",
     )
     shapes: int | None = option(
         "--shapes",
         type=int,
         metavar="N",
-        help="shape functions of the model (default: 20; of a simulated tactor as many as it has)",
+        help="shape functions of the model (default: 20; for a simulated tactor its own number)",
     )
     robust: bool = switch("--robust", "let go of outliers (a Cauchy loss) instead of squares")
     by: str = option("--by", default="", metavar="NAME", help="who accepts it")
@@ -122,7 +124,7 @@ class AcceptCommand:
             setting,
             self.shapes,
             open_run=corrected.open if corrected else Run,
-            track=lambda paths: track(paths, "reducing anew" if corrected else "reading runs"),
+            track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
         )
         result = identification_command_result(found)
         if found.joint_fit is not None:
@@ -140,7 +142,7 @@ class AcceptCommand:
 class IdentifyCommand(AcceptCommand):
     """Identify the parameters of a specimen from its runs, and accept them if requested."""
 
-    accept: bool = switch("--accept", "keep the result as the specimen's calibration")
+    accept: bool = switch("--accept", "store the result as the specimen's calibration")
 
 
 def _correction(options: AcceptCommand) -> Correction | None:
@@ -254,7 +256,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
     active = "active" if version.version == calibrations.active else f"version {calibrations.active} is active"
     title = f"Specimen {version.specimen}, version {version.version} ({active}){simulated}"
     notes = [
-        f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or 'nobody named'}, program {version.code}",
+        f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",
         f"from {', '.join(version.runs)}",
     ]
     return CommandResult(
@@ -289,7 +291,7 @@ def _correction_lines(version: Calibration) -> list[str]:
     if not version.reduced:
         return []
     sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
-    parts = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
+    parts = [f"raw samples reduced again with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
     if sensor:
         when = sensor["calibrated"] or "date not recorded"
         parts.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
@@ -320,17 +322,17 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
     "identify": CommandSyntax(
         IdentifyCommand,
         "Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
-        "step by step as the paper did. What the runs do not tell is named instead of guessed.",
+        "step by step as the paper did. Parameters that the runs do not determine are named instead of guessed.",
         "example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
     ),
     "calibration": CommandGroup(
-        "What was accepted of a specimen: one version after the other, one of them active.",
+        "Accepted estimates of a specimen: consecutive versions, one of them active.",
         "example: tactor-bench calibration show T7",
         "what",
         "WHAT",
         {
             "accept": (
-                "identify these runs and keep the result: identify --accept",
+                "identify these runs and store the result: identify --accept",
                 CommandSyntax(AcceptCommand, example="example: calibration accept runs/*_T7_*.h5 --by 'K. Tanaka'"),
             ),
             "show": (
@@ -338,7 +340,7 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
                 CommandSyntax(ShowCalibrationCommand, example="example: calibration show T7"),
             ),
             "diff": (
-                "what changed between two versions",
+                "changes between two versions",
                 CommandSyntax(DiffCalibrationCommand, example="example: calibration diff T7 1 2"),
             ),
             "use": (

@@ -35,27 +35,27 @@ class ImportCommand:
         "--as",
         metavar="KIND",
         help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency), or another protocol; "
-        "(default: what the columns say)",
+        "(default: by the columns)",
     )
     column: Sequence[str] = repeated(
         "--column",
         "QUANTITY=HEAD",
-        "which column is which quantity, e.g. peak_to_peak=A; where its name does not tell; may be given often",
+        "the column of a quantity, e.g. peak_to_peak=A, where its name is ambiguous; may be repeated",
     )
     unit: Sequence[str] = repeated(
         "--unit",
         "COLUMN=UNIT",
-        "the unit of a column, e.g. A=um; instead of what its head says; may be given often",
+        "the unit of a column, e.g. A=um, instead of the one in its header; may be repeated",
     )
     uncertainty: Sequence[str] = repeated(
         "--uncertainty",
         "QUANTITY=SIZE",
-        "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'; may be given often",
+        "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'; may be repeated",
     )
     settings: Sequence[str] = repeated(
         "--set",
         "NAME=VALUE",
-        "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'; may be given often",
+        "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'; may be repeated",
     )
     specimen: str = option(
         "--specimen", type=specimen_argument, default="unnamed", help="name of the specimen (default: unnamed)"
@@ -63,7 +63,7 @@ class ImportCommand:
     membrane_elongation: str | None = option(
         "--membrane-elongation",
         metavar="LENGTH",
-        help="by how much the membrane was stretched, e.g. '1.27 mm'; free without it",
+        help="elongation of the membrane, e.g. '1.27 mm'; without it the tactor is free",
     )
     sensor: str = option(
         "--sensor",
@@ -77,7 +77,7 @@ class ImportCommand:
         help="standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'",
     )
     sensor_delay: str | None = option(
-        "--sensor-delay", metavar="TIME", help="how late the sensor's output was, e.g. '100 us'; for time series"
+        "--sensor-delay", metavar="TIME", help="delay of the sensor's output, e.g. '100 us'; for time series"
     )
     bench: str = option(
         "--bench",
@@ -88,9 +88,9 @@ class ImportCommand:
     measured: str | None = option(
         "--measured",
         metavar="WHEN",
-        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run says it is not told)",
+        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
     )
-    simulated: bool = switch("--simulated", "these values come from a simulation; the run will say so")
+    simulated: bool = switch("--simulated", "these values come from a simulation, which the run states")
     out: Path = option(
         "--out",
         type=path_argument,
@@ -98,7 +98,7 @@ class ImportCommand:
         metavar="FOLDER",
         help="folder for the run files (default: runs)",
     )
-    dry_run: bool = switch("--dry-run", "tell what would be read, and write nothing")
+    dry_run: bool = switch("--dry-run", "print what would be imported, and write nothing")
     json: bool = switch("--json", JSON_OBJECT)
 
     @usage_errors(ConfigError)
@@ -191,8 +191,8 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     "import": CommandSyntax(
         ImportCommand,
         "Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
-        "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each says that it was "
-        "imported, from which file and which columns, and has no raw samples. Units stand in the header ('frequency [Hz]', "
+        "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each states that it was "
+        "imported, from which file and which columns, and has no raw samples. Units are in the header ('frequency [Hz]', "
         "'amplitude_um', 'Load (g)') or in --unit.",
         "example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
         "--uncertainty 'peak_to_peak=1 %'",

@@ -25,33 +25,33 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "app.cli.run",
         "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
-    "show": ("app.cli.run", "tell what a run file holds"),
-    "judge": ("app.cli.run_files", "what runs are worth, by their points: for runs of earlier versions and imports"),
+    "show": ("app.cli.run", "show the contents of a run file"),
+    "judge": ("app.cli.run_files", "verdict on runs from their points: for runs of earlier versions and imports"),
     "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
-    "devices": ("app.cli.bench", "find what is connected: VISA instruments, NI cards, serial ports"),
+    "devices": ("app.cli.bench", "list the connected VISA instruments, NI cards and serial ports"),
     "bench": ("app.cli.bench", "write a first bench file"),
-    "faults": ("app.cli.bench", "list what can be broken on a simulated bench"),
+    "faults": ("app.cli.bench", "list the faults that can be injected into a simulated bench"),
     "campaign": ("app.cli.campaign", "the measurements of one specimen in their order: new, status, run, resume ..."),
     "model": (
         "app.cli.model",
-        "ask the model: parameters, modes, statics, frequency response, step, membrane, convergence",
+        "compute model quantities: parameters, modes, statics, frequency response, step, membrane, convergence",
     ),
-    "study": ("app.cli.study", "vary any parameters over any values: curves, HDF5 and CSV files, sensitivity"),
+    "study": ("app.cli.study", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
     "figures": (
         "app.cli.study",
         "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
-    "runs": ("app.cli.runs", "list the runs of a folder; find some by specimen, protocol, date, status or words"),
+    "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
     "export": ("app.cli.runs", "a run as CSV, JSON or MAT files"),
-    "verify": ("app.cli.run_files", "run files against their checksums; repair of those that a killed program left"),
-    "import": ("app.cli.import_", "old tables and time series as run files: CSV or MAT"),
-    "protocols": ("app.cli.run", "list what can be measured, and the parameters of each"),
+    "verify": ("app.cli.run_files", "verify run files by their checksums; repair files that a killed program left"),
+    "import": ("app.cli.import_", "import tables and time series, CSV or MAT, as run files"),
+    "protocols": ("app.cli.run", "list the protocols and their parameters"),
     "resume": (
         "app.cli.run",
-        "go on with a run that was stopped or crashed, or measure some of its points again",
+        "resume a run that was stopped or crashed, or measure some of its points again",
     ),
     "identify": ("app.cli.identify", "parameters of a specimen from its runs, with errors"),
-    "compare": ("app.cli.compare", "what differs between two runs of the same kind"),
+    "compare": ("app.cli.compare", "compare the points of two runs of one protocol"),
     "calibration": (
         "app.cli.identify",
         "the accepted estimates of a specimen: accept, show, diff, use another version",
@@ -64,7 +64,7 @@ BENCH_THREAD = "bench"
 """Name of a session's thread, which lives on here only if it hangs."""
 
 EXIT_CODE_HELP = (
-    "0 done (a run: good or doubtful), 1 did not pass, stopped or failed, 2 asked wrongly (nothing was moved), "
+    "0 done (a run: good or doubtful), 1 did not pass, stopped or failed, 2 invalid arguments (nothing was moved), "
     "3 UNSAFE: rest could not be confirmed, 4 no result: nothing usable was measured"
 )
 """As the table in docs/reference/exit-codes.md."""
@@ -75,7 +75,7 @@ GC_THRESHOLD = 50_000
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}. '{self.prog} --help' shows what is understood")
+        raise UsageError(f"{message}. '{self.prog} --help' lists the options")
 
 
 class _Version(argparse.Action):
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_message(f"{PROGRAM}: {where}{error.strerror or error}")
         return ExitCode.FAILED
     except MemoryError:
-        print_message(f"{PROGRAM}: there is not enough memory for this; ask for less at once")
+        print_message(f"{PROGRAM}: there is not enough memory for this; compute less at a time")
         return ExitCode.FAILED
 
 

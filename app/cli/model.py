@@ -96,7 +96,7 @@ class ModesTopic(Topic):
         n = choice.n
         count = min(self.count, n)
         if count < 1:
-            raise UsageError(f"--count {self.count}: ask for at least one mode")
+            raise UsageError(f"--count {self.count}: give at least one mode")
         x = np.linspace(0, on.tactor.L, CURVE_POINTS)
         columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
         tables = []
@@ -252,7 +252,7 @@ TOPICS: Mapping[str, tuple[type[Topic], str, str]] = {
     ),
     "membrane": (
         MembraneTopic,
-        "sag of the membrane by von Karman with linear theory beside it, skin stiffness and damping, by pre-stretch",
+        "sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch",
         "model membrane --elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
     ),
     "convergence": (
@@ -265,7 +265,7 @@ TOPICS: Mapping[str, tuple[type[Topic], str, str]] = {
 
 COMMANDS: Mapping[str, CommandGroup] = {
     "model": CommandGroup(
-        "The theory on its own: every number of the model, for any parameters.",
+        "Quantities of the model, for any parameters.",
         "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
         "topics",
         "TOPIC",

@@ -39,8 +39,8 @@ MAX_VALUES = 100_000
 """Most values of a range."""
 
 SET_HELP = (
-    "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
-    "'tactor-bench model parameters' lists them. @FILE takes many from a TOML or JSON file, as the Explore page copies them"
+    "a parameter with its value, with or without a unit, e.g. 'L=22 mm'; may be repeated. "
+    "'tactor-bench model parameters' lists them. @FILE reads several from a TOML or JSON file, as the Explore page copies them"
 )
 
 USUAL_RANGES: dict[str, tuple[float, float]] = {
@@ -77,7 +77,9 @@ def read_load(text: str) -> float:
         try:
             return float(LOAD.check(to_number(text, "kg"))) * GRAVITY
         except UnitError:
-            raise UnitError(f"load: '{text}' is no force and no mass; write for example '0.5 N' or '50 g'") from None
+            raise UnitError(
+                f"load: '{text}' is neither a force nor a mass; write for example '0.5 N' or '50 g'"
+            ) from None
 
 
 def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
@@ -95,7 +97,7 @@ def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
         (*text.split(":")[2:], "")[: max(text.count(":") - 1, 1)],
     )
     if not count.strip().isdigit() or how not in ([], ["log"]):
-        raise UsageError(f"{quantity.name}: '{text}' is no range; write START:STOP:COUNT, or START:STOP:COUNT:log")
+        raise UsageError(f"{quantity.name}: '{text}' is not a range; write START:STOP:COUNT, or START:STOP:COUNT:log")
     if not 2 <= int(count) <= MAX_VALUES:
         raise UsageError(f"{quantity.name}: '{text}' has {count} values; a range has 2 to {MAX_VALUES}")
     start, stop = (read_number(end, quantity) for end in ends)
@@ -157,7 +159,7 @@ class SpecimenOptions(ParameterOptions):
 class Topic(SpecimenOptions, ABC):
     """A topic of the command `model`.
 
-    It is no dataclass itself, so that the options of a topic's `files`, if it writes any, are the last ones.
+    It is not a dataclass itself, so that the options of a topic's `files`, if it writes any, are the last ones.
     """
 
     files: FileOptions = NO_FILES

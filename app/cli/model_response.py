@@ -80,7 +80,7 @@ class FrequencyResponseTopic(Topic):
         "--waveform", choices=("sine", "square"), default="sine", help="drive (default: %(default)s)"
     )
     at: str | None = option("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
-    exact: bool = switch("--exact", "the closed-form solution beside the n shape functions")
+    exact: bool = switch("--exact", "also the closed-form solution, to compare with the n shape functions")
     files: FileOptions = group(FileOptions, "the response")
 
     def compute(self) -> CommandResult:
@@ -134,7 +134,7 @@ class StepTopic(Topic):
     drive: DriveOptions = group(DriveOptions)
     voltage: str = option("--voltage", default="1500 V", help="step on the specimen (default: %(default)s)")
     frequency: str = option("--frequency", default="160 Hz", help="of the sine that begins (default: %(default)s)")
-    threshold: str = option("--threshold", default="50 um", help="deflection that is felt (default: %(default)s)")
+    threshold: str = option("--threshold", default="50 um", help="perception threshold (default: %(default)s)")
     tolerance: str = option("--tolerance", default="2 %", help="settling band (default: %(default)s)")
     duration: str | None = option("--duration", help="of the curves (default: until both have settled)")
     files: FileOptions = group(FileOptions, "both curves")
@@ -236,7 +236,9 @@ class MembraneTopic(Topic):
     def compute(self) -> CommandResult:
         values = read_settings(self.settings)
         if "delta" in values:
-            raise UsageError("--set delta: the membrane is told at several pre-stretches; write --pre-stretch 0.0075")
+            raise UsageError(
+                "--set delta: the membrane is computed at several pre-stretches; write --pre-stretch 0.0075"
+            )
         if self.pre_stretch is not None and self.elongation is not None:
             raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
         specimen = replace_variables(Specimen(membrane=Membrane()), values)

@@ -28,7 +28,7 @@ def switch(name: str, text: str) -> Any:
 
 
 def repeated(name: str, metavar: str, text: str) -> Any:
-    """Declare a field as an option that may be given often."""
+    """Declare a field as an option that may be repeated."""
     return option(name, default=(), action="append", metavar=metavar, help=text)
 
 
@@ -64,7 +64,7 @@ def read_options(kind: type[T], namespace: argparse.Namespace) -> T:
 
 
 class Command(Protocol):
-    """A command: a dataclass whose fields are its options, and what it does with them."""
+    """A command: a dataclass whose fields are its options, and the method that executes it."""
 
     def execute(self) -> int:
         """Run the command and return its exit code."""
@@ -93,7 +93,7 @@ class CommandGroup:
 
 
 NEGATIVE_NUMBER = re.compile(r"-\.?\d")
-"""What argparse takes for a negative number instead of an option; before Python 3.14 it does not recognise `-500V`."""
+"""Arguments that argparse treats as negative numbers instead of options; before Python 3.14 it does not recognise `-500V`."""
 
 
 def define_command(parser: argparse.ArgumentParser, syntax: CommandSyntax | CommandGroup) -> None:
@@ -110,7 +110,7 @@ def define_command(parser: argparse.ArgumentParser, syntax: CommandSyntax | Comm
     parser.set_defaults(command=lambda namespace: read_options(syntax.command, namespace).execute())
 
 
-JSON_OBJECT = "as one JSON object, SI units"
+JSON_OBJECT = "one JSON object on standard output, SI units"
 JSON_EVENTS = "one JSON object per event on standard output, SI units"
 JSON_PLAIN = "as one JSON object on standard output"
 
@@ -154,7 +154,7 @@ class ProtocolOptions(BenchOptions):
     """Options of a run: bench and parameters of the protocol."""
 
     settings: Sequence[str] = repeated(
-        "--set", "NAME=VALUE", "a parameter of the protocol, with or without a unit; may be given often"
+        "--set", "NAME=VALUE", "a parameter of the protocol, with or without a unit; may be repeated"
     )
 
 
@@ -168,7 +168,7 @@ def faults_option() -> Any:
     return repeated(
         "--fault",
         "NAME[@SECONDS]",
-        "simulated bench only: break this so many bench seconds after the run began (default 0); may be given "
+        "simulated bench only: inject a fault this many bench seconds after the run began (default 0); may be given "
         "often. 'tactor-bench faults' lists them",
     )
 

@@ -67,7 +67,7 @@ class ConsoleOperator:
 
     @contextlib.contextmanager
     def listening(self, run: Session) -> Iterator[None]:
-        """Let the operator at this terminal pause the run."""
+        """Allow the operator at this terminal to pause the run."""
         self._run = run
         if not can_poll_keyboard():
             yield
@@ -112,14 +112,14 @@ class ConsoleOperator:
             ask_id, prompt = self._pending
             meant = match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
             if meant is None:
-                _print(f"that is no answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
+                _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
             else:
                 self._pending = None
                 self._answers[ask_id] = meant
         elif run.pause_requested and typed.casefold() in ("", PAUSE_KEY):
             run.resume()
         elif typed.casefold() == PAUSE_KEY:
-            _print("the run goes to rest and pauses there; Enter lets it go on, Ctrl-C stops it")
+            _print("the run goes to rest and pauses there; Enter resumes it, Ctrl-C stops it")
             run.pause()
         elif typed:
             _print(f"nothing is asked now; {KEY_HELP}")
@@ -131,7 +131,7 @@ class ConsoleOperator:
                 self._pending = None
                 self._answers[ask_id] = meant
                 return
-            _print(f"that is no answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
+            _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
         _print(f"standard input has ended, so nobody can answer '{prompt.text}': the run is stopped")
         if self._run is not None:
             self._run.stop()

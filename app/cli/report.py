@@ -35,20 +35,24 @@ class ReportCommand:
     specimen: str | None = option(nargs="?")
     folder: Path = folder_option()
     out: Path = option(
-        "--out", type=path_argument, default=Path(), metavar="FOLDER", help="where it goes (default: here)"
+        "--out",
+        type=path_argument,
+        default=Path(),
+        metavar="FOLDER",
+        help="folder for the report (default: the working directory)",
     )
     limits: Path | None = option(
         "--limits",
         type=path_argument,
         metavar="FILE",
-        help="limits to be met (default: limits.toml beside the runs, if it is there)",
+        help="limits to be met (default: limits.toml in the folder of the runs, if it exists)",
     )
     golden: str | None = option("--golden", metavar="SPECIMEN", help="the specimen that the limits compare with")
     new_limits: Path | None = option(
         "--new-limits",
         type=path_argument,
         metavar="FILE",
-        help="write a commented example of limits into this file, and nothing else",
+        help="only write a commented example of limits into this file",
     )
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
@@ -107,7 +111,7 @@ def write_report(
 
 
 def _read_limits(options: ReportCommand) -> Limits | None:
-    """Return the limits of the option, or those beside the runs; None if there are none.
+    """Return the limits of the option, or those in the folder of the runs; None if there are none.
 
     Raises:
         LimitsError, UsageError: they are invalid, or compare with a golden unit that is not named.
@@ -142,8 +146,8 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     "report": CommandSyntax(
         ReportCommand,
         "One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
-        "with errors beside the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
-        "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be told to be. The same "
+        "with errors compared with the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
+        "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be decided. The same "
         "files give the same bytes.",
         "example: tactor-bench report T7 --limits limits.toml --out reports",
     )

@@ -1,6 +1,6 @@
 """The commands `run`, `window`, `demo`, `show`, `resume` and `protocols`.
 
-Other modules of the program are imported where they are used, so that help texts and the window appear at once.
+Other modules of the program are imported where they are used, so that help texts and the window appear without delay.
 """
 
 import json
@@ -51,7 +51,7 @@ class WindowCommand(ProtocolOptions):
     """Open the window."""
 
     protocol: str = option(nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
-    autostart: bool = switch("--start", "start the run as soon as the bench is there")
+    autostart: bool = switch("--start", "start the run as soon as the bench is connected")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, select_bench
@@ -70,7 +70,7 @@ class WindowCommand(ProtocolOptions):
 class DemoCommand(BenchOptions):
     """Run a sine dwell in the window, or without one where no window can be opened."""
 
-    no_window: bool = switch("--no-window", "do without the window even where there is a screen")
+    no_window: bool = switch("--no-window", "no window, even where there is a display")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
@@ -120,19 +120,19 @@ class _AgainOptions:
         "--again",
         default="",
         metavar="WHICH",
-        help="entries by what they are called, e.g. 155,160 for frequencies; or 'flagged'",
+        help="entries by their values, e.g. 155,160 for frequencies; or 'flagged'",
     )
     file: str = option(
         "--protocol",
         default="",
         metavar="FILE.py",
-        help="the file of a lab's own protocol, where the run is of one",
+        help="the protocol's file, for a run of a lab's own protocol",
     )
 
 
 @dataclass(frozen=True)
 class ResumeCommand(BenchOptions, _AgainOptions):
-    """Resume a run, or repeat some of its points, as a new file beside the old one."""
+    """Resume a run, or repeat some of its points, as a new file next to the old one."""
 
     json: bool = switch("--json", JSON_EVENTS)
 
@@ -243,7 +243,7 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     ),
     "window": CommandSyntax(
         WindowCommand,
-        "Open the window, with a protocol's form filled in and, if asked, started.",
+        "Open the window, with a protocol's form filled in and, with --start, run.",
         "example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
     ),
     "demo": CommandSyntax(
@@ -254,7 +254,7 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     ),
     "show": CommandSyntax(
         ShowCommand,
-        "What a run file holds: how the run ended, its points and estimates.",
+        "Contents of a run file: how the run ended, its points and estimates.",
         "example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
     ),
     "protocols": CommandSyntax(
@@ -264,8 +264,8 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     ),
     "resume": CommandSyntax(
         ResumeCommand,
-        "Go on with a run that was stopped, failed or lost its program; or, with --again, measure some of its "
-        "points once more. The result is a new file that carries the old points over and links to their raw data.",
+        "Resume a run that was stopped, failed or crashed; or, with --again, measure some of its "
+        "points again. The result is a new file that contains the earlier points and links to their raw data.",
         "example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
     ),
 }

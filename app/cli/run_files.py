@@ -127,15 +127,15 @@ def _run_files(paths: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
 COMMANDS: Mapping[str, CommandSyntax] = {
     "judge": CommandSyntax(
         JudgeCommand,
-        "What runs are worth, by their points and the checks of this version: for runs of earlier versions and imported "
+        "Verdict on runs from their points by the checks of this version: for runs of earlier versions and imported "
         "ones, which are not judged until then. Files are changed with --store only.",
         "example: tactor-bench judge runs/*_T7_*.h5 --store",
     ),
     "verify": CommandSyntax(
         VerifyCommand,
-        "Every run file is read whole and compared with its checksums: 'good'; 'damaged', with what and where; or 'not "
+        "Every run file is read completely and compared with its checksums: 'good'; 'damaged', with what and where; or 'not "
         "checkable', where it is of an older version, still being written, or left by a program that was killed: then what can be checked "
-        "is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is no run, 4 if one is not checkable.",
+        "is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is not a run, 4 if one is not checkable.",
         "example: tactor-bench verify runs --repair",
     ),
 }

@@ -69,10 +69,10 @@ class RunsCommand:
     )
     since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
     search: str = option(
-        "--search", default="", metavar="WORDS", help="all these words, in names, reasons, results, tags or notes"
+        "--search", default="", metavar="WORDS", help="with all these words in names, reasons, results, tags or notes"
     )
     all: bool = switch("--all", "all of them, not only the newest 40")
-    rebuild: bool = switch("--rebuild", "throw the index away and read every file again")
+    rebuild: bool = switch("--rebuild", "delete the index and read every file again")
     json: bool = switch("--json", "one JSON list on standard output, SI units")
 
     def execute(self) -> int:
@@ -89,7 +89,7 @@ class RunsCommand:
             entries = catalogue.entries()
         except (sqlite3.Error, OSError) as error:
             raise UsageError(
-                f"the index {catalogue.index} cannot be used: {error}; make room there or take the file away"
+                f"the index {catalogue.index} cannot be used: {error}; free space there or remove the file"
             ) from None
         for sentence in scanned.skipped:
             print_message(sentence)
@@ -108,12 +108,12 @@ class ExportCommand:
     runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
     format: Format = option("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
     out: Path | None = option(
-        "--out", type=path_argument, metavar="FOLDER", help="where the files go (default: beside the run)"
+        "--out", type=path_argument, metavar="FOLDER", help="folder for the files (default: that of the run)"
     )
     parts: Sequence[str] = repeated(
         "--part",
         "PART",
-        "only this part: about, points, estimates, events or raw; may be given often (default: all)",
+        "only this part: about, points, estimates, events or raw; may be repeated (default: all)",
     )
 
     def execute(self) -> int:
@@ -206,14 +206,14 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
 COMMANDS: Mapping[str, CommandSyntax] = {
     "runs": CommandSyntax(
         RunsCommand,
-        "The runs in a folder and below, newest first. An index in the user's cache makes it quick; the files "
-        "are what counts, and what was moved, added or deleted is noticed.",
+        "The runs in a folder and below, newest first. An index in the user's cache speeds this up; the files "
+        "are authoritative; moved, added or deleted files are detected.",
         "example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
     ),
     "export": CommandSyntax(
         ExportCommand,
-        "Points, estimates, events and raw samples with their times, SI units in every header. What comes "
-        "from a simulated bench has SIMULATED in its name.",
+        "Points, estimates, events and raw samples with their times, SI units in every header. Files "
+        "from a simulated bench have SIMULATED in their names.",
         "example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
     ),
 }

@@ -171,7 +171,7 @@ class StudyCommand:
     vary: Sequence[str] = repeated(
         "--vary",
         "NAME=VALUES",
-        "a parameter and its values: a list, START:STOP:COUNT, or START:STOP:COUNT:log; may be given often",
+        "a parameter and its values: a list, START:STOP:COUNT, or START:STOP:COUNT:log; may be repeated",
     )
     frequencies: str | None = option("--frequencies", metavar="LIST", help="(default: 1:250:250)")
     quantity: Measure | None = option(
@@ -188,7 +188,7 @@ class StudyCommand:
     files: FileOptions = group(FileOptions, "the result")
     sensitivity: bool = switch(
         "--sensitivity",
-        "Sobol indices instead: what share of the variance each parameter explains between its lowest and highest value",
+        "Sobol indices instead: the share of the variance that each parameter explains between its lowest and highest value",
     )
     samples: int = option(
         "--samples", type=int, default=1024, help="for the indices, a power of two (default: %(default)s)"
@@ -226,10 +226,10 @@ def read_study(options: StudyCommand) -> Study:
     vary, frequencies = dict(map(read_vary, options.vary)), options.frequencies
     if options.preset is None and not vary:
         raise UsageError(
-            f"say what to study: a preset ({', '.join(STUDY_PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
+            f"name the study: a preset ({', '.join(STUDY_PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
         )
     if options.preset is not None and vary:
-        raise UsageError(f"{options.preset} says itself what is varied; leave out --vary, or the preset")
+        raise UsageError(f"{options.preset} defines what is varied; leave out --vary, or the preset")
     if options.preset is None:
         values = {name: v[0] for name, v in vary.items()}
         on_membrane = replace_variables(read_specimen(options.specimen), values).membrane is not None
@@ -262,7 +262,7 @@ def _check_overlap(base: Study, options: StudyCommand) -> None:
     }
     for source, name in given.items():
         if name in base.vary:
-            raise UsageError(f"{name} is what the study varies; leave out {source}")
+            raise UsageError(f"{name} is varied by the study; leave out {source}")
     if options.preset is not None and "delta" in given.values():
         raise UsageError(f"{options.preset} has its own pre-stretch; leave it out, or write the study with --vary")
 
@@ -371,8 +371,8 @@ class FiguresCommand:
         type=path_argument,
         help="folder to write to (default: figures)",
     )
-    only: Sequence[str] = repeated("--only", "FIG", "one of them, e.g. fig9; may be given often")
-    pdf: bool = switch("--pdf", "PDF beside PNG")
+    only: Sequence[str] = repeated("--only", "FIG", "one of them, e.g. fig9; may be repeated")
+    pdf: bool = switch("--pdf", "PDF in addition to PNG")
     parameters: ParameterOptions = group(ParameterOptions)
 
     def execute(self) -> int:
@@ -441,7 +441,7 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     "figures": CommandSyntax(
         FiguresCommand,
         "The theory curves of the paper's figures. Where the text's claim and the equations differ, the "
-        "caption in the picture says so.",
+        "caption in the picture states it.",
         "example: tactor-bench figures --out figures --only fig9 --pdf",
         negative_values=True,
     ),

@@ -20,7 +20,7 @@ def path_argument(text: str) -> Path:
     except OSError as error:
         raise argparse.ArgumentTypeError(f"'{truncate_text(text)}' cannot be used: {error.strerror or error}") from None
     except ValueError:  # an embedded null
-        raise argparse.ArgumentTypeError(f"{text!r} is no name of a file") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not the name of a file") from None
     return Path(text)
 
 
@@ -33,7 +33,7 @@ def specimen_argument(text: str) -> str:
     name = text.strip()
     if not name or len(name) > MAX_SPECIMEN_NAME_LENGTH or not name.isprintable():
         raise argparse.ArgumentTypeError(
-            f"{truncate_text(name)!r} is no name of a specimen; give up to {MAX_SPECIMEN_NAME_LENGTH} readable characters in one line"
+            f"{truncate_text(name)!r} is not a name of a specimen; give up to {MAX_SPECIMEN_NAME_LENGTH} readable characters in one line"
         )
     return name
 
@@ -49,7 +49,7 @@ def seed_argument(text: str) -> int:
     except ValueError:
         number = -1
     if not 0 <= number < 2**63:
-        raise argparse.ArgumentTypeError(f"'{truncate_text(text)}' is no seed; give a whole number from 0 on")
+        raise argparse.ArgumentTypeError(f"'{truncate_text(text)}' is not a seed; give a whole number from 0 on")
     return number
 
 

@@ -25,7 +25,7 @@ class Progress:
 
     @property
     def cancelled(self) -> bool:
-        """Whether the caller wants the operation to end."""
+        """Whether the caller requested the operation to end."""
         return False
 
     def update(self, fraction: float, text: str = "") -> None:

@@ -19,7 +19,7 @@ CellValue = float | int | str | None
 class Column:
     """A column of values in SI; `display_unit` is the unit in which tables show them, `heading` their name there.
 
-    The unit is None where a header shall name none, as for text. A column that is not `displayed` is in JSON and CSV only.
+    The unit is None where a header names none, as for text. A column that is not `displayed` is in JSON and CSV only.
     """
 
     name: str

@@ -21,10 +21,10 @@ def read_json_file(path: Path) -> dict[str, Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no regular file, too long, no UTF-8 text, or no object of plain values.
+        ValueError: it is not a regular file, too long, not UTF-8 text, or not an object of plain values.
     """
     if not stat.S_ISREG(path.stat().st_mode):
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     with path.open("rb") as file:
         data = file.read(MAX_JSON_BYTES + 1)
     if len(data) > MAX_JSON_BYTES:
@@ -32,7 +32,7 @@ def read_json_file(path: Path) -> dict[str, Any]:
     try:
         return parse_json_object(data.decode())
     except UnicodeDecodeError:
-        raise ValueError("it is no UTF-8 text") from None
+        raise ValueError("it is not UTF-8 text") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:

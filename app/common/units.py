@@ -77,7 +77,7 @@ def to_number(text: str, unit: str) -> float:
         except ValueError:
             continue
     if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
-        raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is no number; write for example '1 {unit}' or '1'")
+        raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is not a number; write for example '1 {unit}' or '1'")
     import pint  # takes half a second, so only if another unit is written
 
     registry = _registry()
@@ -86,12 +86,12 @@ def to_number(text: str, unit: str) -> float:
         number = float(quantity.to(wanted).magnitude)
         cycles = _cycle_exponent(quantity.units, wanted)
     except pint.DimensionalityError as error:
-        raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
+        raise UnitError(f"'{text}' is not a quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
-        raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
+        raise UnitError(f"'{text}' is not a number; write for example '1 {unit}' or '1'") from None
     if cycles is None:
         remedy = "write a plain number" if unit == "1" else f"write it in {unit}"
-        raise UnitError(f"'{text}' is no quantity in {unit}: an angle or a count is no pure number; {remedy}")
+        raise UnitError(f"'{text}' is not a quantity in {unit}: an angle or a count is not a pure number; {remedy}")
     return float(number * tau**cycles)
 
 
@@ -99,7 +99,7 @@ def _cycle_exponent(given: Any, wanted: Any) -> int | None:
     """Return the power of 2 pi that the unit library leaves out of a conversion; None where angles do not match.
 
     The library takes radian, cycle and count as pure numbers, and Hz as 1/s. Here 1 Hz is one cycle, 2 pi radian, a
-    second; a bare 1/s is taken as Hz.
+    second; 1/s without an angle is taken as Hz.
     """
     (have, have_hertz), (want, want_hertz) = _angle_units(given), _angle_units(wanted)
     if have == want:

@@ -40,7 +40,7 @@ class ConfigError(Exception):
 class BenchConfig(ConfigTable):
     """One bench file."""
 
-    name: Annotated[str, "what the lab calls this bench"] = "bench"
+    name: Annotated[str, "name of this bench"] = "bench"
     source: SourceTable = Field(default_factory=SourceTable)
     generator: GeneratorTable = Field(default_factory=GeneratorTable)
     supply: SupplyTable = Field(default_factory=SupplyTable)
@@ -106,7 +106,7 @@ def load_bench(name: str) -> BenchConfig:
             with Path(name).open(encoding="utf-8") as file:
                 text = file.read(MAX_FILE_BYTES + 1)
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
+            reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             where = truncate_text(name)
             raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
         if len(text) > MAX_FILE_BYTES:

@@ -1,4 +1,4 @@
-"""Base class of a bench file's tables: frozen, units understood, unknown keys refused."""
+"""Base class of a bench file's tables: frozen, with units parsed and unknown keys rejected."""
 
 from typing import Any
 

@@ -105,7 +105,7 @@ def _detect_driver(link: Link) -> Callable[..., Source]:
         if _supports_model(candidate, seen.model):
             return candidate
     raise InstrumentError(
-        f"{link.name} answered as '{seen}', and no driver knows that model; name one in the bench file "
+        f"{link.name} answered as '{seen}', a model for which there is no driver; name one in the bench file "
         f"(generator.driver: {', '.join(driver_names(SOURCES)[1:])}), or install a package that brings one"
     )
 
@@ -148,9 +148,9 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
         if inspect.isclass(found):
             deprecated.adapt_driver(found, interface)
             if missing := _missing_methods(found, interface):
-                problem = f"{begin} is no {interface.__name__}: it lacks {', '.join(missing)}"
+                problem = f"{begin} is not a {interface.__name__}: it lacks {', '.join(missing)}"
         elif not callable(found):
-            problem = f"{begin} is no driver: {entry_point.value} cannot be called"
+            problem = f"{begin} is not a driver: {entry_point.value} cannot be called"
     return PlugIn(entry_point.name, package, None if problem else found, problem)
 
 

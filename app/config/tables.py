@@ -14,7 +14,7 @@ from drivers import DriveLimits, LaserSensor
 from drivers.sensors.laser_sensor import PRESETS
 from model import AmplifierMap
 
-SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is refused"
+SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is rejected"
 
 BACKEND_DESCRIPTION = "VISA library: @py is built in; @ivi is a vendor's, for GPIB, and for USB on Windows"
 
@@ -54,10 +54,10 @@ class AmplifierTable(ConfigTable):
     ] = 4.0
 
     current_limit_a: Annotated[
-        float, Unit("A"), Interval(ge=0), "what it can push into the specimen; 0: not told, and not checked"
+        float, Unit("A"), Interval(ge=0), "largest current into the specimen; 0: not given, and not checked"
     ] = 0.0
     specimen_capacitance_f: Annotated[
-        float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not told. A M2814-P1 has about 1.2 nF"
+        float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not given. A M2814-P1 has about 1.2 nF"
     ] = 0.0
 
     @property
@@ -97,12 +97,12 @@ class CardTable(ConfigTable):
 class SensorTable(ConfigTable):
     """The laser displacement sensor's calibration."""
 
-    preset: Annotated[str, "a sensor by name; what is written here besides wins over it"] = ""
+    preset: Annotated[str, "a sensor by name; values written in this table take precedence"] = ""
     name: str = "laser displacement sensor"
     gain_m_per_v: Annotated[float, Unit("m/V"), "displacement per volt; negative where closer gives more volts"] = 1e-4
     zero_v: Annotated[float, Unit("V"), "volts at zero displacement"] = 0.0
-    valid_low_v: Annotated[float, Unit("V"), "below this the sensor tells 'out of range'"] = -10.0
-    valid_high_v: Annotated[float, Unit("V"), "above this the sensor tells 'out of range'"] = 10.0
+    valid_low_v: Annotated[float, Unit("V"), "below this the sensor reports 'out of range'"] = -10.0
+    valid_high_v: Annotated[float, Unit("V"), "above this the sensor reports 'out of range'"] = 10.0
     delay_s: Annotated[float, Unit("s"), Interval(ge=0, le=0.1), "from the motion to the voltage"] = 0.0
     gain_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative"
@@ -114,7 +114,7 @@ class SensorTable(ConfigTable):
     @field_validator("calibrated", "expires", mode="before")
     @classmethod
     def _check_date(cls, day: Any) -> Any:
-        if isinstance(day, date):  # TOML has dates of its own
+        if isinstance(day, date):  # TOML has a type for dates
             return day.isoformat()
         if isinstance(day, str) and day:
             try:
@@ -151,18 +151,18 @@ class SensorTable(ConfigTable):
 
 
 class WatchdogTable(ConfigTable):
-    """The watchdog process, which brings the source to rest if the program dies or hangs while the bench is live."""
+    """The watchdog process, which brings the source to rest if the program is killed or hangs while the bench is live."""
 
     enabled: bool = True
     silence_s: Annotated[
-        float, Unit("s"), Interval(ge=0.2, le=10), "the program counts as dead when it says nothing for so long"
+        float, Unit("s"), Interval(ge=0.2, le=10), "the program counts as dead after this time without a heartbeat"
     ] = 0.4
     own_connection: Annotated[
         bool,
         "whether the source takes a second connection (LAN: yes, except Siglent; USB and serial: no, a program that hangs is ended)",
     ] = True
     patience_s: Annotated[
-        float, Unit("s"), Interval(ge=1, le=600), "how long it goes on trying where the source does not answer"
+        float, Unit("s"), Interval(ge=1, le=600), "how long it retries where the source does not answer"
     ] = 30.0
 
 
@@ -176,7 +176,7 @@ class SourceTable(ConfigTable):
     channel: Annotated[str, "card-output: which output of the card"] = "ao0"
     start_trigger: Annotated[
         Literal["", "ai/SampleClock"],
-        "card-output: what starts a drive; ai/SampleClock lets its first sample fall on a scan of the input",
+        "card-output: start trigger of a drive; with ai/SampleClock its first sample coincides with a scan of the input",
     ] = ""
 
 
@@ -191,7 +191,7 @@ class SupplyTable(ConfigTable):
     backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
     channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
-    current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "what the amplifier's input may draw"] = 0.1
+    current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "largest current of the amplifier's input"] = 0.1
     fall_time_s: Annotated[
         float, Unit("s"), Interval(gt=0, le=60), "how long its output may take to fall; 1 kohm across it shortens that"
     ] = 2.0

@@ -39,7 +39,7 @@ serial = ""
 gain_m_per_v = "0.1 mm/V"       # negative where closer gives more volts
 gain_relative_uncertainty = "1 %"
 zero_v = 0.0
-valid_low_v = -10.0     # outside this band it tells "out of range"
+valid_low_v = -10.0     # outside this band it reports "out of range"
 valid_high_v = 10.0
 delay_s = "0 s"         # from the motion to the voltage
 calibrated = ""         # for example "2026-01-31"
@@ -55,16 +55,16 @@ rate_m_per_s = 2.0
 laser_lost = "ask"
 drive = "rest"          # the drive read back is not the commanded one
 
-[watchdog]              # brings the source to rest if the program dies or hangs while the bench is live
+[watchdog]              # brings the source to rest if the program is killed or hangs while the bench is live
 enabled = true
 own_connection = {own}   # {own_why}
 {ports}"""
 
 GENERATOR = """\
 [generator]{comment}
-driver = "auto"         # by what the instrument answers
+driver = "auto"         # by the identity that the instrument answers
 resource = {resource}
-serial = {serial}  # another instrument at this address is refused; "" takes any
+serial = {serial}  # another instrument at this address is rejected; "" accepts any
 timeout_s = 2.0"""
 
 SUPPLY = """\

@@ -36,7 +36,7 @@ def fit_runs(
     """Fit added mass, damping and moment of a free tactor, or the skin under one, to the runs.
 
     Raises:
-        ValueError: the runs cannot be fitted (`ParameterError`, `IdentificationError`); the message says why.
+        ValueError: the runs cannot be fitted (`ParameterError`, `IdentificationError`).
         FitCancelled: `cancelled` returned True.
     """
     from model.identification import FitOptions, ObservationSet, elongation_parameter, joint_fit
@@ -55,7 +55,7 @@ def fit_runs(
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
         if not np.isfinite(found[name]):
-            raise ValueError(f"{letter} cannot be told from these runs; lay over one with points around the resonance")
+            raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
         setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
     errors = {e.name: e.standard_error for e in fit.estimates()}
     described = [_format_parameter(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
@@ -86,5 +86,5 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
 def _format_parameter(letter: str, value: float, error: float) -> str:
     slider = SLIDERS[letter]
     if not np.isfinite(error):
-        return f"{slider.label}: not told by these runs"
+        return f"{slider.label}: not determined by these runs"
     return f"{slider.label} {format_with_uncertainty(slider.factor * value, slider.factor * error, slider.unit)}"

@@ -19,7 +19,7 @@ DRIVE_TOLERANCE = 0.02
 
 
 class ExploreSession:
-    """What the Explore page shows. A setting that is not physical raises ParameterError and changes nothing."""
+    """State of the Explore page. A setting that is not physical raises ParameterError and changes nothing."""
 
     def __init__(self) -> None:
         self.history = UndoHistory(ExploreSetting())

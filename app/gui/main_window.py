@@ -111,7 +111,7 @@ class MainWindow(QMainWindow):
     def change_bench(self, name: str) -> None:
         """Release this bench and open another: a bench file, or the simulated one."""
         if self.state.busy or self._change_bench is None:
-            problem = "A run is going on: let it end, or stop it, first." if self.state.busy else ""
+            problem = "A run is in progress: wait for its end, or stop it, first." if self.state.busy else ""
         else:
             try:
                 self._change_bench(name)

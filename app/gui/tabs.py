@@ -48,7 +48,7 @@ TITLES = ("Measure", "Campaign", "Explore", "Runs")
 class MainTabs(QTabWidget):
     """Creates the four pages, connects them, and saves and restores their state.
 
-    The Measure page is made at once, another when it is first selected or requested. Pages do not know each other.
+    The Measure page is built immediately, another when it is first selected or requested. Pages do not refer to each other.
     """
 
     run_requested = Signal(object)
@@ -174,7 +174,7 @@ class MainTabs(QTabWidget):
     def specimen(self) -> str:
         return self.measure.run_panel.specimen_edit.text().strip()
 
-    # -- what the window does with them --------------------------------------------------------------------------------
+    # -- interface to the main window ---------------------------------------------------------------------------------
 
     def preload_pages(self) -> None:
         """Import the other pages in the background, which takes a second, and create them."""

@@ -1,4 +1,4 @@
-"""Calibration files: versions of accepted estimates of a specimen, in one JSON file beside its runs.
+"""Calibration files: versions of accepted estimates of a specimen, in one JSON file in the folder of its runs.
 
 One version is active. Versions are never removed: a new one is accepted, or an older one made active again.
 """

@@ -80,7 +80,7 @@ def read_observations(
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
         raise ObservationError(f"these runs are of several specimens, {names}: identify one at a time")
     if not found:
-        raise ObservationError("none of these runs has a usable point that tells about the model")
+        raise ObservationError("none of these runs has a usable point with information on the model")
     try:
         return next(iter(specimens)), ObservationSet(tuple(found)), left_out
     except ParameterError as error:

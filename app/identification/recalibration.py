@@ -84,7 +84,7 @@ class Correction:
             for name in (f.name for f in fields(before))
             if (old := getattr(before, name)) != (new := getattr(after, name)) and name not in ("expires", "name")
         ]
-        return f"{path.name} reduced anew from its raw samples: {', '.join(changed)}" if changed else ""
+        return f"{path.name} reduced again from its raw samples: {', '.join(changed)}" if changed else ""
 
     def as_record(self) -> dict[str, Any]:
         """Return the record that is stored in a calibration based on this correction."""
@@ -141,7 +141,7 @@ class RecalibratedRun(Run):
                 raise RunReadError(f"{self.path.name}, {begun[entry].label}: {error}") from error
         if missing := measured - {entry for entry, _ in made}:
             raise RunReadError(
-                f"{self.path.name}: the raw samples of {len(missing)} of its points are not there; bring the run it goes on with"
+                f"{self.path.name}: the raw samples of {len(missing)} of its points are missing; also give the run that it continues"
             )
         names = list(point_columns(protocol.point_type))
         table = {name: np.array([getattr(point, name) for _, point in made], float) for name in names}

@@ -77,7 +77,7 @@ def identify(
 
     Raises:
         ObservationError: the runs do not belong together, or have no usable points.
-        PaperChainError, IdentificationError, ParameterError: the message says why identification is not possible.
+        PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
     """
     paths = tuple(paths)
     specimen, campaign, left_out = read_observations(track(paths), open_run)
@@ -98,7 +98,7 @@ def identify_observations(
     Of the options the chain uses start values, amplifier and number of shapes only.
 
     Raises:
-        PaperChainError, IdentificationError, ParameterError: the message says why identification is not possible.
+        PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
     """
     if method == "chain":
         chosen = PaperChainOptions(

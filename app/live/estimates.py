@@ -23,7 +23,7 @@ BUDGET_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class EstimateUpdate:
-    """Estimates after `points` usable points; `message` says why there are none, or what is wrong."""
+    """Estimates after `points` usable points; `message` is why there are none, or a warning."""
 
     estimates: "tuple[EstimatedQuantity, ...]" = ()
     message: str = ""

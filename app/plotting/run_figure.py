@@ -46,7 +46,7 @@ def run_figure(run: Run, tactor: Tactor) -> Any:
 
 
 def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
-    """Return what is drawn above the last recording, with its relative height."""
+    """Return the plots above the last recording, with their relative heights."""
     points = run.points()
     if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
         return [(_draw_series, 3)]

@@ -1,4 +1,4 @@
-"""Content of the report of a specimen, computed from its run files; reproducible, without a date of its own."""
+"""Content of the report of a specimen, computed from its run files; reproducible, without the date of its creation."""
 
 import hashlib
 from dataclasses import replace
@@ -112,7 +112,7 @@ def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list
             ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
         )
     if summary.perception_margins or summary.latency is not None:
-        sections.append(ReportSection("What is felt, and how soon", tables.perception_blocks(summary)))
+        sections.append(ReportSection("Perceived amplitude and latency", tables.perception_blocks(summary)))
     sources: list[Block] = [
         *tables.held_values(summary.specimen),
         tables.quality_table(runs),

@@ -19,7 +19,7 @@ from app.report.specimen import COVERAGE_FACTOR_95
 from model import EstimatedQuantity
 
 LIMITS_FILE_NAME = "limits.toml"
-"""Name of the limits file beside the runs."""
+"""Name of the limits file in the folder of the runs."""
 
 Rule = Literal["guarded", "simple"]
 
@@ -114,7 +114,7 @@ def read_limits(path: Path) -> Limits:
         with path.open(encoding="utf-8") as file:
             text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise LimitsError(f"the limits {path} cannot be read: {reason}") from error
     if len(text) > MAX_FILE_BYTES:
         raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
@@ -153,7 +153,7 @@ def judge_limits(
 def _limit_outcomes(
     name: str, limit: Limit, limits: Limits, merit: EstimatedQuantity | None, golden: EstimatedQuantity | None
 ) -> Iterator[LimitOutcome]:
-    found = "not told by these runs"
+    found = "not determined by these runs"
     if merit is not None:
         found = typeset_measurement(merit.value, merit.standard_error, merit.unit)
     if limit.low is not None or limit.high is not None:

@@ -205,7 +205,7 @@ def fit_specimen(
         options = FitOptions(amplifier=amplifier, n=n)
         found = identify_observations(name, observations, "joint", options, progress=progress)
         tactor, membrane = _fitted_parameters(found)
-    except ValueError as error:  # the message says what the fit lacks
+    except ValueError as error:  # the message names what the fit lacks
         return replace(paper_model, problem=str(error)), observations
     damping = _damping_by_elongation(observations, options)
     return SpecimenModel(tactor, membrane, amplifier, found, n, damping_by_elongation=damping), observations

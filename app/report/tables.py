@@ -135,7 +135,7 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 
 
 def parameter_grid(specimen: SpecimenModel) -> Table:
-    """Return the table of estimates beside the paper's Table I."""
+    """Return the table of estimates compared with the paper's Table I."""
     rows = []
     for e in specimen.estimates:
         paper = TABLE_I.get(e.name)
@@ -150,9 +150,9 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
                 ", ".join(dict.fromkeys(map(_item_name, e.source))),
             )
         )
-    heads = ("parameter", "meaning", "value ± standard error", "paper's Table I", "difference", "told by")
+    heads = ("parameter", "meaning", "value ± standard error", "paper's Table I", "difference", "determined by")
     note = (
-        "Standard errors of the fit, the gain of the sensor included. What is held (appendix) counts as exact: an error of a length or "
+        "Standard errors of the fit, the gain of the sensor included. Fixed parameters (appendix) count as exact: an error of a length or "
         "a density is not in them."
     )
     fit = None if specimen.identification is None else specimen.identification.joint_fit

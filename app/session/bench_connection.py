@@ -38,7 +38,7 @@ SERVED_OUTPUT_WARNING = (
 
 
 BLOCK_S = 0.05
-"""Block duration at real speed; it grows with the speed, so that a block stays worth its round trip."""
+"""Block duration at real speed; it grows with the speed, because every block costs a round trip."""
 
 UNATTENDED_BLOCK_S = 0.2
 """Block duration on the virtual clock without a display: a quarter of the blocks triples the speed."""

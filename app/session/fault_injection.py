@@ -58,7 +58,7 @@ class FaultPlan:
         """Called when a fault was injected or cleared, in that thread; usually `Session.inject_event`."""
 
     def wrap(self, connect: Connect) -> Connect:
-        """Return `connect` wrapped so that this plan knows the connected bench."""
+        """Return `connect` wrapped so that this plan gets the connected bench."""
 
         @contextmanager
         def connected() -> Iterator[ConnectedBench]:

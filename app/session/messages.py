@@ -59,11 +59,11 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case BenchArmed(high_voltage):
             if not high_voltage:
                 return Severity.SUCCESS, "Rest is measured; high voltage is off and stays off"
-            return Severity.WARNING, "Armed: rest is measured; high voltage is on, says the operator"
+            return Severity.WARNING, "Armed: rest is measured; high voltage is on, as confirmed by the operator"
         case RunPaused(reason, high_voltage):
             return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {reason}"
         case RunResumed():
-            return Severity.INFO, "The run goes on with the entry that was interrupted"
+            return Severity.INFO, "The run continues with the entry that was interrupted"
         case SettlingFinished(settled=False, after_s=after_s):
             return Severity.WARNING, f"The response did not settle within {after_s:.1f} s; it is recorded and flagged"
         case PointMeasured(_, point):

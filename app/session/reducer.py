@@ -47,12 +47,12 @@ CHECKS_SHOWN_OF = "wiring-check"
 """The protocol whose checks are shown as a table."""
 
 ACTION_MESSAGES = {
-    OperatorAction.PAUSE: (Severity.INFO, "Pause was asked"),
-    OperatorAction.STOP: (Severity.WARNING, "Stop was asked; the bench goes to rest"),
+    OperatorAction.PAUSE: (Severity.INFO, "Pause was requested"),
+    OperatorAction.STOP: (Severity.WARNING, "Stop was requested; the bench goes to rest"),
     OperatorAction.RECONNECT: (Severity.INFO, "Connecting again"),
     OperatorAction.ACKNOWLEDGE: (Severity.INFO, "The message was acknowledged"),
 }
-RESUME_MESSAGE = (Severity.INFO, "Going on was asked")
+RESUME_MESSAGE = (Severity.INFO, "Resume was requested")
 
 INSTRUMENT_PATTERN = r"\b{role} [^:.;,]{{1,40}}:"
 """A driver's message begins with its instrument: `function generator 33511B: no answer ...`."""

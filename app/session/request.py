@@ -17,7 +17,7 @@ def choose_bench(
 ) -> tuple[BenchConfig, float | None]:
     """Load a bench file, or the simulated bench for `sim`, and choose its speed; None is the virtual clock (`max`).
 
-    `option` is what the front end writes before the names of options, for its messages.
+    `option` is the prefix of option names in messages of this front end.
 
     Raises:
         UsageError: the bench file is wrong, or speed or seed do not fit it.

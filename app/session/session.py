@@ -129,7 +129,7 @@ class Session:
         self._connect, self._operator, self._folder = connect, operator, folder
         self._events = EventBus(self._on_event, *observers)
         self._restore: Prompt | None = None
-        """Set-up that the next run of another protocol asks for; None if the tactor is under the sensor."""
+        """Set-up that the next run of another protocol prompts for; None if the tactor is under the sensor."""
         self._restore_id: int | None = None
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[], RunRequest] | None] = queue.SimpleQueue()
@@ -211,7 +211,7 @@ class Session:
             return
         self.abandoned = True
         hangs = f"an instrument's driver hangs, and the run was given up {quiet_s:.0f} s after it was to stop"
-        said = f" The watchdog says: {outcome}." if outcome else ""
+        said = f" The watchdog reports: {outcome}." if outcome else ""
         bench.watchdog.log(f"the program could not measure rest: {hangs}.{said}")
         reason = f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. {hangs[:1].upper()}{hangs[1:]}.{said}"
         verdict = Verdict.of_status(RunStatus.UNSAFE, reason)

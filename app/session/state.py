@@ -173,7 +173,7 @@ class WindowState:
     def blocked_reason(self) -> str:
         """Why no run can begin; empty if one can."""
         if self.busy:
-            return "a run is going on"
+            return "a run is in progress"
         if self.unsafe:
             return "read and acknowledge the message first"
         return "" if self.connected else "there is no bench"

@@ -22,7 +22,7 @@ NOT_A_LEVEL_V = 1e6
 
 
 class UnreadableLevelError(LinkError):
-    """A source reports an idle level that is no number."""
+    """A source reports an idle level that is not a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ class HvAmplifier:
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def is_left_live(self) -> bool:
-        """Whether the source tells that an earlier program left a drive or a level on it."""
+        """Whether the source reports that an earlier program left a drive or a level on it."""
         if not isinstance(self._source, LiveChecker):
             return False
         with self._watchdog.allow_silence():
@@ -170,7 +170,7 @@ class HvAmplifier:
 
         Raises:
             DriveRejectedError: nothing was sent to the source.
-            InstrumentError: the source refused it or does not answer.
+            InstrumentError: the source rejected it or does not answer.
             BenchError: the watchdog has taken the source over, or has ended.
         """
         self.check_drive_limits(drive)
@@ -254,7 +254,7 @@ class HvAmplifier:
         idle_v = self._source.idle_level_v()
         if not abs(idle_v) < NOT_A_LEVEL_V:
             raise UnreadableLevelError(
-                f"{self.identity} reports an idle level of {idle_v:g} V, which is no level; the largest distance to rest is "
+                f"{self.identity} reports an idle level of {idle_v:g} V, which is not a level; the largest distance to rest is "
                 "assumed. Look at the instrument's front panel"
             )
         distance = abs(idle_v - level_v)

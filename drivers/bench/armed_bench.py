@@ -78,7 +78,7 @@ class ArmedBench:
             self.monitor.drive_changed(None)
         rest = self.measure_rest()
         if not rest.confirmed:
-            raise BenchError(f"the source was told to rest, but {rest.message}")
+            raise BenchError(f"the source was commanded to rest, but {rest.message}")
         return rest
 
     @contextlib.contextmanager

@@ -83,7 +83,7 @@ class Bench:
         if abs(stream.rate_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
             stream.__exit__(None, None, None)
             raise AcquisitionError(
-                f"the card runs at {stream.rate_hz:g} Hz where {rate_hz:g} Hz was asked for; choose a rate it can make"
+                f"the card runs at {stream.rate_hz:g} Hz instead of the requested {rate_hz:g} Hz; choose a rate that it supports"
             )
         return stream
 
@@ -187,7 +187,7 @@ class Bench:
         raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {message}") from error
 
     def _bring_earlier_drive_to_rest(self, armed: ArmedBench, warn: Callable[[object], None]) -> None:
-        """Bring a source to rest at once that an earlier program left live; the operator is asked afterwards."""
+        """Bring a source that an earlier program left live to rest immediately; the operator is prompted afterwards."""
         try:
             if not self.amplifier.is_left_live():
                 return
@@ -214,7 +214,7 @@ class Bench:
             self.amplifier.initialize_at_rest()
         rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed and says_rest:
-            raise BenchError(f"the generator says it is at rest, but {rest.message}")
+            raise BenchError(f"the generator reports that it is at rest, but {rest.message}")
         if not rest.confirmed:
             raise BenchError(
                 f"not armed, high voltage stays disabled: {rest.message}. Check the cable from the generator to the amplifier "

@@ -15,7 +15,7 @@ REST_TOLERANCE_V = 0.05
 
 REST_REPEATABILITY_V = 0.01
 """Largest deviation of rest from its level at arming. The errors of generator and card are the same at both times, so that
-a level of some 30 mV that was not brought back is detected and not taken for an instrument error."""
+a level of some 30 mV that was not brought back is detected and not attributed to an instrument error."""
 
 MAX_NOISE_RATIO, NOISE_MARGIN_V = 2.0, 0.002
 """Largest noise relative to that at arming: a small sine that still plays has the right mean."""

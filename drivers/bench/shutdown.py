@@ -34,7 +34,7 @@ class LiveWarning:
     """Warning that the specimen may be live, given before the program acts.
 
     Attributes:
-        message: why, the volts that the card saw last, and what to do by hand.
+        message: the reason, the volts that the card saw last, and the manual steps.
         low_v, high_v: lowest and highest volts at the amplifier's input in the card's last block; NaN if there was none.
     """
 
@@ -76,7 +76,7 @@ class SafeShutdown:
     Args:
         amplifier: commands the source.
         clock: bench time.
-        watchdog: is kept from taking over meanwhile, and is asked for help if the source does not respond.
+        watchdog: does not take over meanwhile; it is requested to act if the source does not respond.
         open_stream: opens a second stream at a rate if the first one is broken.
     """
 
@@ -119,7 +119,7 @@ class SafeShutdown:
             else:
                 return ""
         outcome = self.watchdog.request_rest(trouble.strip(" ."))
-        return f"{trouble} The watchdog says: {outcome}." if outcome else trouble
+        return f"{trouble} The watchdog reports: {outcome}." if outcome else trouble
 
     def measure_rest(
         self,

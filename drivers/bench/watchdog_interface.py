@@ -1,6 +1,6 @@
 """Watchdog interface: heartbeats that the run thread sends while the bench is live.
 
-`drivers.watchdog.client` starts the real one, a process of its own; `NoWatchdog` is for benches that need none.
+`drivers.watchdog.client` starts the real one, a separate process; `NoWatchdog` is for benches that need none.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ HEARTBEAT_PERIOD_S = 0.1
 """Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""
 
 WATCHDOG_DISABLED_WARNING = (
-    "No watchdog: the bench file switches it off. If this program dies while the bench is live, a burst ends by itself, "
+    "No watchdog: the bench file disables it. If this program is killed while the bench is live, a burst ends by itself, "
     "but a held level stays on the specimen"
 )
 
@@ -40,7 +40,7 @@ class Watchdog(Protocol):
         """
 
     def send_heartbeat(self) -> None:
-        """Report that the run thread is alive. Never raises."""
+        """Report that the run thread is running. Never raises."""
 
     def raise_for_status(self) -> None:
         """Raise BenchError if the watchdog has ended, or has brought the source to rest itself."""
@@ -100,7 +100,7 @@ class NoWatchdog:
 class HeartbeatClock(WallClock):
     """Real time in which a sleeping run thread keeps sending heartbeats; paces the staircases of the drivers.
 
-    A driver that was held up in a staircase must not continue it after the watchdog has taken over.
+    A driver that was delayed in a staircase must not continue it after the watchdog has taken over.
     """
 
     def __init__(self, speed: float = 1.0) -> None:

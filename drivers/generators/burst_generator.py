@@ -245,7 +245,7 @@ class BurstGenerator(ABC):
         way = self._ramp_down()
         way.query(
             self._clear_error_queue
-        )  # or an old entry of the queue would be taken for the result of the first step
+        )  # or an old entry of the queue would be mistaken for the result of the first step
         amplitude = way.query(self._query_amplitude)
         if amplitude is None:
             amplitude = self._last_amplitude_vpp
@@ -364,7 +364,7 @@ class BurstGenerator(ABC):
             if full_v > most_v + LEVEL_TOLERANCE_V:
                 raise InstrumentError(
                     f"{name} was set up for {most_v:.3g} V at most around where it idles, not {full_v:.3g} V; "
-                    "lower the drive's amplitude, or arm the bench anew. Nothing was sent"
+                    "lower the drive's amplitude, or arm the bench again. Nothing was sent"
                 )
             points, full_v = points * (full_v / most_v), most_v
         self._load_waveform(points)
@@ -396,7 +396,7 @@ class BurstGenerator(ABC):
         if not abs(readback - setpoint) <= tolerance:
             raise InstrumentError(
                 f"{self._scpi.instrument}: {quantity} was set to {setpoint:.6g} and reads back {readback:.6g} (limit ±{tolerance:.2g}); "
-                "nothing more was sent. Look at the instrument's front panel for what it did instead"
+                "nothing more was sent. See its actual setting on the instrument's front panel"
             )
 
     def _check_idle_level(self, level_v: float) -> None:

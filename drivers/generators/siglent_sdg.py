@@ -184,7 +184,7 @@ class SiglentSdg(BurstGenerator):
         return self._query_setting("OUTP STATE") == "ON"
 
     def _clear_error_queue(self) -> None:
-        """Do nothing: there is no error queue."""
+        """Do nothing: this instrument has no error queue."""
 
     def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
         self._set_keywords("OUTP", LOAD="HZ")

@@ -35,11 +35,11 @@ READ_TIMEOUT_S = 5.0
 
 
 INPUT, OUTPUT, READBACK = "input", "output", "read-back"
-"""Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until somebody clears it, also when
+"""Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until a client clears it, also when
 the program that created it is dead. So tasks there are sessions with names, by which the next program finds them."""
 
 ABANDONED_AFTER_S = 3.0
-"""An input session that nobody has read for so long belongs to a program that is dead: one that runs reads every block."""
+"""An input session that has not been read for so long belongs to a program that has ended: a running one reads every block."""
 
 POLL_S = 0.25
 _RUNNING: "WeakValueDictionary[tuple[str, str], NiStream]" = WeakValueDictionary()

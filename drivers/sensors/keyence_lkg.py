@@ -14,7 +14,7 @@ from drivers.interfaces import Identity, Reading
 from drivers.transport.serial_port import SerialPort
 
 ERROR_REASONS = {
-    "00": "it does not know the command",
+    "00": "unknown command",
     "01": "it is not in a state to do so; bring it from its setting screen back to measuring",
     "20": "the command has a wrong length",
     "21": "the command has a wrong count of parameters",
@@ -65,7 +65,7 @@ class KeyenceLkg:
             return Reading(float(text) * 1e-3, "m", True, time_s)
         if set(text) <= set("+-FX"):
             return Reading(math.nan, "m", False, time_s)
-        raise LinkError(f"{self.identity} at {self._port.name} answered '{answer[:40]}', which is no value")
+        raise LinkError(f"{self.identity} at {self._port.name} answered '{answer[:40]}', which is not a value")
 
     def close(self) -> None:
         self._port.close()

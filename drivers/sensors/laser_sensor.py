@@ -1,7 +1,7 @@
 """Laser displacement sensor on an analogue input: calibration in volts, and presets by model.
 
 `[sensor] preset = "..."` fills in what the bench file leaves out. A preset is a starting point, not a calibration. Its
-`confirmed` names what a public document says; everything else is from memory and depends on the settings of the controller
+`confirmed` names the values of a public document; everything else is from memory and depends on the settings of the controller
 (output scaling, averaging, response time): confirm it on your sensor, then write it into the bench file, which takes
 precedence over the preset.
 """

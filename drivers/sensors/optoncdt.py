@@ -81,7 +81,7 @@ class OptoNcdt:
             last = (last + byte)[-3:]
             if len(last) == 3 and last[0] >> 6 == 0 and last[1] >> 6 == 1 and last[2] >> 6 == 2:
                 return last[0] & 63 | (last[1] & 63) << 6 | (last[2] & 63) << 12
-        raise LinkError(f"{self._port.name} sends bytes that are no measurement; check the baud rate")
+        raise LinkError(f"{self._port.name} sends bytes that are not a measurement; check the baud rate")
 
     def _parse_identity(self, info: str) -> Identity:
         def field(name: str) -> str:

@@ -262,7 +262,7 @@ class SupplyChannel:
         try:
             return int(answer, 16)
         except ValueError:
-            raise LinkError(f"{self.name}: '{answer[:60]}' is no status word; check the cable") from None
+            raise LinkError(f"{self.name}: '{answer[:60]}' is not a status word; check the cable") from None
 
     def reason_ovp_may_trip(self, min_level_v: float) -> str:
         """Return why the over-voltage protection may trip below `min_level_v`; empty if it cannot."""
@@ -317,7 +317,7 @@ class SupplyChannel:
     def _query_bool(self, query: str) -> bool:
         answer = self._query(query).upper()
         if answer not in (*TRUE_REPLIES, *FALSE_REPLIES):
-            raise LinkError(f"{self.name}: '{answer[:60]}', which is no yes or no; check the cable")
+            raise LinkError(f"{self.name}: '{answer[:60]}', which is neither yes nor no; check the cable")
         return answer in TRUE_REPLIES
 
     def _query_float(self, query: str) -> float:
@@ -333,6 +333,6 @@ class SupplyChannel:
             answer = self._scpi.query("SYST:ERR?")
         code = re.match(r"\s*[+-]?\d+", answer)
         if code is None:
-            raise LinkError(f"{self.name}: '{command}' was answered by '{answer[:60]}', which is no error report")
+            raise LinkError(f"{self.name}: '{command}' was answered by '{answer[:60]}', which is not an error report")
         if int(code[0]):
             raise InstrumentError(f"{self.name} refused '{command}': {answer}")

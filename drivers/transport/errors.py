@@ -1,4 +1,4 @@
-"""Link errors: translates what the wire libraries raise into `LinkError` with a remedy."""
+"""Link errors: translates exceptions of the transport libraries into `LinkError` with a remedy."""
 
 import contextlib
 from collections.abc import Iterator

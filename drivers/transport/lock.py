@@ -62,7 +62,7 @@ class InstrumentLocks(Closeable):
 
     Args:
         bench: the name of the bench, for the message that another program shows.
-        simulated: whether it is a simulated bench of this program, at ports of its own: nothing is locked then.
+        simulated: whether it is a simulated bench of this program, with its own ports: nothing is locked then.
     """
 
     def __init__(self, bench: str, simulated: bool = False) -> None:
@@ -194,7 +194,7 @@ def _write_holder(path: Path, bench: str) -> None:
 def _write_record(path: Path, record: str) -> None:
     """Write who holds a lock into the file beside it."""
     file = path.with_suffix(".json")
-    # Without O_CREAT where it exists: Linux refuses that in a shared folder for a file of another user.
+    # Without O_CREAT where it exists: Linux rejects that in a shared folder for a file of another user.
     flags = os.O_WRONLY | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | (0 if file.exists() else os.O_CREAT)
     with contextlib.suppress(OSError), os.fdopen(os.open(file, flags, 0o666), "w", encoding="utf-8") as out:
         out.write(record)
@@ -203,7 +203,7 @@ def _write_record(path: Path, record: str) -> None:
 
 
 def _holder(path: Path) -> str:
-    """Return who holds the lock, as far as its record says."""
+    """Return the holder of the lock according to its record."""
     try:
         holder = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
         return (

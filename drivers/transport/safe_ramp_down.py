@@ -22,7 +22,7 @@ class RampDown:
     """Sends the steps of one ramp and collects the errors, to be raised when the ramp is complete.
 
     The instrument confirms each step as long as its replies can be read. After the first unreadable reply nothing more is
-    queried and the rest is sent blind: an instrument carries out what it receives, whether or not its reply arrives.
+    queried and the rest is sent without queries: an instrument carries out what it receives, whether or not its reply arrives.
 
     On a slow wire the steps are pipelined: after the first few, which show whether the time is that of the wire or of the
     instrument, only every `PIPELINED_STEPS`th one is confirmed, and the caller reads the result back at the end. The instrument
@@ -34,7 +34,7 @@ class RampDown:
         slow_reply_s: returns the time of a reply if the wire is slow and the ramp may be pipelined, else 0; asked before each step
             that would wait for its reply.
         now: bench time.
-        join: joins commands to one message; None where each needs a message of its own.
+        join: joins commands to one message; None where each needs a separate message.
     """
 
     @renamed_parameters(stubborn="best_effort")
@@ -93,7 +93,7 @@ class RampDown:
                     self._batch = PIPELINED_STEPS if wire_limited else 1
             except InstrumentError as error:
                 if isinstance(error, LinkError) and self.is_pipelined:
-                    raise  # how many of the steps were carried out is unknown: the ramp begins anew at the level that is there
+                    raise  # how many of the steps were carried out is unknown: the ramp begins again at the present level
                 self._record_error(error)
         if self.blind:
             self._link.write(command)

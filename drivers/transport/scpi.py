@@ -31,7 +31,7 @@ never slow in this sense: its time is that of the bytes."""
 
 
 class Link(Protocol):
-    """A connection that carries lines. `name` is its resource string, as the operator knows it."""
+    """A connection that carries lines. `name` is its resource string."""
 
     name: str
 
@@ -40,7 +40,7 @@ class Link(Protocol):
     def read(self) -> str: ...
 
     def clear(self) -> None:
-        """Discard pending replies: after a timeout the late reply would be taken for the next query's."""
+        """Discard pending replies: after a timeout the late reply would be mistaken for the next query's."""
 
     def reopen(self) -> None:
         """Close and open again. Raises LinkError if nothing answers."""
@@ -126,7 +126,7 @@ class ScpiSession:
                 f"check the cable at {self.link.name}"
             ) from None
         if not abs(value) < SCPI_INFINITY:
-            raise LinkError(f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is no value")
+            raise LinkError(f"{self.instrument}: '{query}' was answered by '{answer[:60]}', which is not a value")
         return value
 
     def query_block(self, query: str, marker: bytes, size: Callable[[str], int]) -> bytes:
@@ -183,7 +183,7 @@ class ScpiSession:
         except ValueError:
             self.link.clear()
             raise LinkError(
-                f"{self.instrument}: '{shown}' was answered by '{answer[:60]}', which is no error report; "
+                f"{self.instrument}: '{shown}' was answered by '{answer[:60]}', which is not an error report; "
                 f"check the cable at {self.link.name}"
             ) from None
         if refused:

@@ -11,7 +11,7 @@ from drivers.errors import LinkError
 from drivers.transport.errors import translate_errors
 
 try:
-    from termios import error as TerminalError  # noqa: N812 - an unplugged converter raises it, and it is no OSError
+    from termios import error as TerminalError  # noqa: N812 - an unplugged converter raises it, and it is not an OSError
 except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[misc, assignment]
 
@@ -56,7 +56,7 @@ class SerialPort:
         try:
             return answer[: -len(terminator)].decode("ascii").strip()
         except UnicodeDecodeError:
-            raise LinkError(f"{self.name} sent bytes that are no text; check the baud rate") from None
+            raise LinkError(f"{self.name} sent bytes that are not text; check the baud rate") from None
 
     def read(self, count: int) -> bytes:
         """Return the next bytes; fewer at a timeout."""

@@ -1,7 +1,7 @@
 """VISA link: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, chosen by the resource string.
 
 pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises other
-exceptions: all become LinkError. After a reply that did not come, the next reply must not be taken for it: a socket is
+exceptions: all become LinkError. After a reply that did not come, the next reply must not be mistaken for it: a socket is
 reopened, a serial line is read until it is quiet, and all others have a device clear.
 """
 
@@ -68,7 +68,7 @@ class VisaLink:
                     raise LinkError(self._silence_message) from error
                 raise LinkError(f"{self.name}: {error.description or error}") from error
             except UnicodeDecodeError as error:
-                raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
+                raise LinkError(f"{self.name} sent bytes that are not text; check the cable and the port") from error
 
     @property
     def _silence_message(self) -> str:
@@ -233,9 +233,11 @@ def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
         _close_manager(manager)
     missing = []
     if "PyUSB" in debug_info:
-        missing.append("USB instruments were not looked for: that needs libusb (a package of your system, libusb-1.0)")
+        missing.append(
+            "USB instruments were not searched for: that needs libusb (a package of your system, libusb-1.0)"
+        )
     if "zeroconf not installed" in debug_info:
         missing.append(
-            "HiSLIP instruments were not looked for: that needs 'pip install zeroconf'; --host asks a host you name"
+            "HiSLIP instruments were not searched for: that needs 'pip install zeroconf'; --host queries a given host"
         )
     return [name for name in names if not name.startswith("PRLGX")], missing

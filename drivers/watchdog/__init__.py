@@ -1,1 +1,1 @@
-"""The watchdog: a process that brings the bench to rest if the program dies."""
+"""The watchdog: a process that brings the bench to rest if the program is killed or hangs."""

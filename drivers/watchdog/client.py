@@ -1,8 +1,8 @@
-"""Watchdog client: starts the process that brings the source to rest if this program dies or hangs.
+"""Watchdog client: starts the process that brings the source to rest if this program is killed or hangs.
 
 The run thread sends a heartbeat with every block it reads and every step it commands, and a second thread reports that the
 interpreter runs at all. If `drivers.watchdog.process` receives neither while the bench is live, it brings the source to
-rest over a connection of its own (docs/decisions/0020-watchdog.md).
+rest over its own connection (docs/decisions/0020-watchdog.md).
 """
 
 import contextlib
@@ -29,7 +29,7 @@ TAKEOVER_TIMEOUT_S = 40.0
 
 
 class WatchdogClient:
-    """A `Watchdog` (see drivers.bench.watchdog_interface) in a process of its own; `arm` waits until it is ready."""
+    """A `Watchdog` (see drivers.bench.watchdog_interface) in a separate process; `arm` waits until it is ready."""
 
     inactive_reason = ""
 
@@ -92,7 +92,7 @@ class WatchdogClient:
                 else f"has said nothing for {silence.elapsed_s:.1f} s"
             )
             raise BenchError(
-                f"the watchdog {how}, and the bench does not stay live without it. Look for what ended it (too little "
+                f"the watchdog {how}, and the bench does not stay live without it. Find out what ended it (too little "
                 "memory, a task manager), then run again"
             )
 

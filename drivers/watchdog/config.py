@@ -23,7 +23,7 @@ class WatchdogConfig:
         limits: drive limits of the ramp to rest.
         speed: bench seconds per wall second of a simulated bench.
         silence_s: longest silence of the run thread while live.
-        own_connection: whether the source takes a second connection beside the program's. Where it does not, the
+        own_connection: whether the source accepts a second connection in addition to the program's. Where it does not, the
             watchdog kills a program that hangs, and connects then.
         patience_s: how long it retries.
         locks: lock files of the instruments; they stay locked until the watchdog has ended, too.

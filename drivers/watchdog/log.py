@@ -1,4 +1,4 @@
-"""Watchdog log: a text file beside the runs; unreported lines are shown at the next start."""
+"""Watchdog log: a text file in the folder of the runs; unreported lines are shown at the next start."""
 
 import contextlib
 import os

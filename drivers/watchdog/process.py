@@ -1,8 +1,8 @@
 """Watchdog process: brings the source to rest when the program's heartbeats stop while live.
 
 `python -m drivers.watchdog.process` reads its configuration as the first line of standard input, then one command a line,
-and ends with that pipe. Its actions are logged beside the runs. It never judges whether the specimen is safe, because only
-the program's card can measure that: it reports what the source reports, and what to do by hand if the source does not answer.
+and ends with that pipe. Its actions are logged in the folder of the runs. It never judges whether the specimen is safe, because only
+the program's card can measure that: it passes on the reports of the source, and gives the manual steps if the source does not answer.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ POLL_PERIOD_S = 0.02
 TICK_PERIOD_S = 0.25
 RETRY_INTERVAL_S = 0.25
 REQUESTED_REST_TIMEOUT_S = 2.0
-"""How long it retries when the program asked for rest: the program waits, and measures afterwards."""
+"""How long it retries when the program requested rest: the program waits, and measures afterwards."""
 
 MIN_RAMP_V_PER_S = 10.0
 """Slope of its ramp to rest if that of the bench file is slower: 2.5 V in a quarter of a second, in the same steps.
@@ -117,10 +117,10 @@ class WatchdogLoop:
                 self._log(argument, to_stderr=False)
             case "help" if self._config.own_connection:
                 self._bring_to_rest(
-                    f"the program could not, and asked for it: {argument}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
+                    f"the program could not, and requested it: {argument}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
                 )
             case "help":
-                send_line("could-not the watchdog has no connection of its own while the program lives")
+                send_line("could-not the watchdog has no connection of its own while the program runs")
 
     def _silence_reason(self) -> str:
         silence = self._program.since(self._last_pulse)
@@ -161,8 +161,7 @@ class WatchdogLoop:
                 break
         rest_v, took = self._config.map.rest_v, time.monotonic() - begin
         outcome = (
-            f"The source was brought to rest in {took:.2f} s and says that it idles at {rest_v:g} V "
-            "(nobody has measured it)"
+            f"The source was brought to rest in {took:.2f} s and reports that it idles at {rest_v:g} V (not measured)"
         )
         self._log(f"{reason}. {outcome}", to_stderr)
         send_line(f"done {outcome}")
@@ -176,7 +175,7 @@ class WatchdogLoop:
             self._source.reconnect()
         self._amplifier.force_rest()
         if not self._amplifier.is_source_at_rest():
-            raise InstrumentError(f"{self._source.identity} does not say that it is at rest")
+            raise InstrumentError(f"{self._source.identity} does not report that it is at rest")
 
     def _open_source(self) -> None:
         config = self._config

@@ -46,7 +46,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """The verdict: `adequate` is None where the runs cannot test the model."""
+    """Adequacy of the model; `adequate` is None where the runs cannot test it."""
 
     adequate: bool | None
     message: str

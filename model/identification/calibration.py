@@ -104,7 +104,7 @@ class Calibration:
         if record.get("kind") != "calibration" or given != known:
             missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
             raise ParameterError(
-                f"this is no calibration record: missing {missing or 'nothing'}; unknown {unknown or 'nothing'}"
+                f"this is not a calibration record: missing {missing or 'nothing'}; unknown {unknown or 'nothing'}"
             )
         try:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])

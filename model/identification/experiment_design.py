@@ -58,12 +58,12 @@ class Proposal:
 def rank_candidates(
     fit: JointFit, candidates: Sequence[Candidate], parameter: str | None = None
 ) -> tuple[Proposal, ...]:
-    """All candidates, the best first, judged by what they do to `parameter`, by default the one known worst.
+    """All candidates, the best first, ranked by their effect on `parameter`, by default the least certain one.
 
     The information of a run is computed at the fit's parameters; errors it shares with runs that were done stay shared.
 
     Raises:
-        ParameterError: `parameter` was not free, there is no candidate, or one takes no time.
+        ParameterError: `parameter` was not free, there is no candidate, or one has no duration.
     """
     if not candidates:
         raise ParameterError("there is no candidate to choose from: name at least one run that could be done")
@@ -140,7 +140,7 @@ def default_candidates(
 ) -> tuple[Candidate, ...]:
     """The paper's runs with their default settings, and short ones of the same kind, as candidates.
 
-    Their errors follow from the fit's own predictions and what is `expected`.
+    Their errors follow from the fit's predictions and the `expected` precision.
     """
     e = expected
     loads, masses = GRAVITY * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)

@@ -16,7 +16,7 @@ Loss = Literal["linear", "soft_l1", "cauchy"]
 
 
 class IdentificationError(ValueError):
-    """A fit that cannot be done; the message says what is missing and what to do."""
+    """A fit that is not possible; the message names what is missing and the remedy."""
 
 
 class FitCancelled(Exception):
@@ -33,10 +33,10 @@ class FitOptions:
             with a prior.
         fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
         tied: name -> (other, factor): the parameter is always that many times the other.
-        priors: name -> (value, standard error): what is known of a free parameter beforehand, e.g. from a calliper.
+        priors: name -> (value, standard error): prior knowledge of a free parameter, e.g. from a calliper.
         start: where to begin, by name; the present value if not named.
         per_elongation: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
-        loss: of one residual in units of its error: "linear" is least squares; the others let go of outliers.
+        loss: of one residual in units of its error: "linear" is least squares; the others are robust against outliers.
         amplifier, n: the amplifier's map, and the number of shape functions.
     """
 
@@ -69,7 +69,7 @@ class FitOptions:
         """The free parameters for this campaign, without the shared errors of instruments.
 
         Raises:
-            ParameterError: a name is unknown, free and fixed at once, or tied to nothing.
+            ParameterError: a name is unknown, both free and fixed, or tied to nothing.
         """
         free = known.identifiable_parameters(observations, self.per_elongation) if self.free is None else self.free
         if self.free is None:
@@ -78,7 +78,7 @@ class FitOptions:
         free = known.validate_names(free, observations)
         for name in free:
             if name in self.fixed or name in self.tied:
-                raise ParameterError(f"{name} is free and {'fixed' if name in self.fixed else 'tied'} at once: choose")
+                raise ParameterError(f"{name} is both free and {'fixed' if name in self.fixed else 'tied'}: choose one")
             if name in observations.shared_errors:
                 raise ParameterError(f"{name} is a shared error; it is always free, within its standard error")
         for name, (other, factor) in self.tied.items():

@@ -24,7 +24,7 @@ MAX_RELATIVE_ERROR = 1.0
 SINGULAR_VALUE_CUTOFF = 1e-7
 """Singular values below this share of the largest are rounding."""
 MIN_SHARE = 0.05
-"""A parameter belongs to an unidentified combination if its share is at least this, or undoes what is known of it."""
+"""A parameter belongs to an unidentified combination if its share is at least this, or removes the knowledge of it."""
 UNKNOWN_RELATIVE_ERROR = 10.0
 """Assumed relative error of an unidentified combination: 1000 %."""
 MIN_RUN_FREEDOM = 0.5
@@ -84,7 +84,7 @@ class JointFit:
     names: tuple[str, ...]
     theta: Array
     weighted_residuals: Array
-    """Residuals of all runs, then of what is known beforehand."""
+    """Residuals of all runs, then of the priors."""
     jacobian: Array
     """Slopes of the predictions over their errors, (rows, P), times the root of the weights of a robust loss."""
     converged: bool
@@ -132,7 +132,7 @@ class JointFit:
         for size, row in zip(s, Vt, strict=True):
             if self._is_unidentified(size):
                 error = float(1 / size) if size > SINGULAR_VALUE_CUTOFF * s[0] else float("inf")
-                # even a small share of something unknown can be more than what is otherwise known of a parameter
+                # even a small share of an unknown combination can exceed the error of a parameter
                 part = (np.abs(row) >= MIN_SHARE) | (
                     np.abs(row) * min(error, UNKNOWN_RELATIVE_ERROR) > np.maximum(own, 1e-6)
                 )

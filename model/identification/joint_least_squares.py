@@ -81,7 +81,7 @@ def joint_fit(
     time_limit_s: float = 20.0,
     max_starts: int = 4,
 ) -> JointFit:
-    """Fit the free parameters to all runs at once.
+    """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, and the best is kept. After
     `time_limit_s` the best so far is returned, with a note in `message`.
@@ -106,7 +106,7 @@ def joint_fit(
         raise IdentificationError(
             "the model cannot be evaluated where the fit begins: "
             + ", ".join(f"{n} = {v:.3g}" for n, v in zip(problem.names, problem.start, strict=True))
-            + "; begin somewhere else"
+            + "; choose other initial values"
         )
     return replace(best, evaluations=watch.evaluations, duration_s=monotonic() - began)
 
@@ -181,7 +181,7 @@ class _FitMonitor:
             if lo == 0 and v < 1e-6 * known.typical_size(n, v)
         ]
         if at_limit:
-            message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error says little"
+            message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error is not meaningful"
         return JointFit(p.observations, p.options, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
     def count_evaluation(self) -> None:

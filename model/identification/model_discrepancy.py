@@ -175,11 +175,11 @@ def _repeated_settings(
 
 
 CLAMP_FLEXIBILITY = 0.01
-"""Flexibility of the clamp, over that of the bare plate, at which the difference to a rigid one is taken."""
+"""Flexibility of the clamp, relative to that of the plate without MFC, at which the difference to a rigid one is taken."""
 
 
 def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
-    """A clamp that turns: what the closed form with a rotational spring at x = 0 adds, run by run."""
+    """A clamp that rotates: the change in each run by the closed form with a rotational spring at x = 0."""
     v = fit.values
     tactor = Tactor(**{q.name: float(v[q.name] or 0) for q in parameter_specs(Tactor)})
     spring = tactor.k1 / tactor.L1 / CLAMP_FLEXIBILITY

@@ -97,7 +97,7 @@ class _ObservationBase:
             v = np.broadcast_to(v, size).copy() if v.ndim == 0 else v.copy()
             if v.shape[:1] != size or (v.ndim != 1 and name != "harmonics_m"):
                 raise ParameterError(
-                    f"{kind} {self.label!r}: {name} has shape {v.shape} beside {size[0]} values of {x}; give one each"
+                    f"{kind} {self.label!r}: {name} has shape {v.shape} for {size[0]} values of {x}; give one each"
                 )
             usable = v[good] if v.ndim == 1 else np.zeros(1)
             if not np.isfinite(usable).all():

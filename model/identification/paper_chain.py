@@ -55,7 +55,7 @@ class CurveValidation:
 
 @dataclass(frozen=True, slots=True)
 class PaperChainResult:
-    """What the chain found."""
+    """Result of the chain."""
 
     steps: tuple[IdentificationStep, ...]
     tactor: Tactor
@@ -169,7 +169,7 @@ def parabola_vertex(x: Array, y: Array) -> tuple[float, float]:
 
 
 PEAK_BAND_HZ = (100.0, 250.0)
-"""Where the paper looks for the peak on the membrane."""
+"""Band in which the paper searches for the peak on the membrane."""
 
 
 def identify_by_paper_chain(observations: ObservationSet, options: PaperChainOptions | None = None) -> PaperChainResult:
@@ -318,7 +318,7 @@ class _PaperIdentification:
                     return float(np.exp(x[0])), float(np.exp(x[1]))
         raise PaperChainError(
             f"steps 3 and 4: no mass and damping give {label!r} its peak at {at_hz:.4g} Hz with k2 = {self.tactor.k2:.3g} N m^2 "
-            f"and mu = {self.tactor.mu:.3g} N m/V; check those, or the points beside the peak"
+            f"and mu = {self.tactor.mu:.3g} N m/V; check those, or the points next to the peak"
         )
 
     def _mass_for(self, f_hz: float) -> float:

@@ -52,7 +52,7 @@ def parameter_spec(name: str, observations: ObservationSet | None = None) -> Par
             name, SHARED_ERROR_UNITS[error.acts_on], Interval(), f"common error of {error.acts_on}", 0.0
         )
     raise ParameterError(
-        f"{name} is no parameter that can be identified: choose from {', '.join(SPECIMEN_PARAMETERS)}, or c_s(ELONGATION mm)"
+        f"{name} is not an identifiable parameter: choose from {', '.join(SPECIMEN_PARAMETERS)}, or c_s(ELONGATION mm)"
     )
 
 

@@ -23,7 +23,7 @@ class LeastSquaresProblem:
         self.observations, self.options = observations, options
         own = options.free_parameters(observations)
         if not own:
-            raise IdentificationError("no parameter is free: name at least one that these runs can tell")
+            raise IdentificationError("no parameter is free: name at least one that these runs determine")
         self.names = (*own, *observations.shared_errors)
         self.forward_model = ForwardModel(
             observations, self.names, options.base_values(), options.tied, options.amplifier, options.n

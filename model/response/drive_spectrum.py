@@ -42,7 +42,7 @@ def fourier_series(
 
 
 def check_input_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:
-    """Refuse a drive that leaves the amplifier's input range.
+    """Reject a drive that leaves the amplifier's input range.
 
     Raises:
         ParameterError: lowest..highest, in volts at the input, does not lie within it.

@@ -203,7 +203,7 @@ def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None
     changed = ", ".join(_changed_parameters(t, Tactor()) + _changed_parameters(m, Membrane()))
     if not changed:
         return drawn
-    note = f"Drawn with {changed}; what is said of the text and of single numbers holds for Table I."
+    note = f"Drawn with {changed}; statements on the text and on single numbers hold for Table I."
     return tuple(replace(figure, caption=f"{figure.caption} {note}") for figure in drawn)
 
 

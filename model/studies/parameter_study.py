@@ -1,4 +1,4 @@
-"""Parameter studies: any variable over any values, one or several at once, in chunks of bounded memory.
+"""Parameter studies: any variables over any values, one or several together, in chunks of bounded memory.
 
 A study is a description; `chunks` computes it chunk by chunk, in process or on any `concurrent.futures.Executor` (a Dask
 client's `get_executor()` is one). Figs. 10, 11 and 12 of the paper are presets.
@@ -109,13 +109,13 @@ class Study:
 
     @property
     def title(self) -> str:
-        """What is computed over what."""
+        """Definition of a study."""
         what = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[self.measure]
         return f"{what} of the centre over {', '.join(axis.name for axis in self.axes)}"
 
     @property
     def fixed(self) -> dict[str, float]:
-        """What is not varied, by name, SI, without what follows from a variable."""
+        """Fixed parameters by name, SI, without those that follow from a variable."""
         specimen, follows = self.specimen, set()
         if specimen.membrane is not None:
             follows = {name for name in ("k_s", "c_s") if getattr(specimen, name) is None}
@@ -125,7 +125,7 @@ class Study:
 
     @property
     def chunk_size(self) -> int:
-        """Parameter sets computed at once, such that their intermediate arrays stay below `memory_mb`."""
+        """Parameter sets computed at a time, such that their intermediate arrays stay below `memory_mb`."""
         points = len(self.frequency_hz)
         samples = 0
         if self.measure == "peak_to_peak":
@@ -171,7 +171,7 @@ class Study:
 
 
 def _compute_chunk(study: Study, start: int, stop: int) -> NDArray[Any]:
-    """Sets start..stop of a study; a function of its own, so that it can be sent to another process."""
+    """Sets start..stop of a study; a module function, so that it can be sent to another process."""
     index = np.unravel_index(np.arange(start, stop), study.shape or (1,))
     values = {name: np.asarray(v, float)[i] for (name, v), i in zip(study.vary.items(), index, strict=False)}
     return study_responses(study, values)

@@ -44,7 +44,9 @@ class EstimateSet:
         d = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1))
         correlation = S / np.outer(d, d)
         if not np.allclose(correlation, correlation.T) or np.linalg.eigvalsh(correlation).min() < -1e-8:
-            raise ParameterError("covariance is not symmetric and positive: it is none; repeat the fit that gave it")
+            raise ParameterError(
+                "covariance is not symmetric and positive, so it is invalid; repeat the fit that gave it"
+            )
 
 
 @dataclass(frozen=True, slots=True)

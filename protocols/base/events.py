@@ -214,7 +214,7 @@ class InjectedFaultChanged:
     fault: str
     """Its name."""
     words: str
-    """What it does."""
+    """Its effect."""
     broken: bool
 
 
@@ -230,7 +230,7 @@ class SpecimenMayBeLive:
     """A start, arming or an answer failed while high voltage may be on; the source is brought to rest next.
 
     `low_v` and `high_v` are the lowest and highest volts at the amplifier's input in the card's last block, NaN if there was
-    none; `words` has the reason and what to do by hand.
+    none; `words` has the reason and the manual steps.
     """
 
     kind: ClassVar[str] = "MayBeLive"
@@ -253,7 +253,7 @@ class RestMeasured:
 class RunEnded:
     """The last event of every run, even if the disk is full. `estimates` are the identified quantities.
 
-    `status` and `reason` state how it ended, `verdict` what it is worth.
+    `status` and `reason` state how it ended, `verdict` whether its result is usable.
     """
 
     kind: ClassVar[str] = "RunEnded"

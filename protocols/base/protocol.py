@@ -61,14 +61,14 @@ class Protocol(BaseModel, ABC):
         """Return the point of one entry from its recordings. Pure, so that a file gives the numbers of the live run.
 
         Raises:
-            ValueError: the recordings do not suffice; the message says why.
+            ValueError: the recordings do not suffice; the message gives the reason.
         """
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
         """Return the curves of one entry, such as a frequency response; they are stored in the file. Pure.
 
         Raises:
-            ValueError: the recordings do not suffice; the message says why.
+            ValueError: the recordings do not suffice; the message gives the reason.
         """
         return ()
 

@@ -43,7 +43,7 @@ class Recording:
     quality: Quality
     sensor_delay_s: float = 0.0
     entry: int = 0
-    """The entry of the plan it was taken for."""
+    """The entry of the plan it belongs to."""
 
 
 class StreamedRecording(Recording):

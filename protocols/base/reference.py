@@ -51,7 +51,7 @@ class ReferenceModel:
         """Return the reference of a record.
 
         Raises:
-            KeyError, TypeError, ValueError: the record is no reference.
+            KeyError, TypeError, ValueError: the record is not a reference.
         """
         return cls(
             Tactor(**_known(Tactor, record["tactor"])),

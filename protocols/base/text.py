@@ -37,7 +37,7 @@ def parse_json_object(text: str) -> dict[str, Any]:
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     if not isinstance(value, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     if text.count("[") + text.count("{") > MAX_NESTING:
         check_values(value)
     return value

@@ -1,6 +1,6 @@
 """Verdict on a run: whether its result can be used, the reasons, and the checks behind it.
 
-The status of a run states how the program ended it; the verdict states what the measurement is worth. A protocol's `checks`
+The status of a run states how the program ended it; the verdict states whether its result is usable. A protocol's `checks`
 compare figures of its result with limits; `judge` adds what holds for every protocol (usable points) and returns the worst.
 """
 
@@ -31,7 +31,7 @@ class RunStatus(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What a run is worth. The texts are stored in run files and printed by `--json`; they never change."""
+    """Outcome of a verdict. The texts are stored in run files and printed by `--json`; they never change."""
 
     GOOD = "good"
     DOUBTFUL = "doubtful"
@@ -70,14 +70,14 @@ class CheckResult:
     name: str
     value: float
     unit: str
-    """Empty where the name says it all."""
+    """Empty where the name suffices."""
     low: float | None
     high: float | None
     remedy: str
     consequence: Outcome = Outcome.DOUBTFUL
     """Outcome of the run if the figure lies outside its limits."""
     detail: str = ""
-    """Which points, weights or recordings the figure is of; empty where the name says it."""
+    """Which points, weights or recordings the figure is of; empty where the name states it."""
 
     @property
     def passed(self) -> bool:
@@ -126,7 +126,7 @@ def _readable_unit(unit: str, *values: float | None) -> tuple[float, str]:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a run is worth, the reasons in words, and every check, passed or not."""
+    """Outcome of a run, its reasons as text, and every check, passed or not."""
 
     outcome: Outcome = Outcome.NOT_JUDGED
     reasons: tuple[str, ...] = ()
@@ -155,7 +155,7 @@ class Verdict:
         """Return the verdict of a JSON object.
 
         Raises:
-            KeyError, TypeError, ValueError: the object is no verdict.
+            KeyError, TypeError, ValueError: the object is not a verdict.
         """
         checks = tuple(
             CheckResult(
@@ -229,7 +229,7 @@ def judge_ended(
 def identification_checks(protocol: "Protocol", points: Sequence[Any]) -> tuple[CheckResult, ...]:
     """Return the check that the usable points gave the estimates the protocol is made for."""
     if not any(Quality(int(point.quality)).usable for point in points):
-        return ()  # said by the usable points
+        return ()  # reported by the usable points
     promised = protocol.promised_estimates(points)
     found = {estimate.name for estimate in protocol.estimates(points)}
     missing = [name for name in promised if name not in found]
@@ -301,5 +301,5 @@ def remedy_for(flags: Iterable[Quality]) -> str:
     together = Quality.GOOD
     for each in flags:
         together |= each
-    other = "read in the log why there is no point, and measure these points again"
+    other = "see the log for the reason, and measure these points again"
     return next((remedy for flag, remedy in REMEDIES.items() if flag & together), other)

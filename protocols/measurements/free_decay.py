@@ -1,6 +1,6 @@
 """Free decay: ringing after a small step; resonance and damping at small amplitude.
 
-Quicker than a sweep. The drive is constant while the tactor rings, so neither the amplifier's two slopes nor a clock
+Faster than a sweep. The drive is constant during the free decay, so neither the amplifier's two slopes nor a clock
 error enters the result.
 """
 
@@ -46,7 +46,7 @@ SKIPPED_AFTER_EDGE_S = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class DecayPoint:
-    """How the tactor rings after one edge. Uncertainties are standard and statistical."""
+    """Free decay of the tactor after one edge. Uncertainties are standard and statistical."""
 
     edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
     resonance: NaturalFrequency
@@ -67,7 +67,7 @@ class DecayPoint:
 
 
 class FreeDecay(Protocol):
-    """Small steps, and how the tactor rings after each: resonance and damping without a sweep."""
+    """Small steps with the free decay after each: resonance and damping without a sweep."""
 
     name: ClassVar[str] = "free-decay"
     title: ClassVar[str] = "Free decay"
@@ -80,8 +80,12 @@ class FreeDecay(Protocol):
     ] = 5e-4
     dwell_s: Annotated[float, Unit("s"), Interval(ge=0.02, le=5), "after each edge: until the ringing is over"] = 0.15
     edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "how many, up and down in turn"] = 10
-    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "the resonance is looked for from here"] = 60.0
-    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "the resonance is looked for up to here"] = 600.0
+    low_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=1, le=5000), "lower end of the band that is searched for the resonance"
+    ] = 60.0
+    high_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=2, le=5000), "upper end of the band that is searched for the resonance"
+    ] = 600.0
     sample_rate_hz: SampleRate = 20_000.0
 
     @model_validator(mode="after")

@@ -84,7 +84,7 @@ class FoldedCycles:
 
 
 class Hysteresis(Protocol):
-    """Loops at several rates: width, area and asymmetry; what is hysteresis and what damping."""
+    """Loops at several rates: width, area and asymmetry; separates hysteresis from damping."""
 
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "Hysteresis"
@@ -198,7 +198,7 @@ class Hysteresis(Protocol):
         inverse = np.linalg.inv(basis.T @ basis)
         line = inverse @ basis.T @ (share * weight)
         left = share * weight - basis @ line
-        # Where the widths do not lie on a line (creep, a bend), the errors say so.
+        # Where the widths do not lie on a line (creep, a bend), the errors increase.
         scale = max(float(left @ left) / (len(good) - 2), 1.0)
         errors = np.sqrt(np.diag(inverse) * scale)
         return (

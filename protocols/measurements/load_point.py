@@ -47,7 +47,7 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
 def compliance(points: Sequence[Any]) -> ValueWithError | None:
     """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
 
-    Each point is weighted with its own error, the load's included. What the points scatter more than that widens the
+    Each point is weighted with its own error, the load's included. Scatter of the points beyond that widens the
     standard error (Birge ratio).
     """
     if len(points) < 2:
@@ -178,11 +178,11 @@ def load_point(
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
 
 MAX_ATTEMPTS = 3
-"""So often a weight that does not fit is asked for again before it is taken for what the specimen does."""
+"""Number of repeats of a weight that does not fit, before its deflection is accepted as the specimen's."""
 
 
 class WeightStepWatcher:
-    """Watches the laser for a weight that lands or leaves (protocols.base.steps.Detector); knows the level it starts from."""
+    """Detects in the laser signal that a weight is put on or taken off, from the level before (protocols.base.steps.Detector)."""
 
     def __init__(self, baseline: Recording, min_step_m: float, baseline_s: float) -> None:
         self._detector = WeightStepDetector(baseline.rate_hz, min_step_m)
@@ -205,7 +205,7 @@ def turn_side_prompt(side: float, offset_kg: float) -> Prompt:
 
 
 def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prompt:
-    """Put a weight on; or say that the one before was wrong."""
+    """Put a weight on; or report that the one before was wrong."""
     return Prompt(
         "place-weight",
         f"Place the {format_grams(mass_kg)} weight on the centre; the laser sees it land.",
@@ -216,13 +216,13 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
 
 
 def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
-    """Take a weight off; or say that it was wrong."""
+    """Take a weight off; or report that it was wrong."""
     text = f"Take the {format_grams(mass_kg)} weight off."
     return Prompt("remove-weight", text, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 
 def repeat_or_keep_prompt(action: str, message: str, attempt: int) -> Prompt:
-    """Again, at first; what comes out the same so often is what the specimen does."""
+    """Repeat at first; a deflection that recurs so often is accepted as the specimen's."""
     if attempt < MAX_ATTEMPTS:
         return Prompt(action, f"{message} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
     return Prompt(action, f"{message} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))

@@ -41,15 +41,15 @@ from protocols.measurements.result_checks import (
 from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse
 
 RINGDOWN_S = 0.3
-"""Recorded after a sweep: until what rings has died away."""
+"""Recorded after a sweep, until the free vibration has decayed."""
 
 OVERLAP_LINES = 6
-"""By how many lines a piece reaches beyond its share on either side: the outermost feel where it begins and ends."""
+"""Lines by which a piece extends beyond its share on either side: its begin and end disturb the outermost ones."""
 
 DRIVE_TOLERANCE = 0.05
 
 EDGE_MARGIN = 0.1
-"""A peak this near to the band's edge, as a share of its frequency, is worth a sentence."""
+"""A peak this near to the band's edge, as a share of its frequency, is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +102,15 @@ class MassResonance(Protocol):
         float,
         Unit("s"),
         Interval(ge=1, le=3600),
-        "longest piece: what the generator's memory holds (docs/generators.md)",
+        "longest piece, limited by the generator's memory (docs/generators.md)",
     ] = 20.0
     peak_to_peak_v: DriveVpp = 5.0
-    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "the peak is looked for from here"] = 125.0
-    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "the peak is looked for up to here"] = 500.0
+    low_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the band that is searched for the peak"
+    ] = 125.0
+    high_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=2, le=2000), "upper end of the band that is searched for the peak"
+    ] = 500.0
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
@@ -154,7 +158,7 @@ class MassResonance(Protocol):
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         return tuple(
             f"{1e3 * point.mass:g} g: the peak at {point.frequency:.1f} Hz lies near the edge of the band in which it is "
-            f"looked for, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
+            f"searched, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
             for point in points
             if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + EDGE_MARGIN
         )

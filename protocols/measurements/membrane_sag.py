@@ -36,13 +36,13 @@ SOURCE = "membrane sag, bending with the tension of the deflection itself"
 LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
 
 RUBBER_MODULI_PA = 1e4, 1e8
-"""Moduli of rubbers, the softest silicone to the hardest; any other is no rubber, or no membrane at all."""
+"""Moduli of rubbers, the softest silicone to the hardest; any other is not a rubber, or there is no membrane."""
 
 SAME_SURFACE_SIGMAS = 5.0
 """A membrane nearer to the reference surface, in standard errors, may be that surface."""
 
 MAX_ATTEMPTS = 3
-"""So often a sag outside the sensor's range is asked for again."""
+"""Attempts at a sag that is outside the sensor's range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +214,7 @@ class MembraneSag(Protocol):
         return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)
 
     def combined_sag_error_m(self, sag_m: float, sag_error_m: float) -> float:
-        """What the errors of the sag and of the membrane's geometry do to its modulus, as one error of the sag (m).
+        """Return the effect of the errors of the sag and of the membrane's geometry on its modulus, as one error of the sag (m).
 
         Raises:
             ParameterError: no modulus explains this sag.

@@ -21,7 +21,7 @@ FREE = "free"
 
 SIGNIFICANCE_SIGMAS = 5.0
 DRIFT_LIMIT = 0.02
-"""A change of the free tactor between before and after that is worth a sentence, as a share."""
+"""A change of the free tactor between before and after that is reported, as a share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class MembraneSeries(SineDwell):
         int, Unit("1"), Interval(ge=0, le=1), "1: the free tactor before and after as well; 0: without"
     ] = 1
     m_per_turn: Annotated[
-        float, Unit("m"), Interval(ge=0, le=0.01), "what one turn of the micrometer moves; 0: prompts tell no turns"
+        float, Unit("m"), Interval(ge=0, le=0.01), "travel of one turn of the micrometer; 0: prompts give no turns"
     ] = 0.0
 
     @model_validator(mode="after")
@@ -108,7 +108,7 @@ class MembraneSeries(SineDwell):
         return tuple(found)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
-        """What complete passes say against the way the membrane was stretched, and about drift."""
+        """Return the influence of the way the membrane was stretched, and the drift, from complete passes."""
         warnings = []
         parts = [p.part for p in points]
         passes = _group_passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])

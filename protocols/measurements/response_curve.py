@@ -29,7 +29,7 @@ def frequency_response_curve(response: FrequencyResponse, label: str = "") -> Re
 
 
 def check_response_present(response: FrequencyResponse) -> None:
-    """Refuse to find a resonance in noise.
+    """Reject a response that is noise.
 
     Raises:
         ValueError: hardly a line exceeds its own error.

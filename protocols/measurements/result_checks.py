@@ -10,7 +10,7 @@ from model import Array
 from protocols.base import CheckResult, Quality
 
 SIGNAL_TO_NOISE_LIMIT = 20.0
-"""Least value over its standard error: known to 5 %, the accuracy of the paper's comparisons. Below 5 it is no response."""
+"""Least value over its standard error: known to 5 %, the accuracy of the paper's comparisons. Below 5 there is no response."""
 
 DRIVE_LIMIT = 0.05
 """Largest relative deviation of the recorded amplitude from the commanded one: the amplifier's gain error and the source's
@@ -24,7 +24,7 @@ REPEATABILITY_LIMIT = 0.05
 """Largest standard deviation of repeats over their mean: creep and hysteresis of an MFC make 1 to 3 %."""
 
 MIN_REPEATS = 3
-"""The scatter of fewer repeats says nothing about their standard deviation."""
+"""Fewer repeats do not determine their standard deviation."""
 
 SIGNIFICANCE_SIGMAS = 5.0
 """A deviation of fewer standard errors may be noise."""
@@ -32,7 +32,7 @@ SIGNIFICANCE_SIGMAS = 5.0
 CABLE_REMEDY = (
     "check the cable from the generator to the amplifier and to the card, and the source's load setting (High Z)"
 )
-NOISE_REMEDY = "look for vibration or light on the sensor, drive more, or average longer"
+NOISE_REMEDY = "check for vibration or light on the sensor, drive more, or average longer"
 
 
 def usable_points(points: Sequence[Any]) -> list[Any]:
@@ -67,7 +67,7 @@ def coherence_check(coherences: Sequence[float]) -> tuple[CheckResult, ...]:
     known = [coherence for coherence in coherences if math.isfinite(coherence)]
     if not known:
         return ()
-    remedy = "look for vibration, a loose clamp or a clipped sensor signal; average more periods"
+    remedy = "check for vibration, a loose clamp or a clipped sensor signal; average more periods"
     return (CheckResult("coherence at the resonance, lowest", min(known), "1", COHERENCE_LIMIT, None, remedy),)
 
 
@@ -85,7 +85,7 @@ def repeatability_check(name: str, groups: Sequence[Sequence[float]], remedy: st
 
 
 MIN_OTHER_MASSES = 2
-"""Others needed to say which mass is the wrong one: of two that disagree either may be."""
+"""Other masses needed to identify the wrong one: of two that disagree either may be."""
 
 WEIGHT_DEVIATION_LIMIT = 0.1
 """Largest relative deviation of a weight's mass, by its deflection, from its label. Nonlinearity over the paper's weights is
@@ -141,7 +141,7 @@ MASS_LIMIT_SHARE = 0.05
 1 g apart, and the model's line bends by less than 0.01 g."""
 
 MIN_MASSES_ON_LINE = 4
-"""Masses needed to say which one is off: any of three may be the one beside a line through the other two."""
+"""Masses needed to identify the wrong one: of three, any may deviate from the line through the other two."""
 
 
 def added_mass_checks(
@@ -202,7 +202,7 @@ def membrane_absent_check(ratios: Sequence[float], calibrated: bool, source: str
     low, high = CALIBRATED_LIMITS if calibrated else PAPER_LIMITS
     remedy = "make sure that no membrane and nothing else touches the tactor, and that high voltage is on"
     remedy += (
-        "; if the specimen has changed, calibrate it anew"
+        "; if the specimen has changed, calibrate it again"
         if calibrated
         else "; if the specimen is of another design, identify it and accept the calibration (tactor-bench identify --accept)"
     )

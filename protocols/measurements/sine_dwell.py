@@ -41,7 +41,7 @@ HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
 
 MIN_RESPONSE_SIGMAS = 5.0
-"""A fundamental of fewer standard uncertainties than this is no response."""
+"""A fundamental of fewer standard uncertainties than this counts as no response."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         frequency=frequency,
         peak_to_peak=float(np.mean([one.peak_to_peak for one in each])),
         # The extremes of n noisy samples lie up to sigma sqrt(2 ln n) outside on either side, and up to half a
-        # sample beside the true extremes; both taken as rectangular. Averaging lessens neither.
+        # sample next to the true extremes; both taken as rectangular. Averaging reduces neither.
         peak_to_peak_errors=2
         * math.hypot(
             noise * math.sqrt(2 * math.log(each[-1].samples)), fundamental * (1 - math.cos(math.pi * frequency / rate))
@@ -160,10 +160,10 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
 
 
 MIN_SAMPLES_PER_CYCLE = 20
-"""Least samples in a cycle: what the paper has at 250 Hz and 5 kS/s."""
+"""Least samples in a cycle, as the paper has at 250 Hz and 5 kS/s."""
 
 MAX_RECORDINGS = 20
-"""Recordings averaged at one frequency where no time budget says otherwise."""
+"""Recordings averaged at one frequency without a time budget."""
 
 FREQUENCY_TOLERANCE_HZ = 0.05
 """Frequencies nearer than this are one."""
@@ -203,7 +203,7 @@ class SineDwell(Protocol):
         float,
         Unit("s"),
         Interval(ge=0, le=10),
-        "decay time of the resonance, of a sweep: windows are no shorter; 0 unknown",
+        "decay time of the resonance, from a sweep: lower limit of the windows; 0 unknown",
     ] = 0.0
     wanted: Annotated[
         float,
@@ -388,7 +388,7 @@ SOURCE = "complex fit of one mode and what higher modes leave to the fundamental
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """One resonant mode and what the modes above it leave, by least squares; see `fit_sdof`.
+    """One resonant mode and the remainder of the modes above it, by least squares; see `fit_sdof`.
 
     Args:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.

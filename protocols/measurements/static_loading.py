@@ -1,7 +1,7 @@
 """Static loading: weights on both sides of the shorted tactor, no high voltage (paper, Sec. IV-1).
 
 Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has
-both hands free; a deflection that does not fit the weight is queried immediately.
+both hands of the operator free; a deflection that does not fit the weight is queried immediately.
 """
 
 from collections.abc import Generator, Iterable, Sequence
@@ -56,7 +56,7 @@ from protocols.signals import LevelEstimate, estimate_level
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
 
 MIN_STEP_SHARE = 0.2
-"""Of what the smallest weight should do: a smaller move is no landing."""
+"""Of the deflection that the smallest weight should cause: a smaller one is not a weight put on."""
 
 OPERATOR_ACTION_S = 3.0
 """About what a person needs to put a weight on, or to take it off."""
@@ -74,7 +74,7 @@ class StaticLoading(Protocol):
     weights_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0.001, le=2)], ...], Unit("kg"), Len(1, 20), "masses of the weights"
     ] = PAPER_WEIGHTS_KG
-    weight_class: Annotated[WeightClass, "OIML class of the weights; own: as weight_errors_kg says"] = "M1"
+    weight_class: Annotated[WeightClass, "OIML class of the weights; own: by weight_errors_kg"] = "M1"
     weight_errors_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...],
         Unit("kg"),
@@ -87,7 +87,7 @@ class StaticLoading(Protocol):
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
     sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
     seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order of the weights"] = 1
-    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "where the bench stands"] = GRAVITY
+    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "location of the bench"] = GRAVITY
     expected_m_per_n: Annotated[
         float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"
     ] = 1.379e-4
@@ -98,7 +98,7 @@ class StaticLoading(Protocol):
         float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is asked about"
     ] = 3e-6
     settle_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=600), "after hands did something, before a level is read"
+        float, Unit("s"), Interval(ge=0, le=600), "wait after a manual action, before a level is read"
     ] = 1.0
     record_s: LevelDuration = 0.5
     sample_rate_hz: SampleRate = 2000.0
@@ -111,7 +111,7 @@ class StaticLoading(Protocol):
                 "give one for each, or the class of the weights"
             )
         if len(set(self.weights_kg)) < len(self.weights_kg):
-            raise ValueError("weights_kg names a weight twice; 'repeats' says how often each is measured")
+            raise ValueError("weights_kg names a weight twice; 'repeats' sets how often each is measured")
         return self
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
@@ -136,7 +136,7 @@ class StaticLoading(Protocol):
         can_go_back = self._has_previous_entry(entry, rest_v)
         while True:
             attempt += 1
-            # Whatever hands did before, or the key they pressed, has come to rest by the end of it.
+            # Vibration from the manual action before, or from the key press, has decayed by the end of it.
             zero: Recording = yield Record(self.settle_s + self.record_s)
             _check_rest(zero, rest_v)
             placed = yield WaitForDetection(

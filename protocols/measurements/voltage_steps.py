@@ -105,7 +105,7 @@ CREEP_LIMIT = 0.2
 PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
 RAMP_V_PER_S = 5.0
-"""The guard's slope unless the bench file says otherwise; only the expected duration hangs on it."""
+"""Default slope of held levels in the bench file; only the expected duration depends on it."""
 
 ZERO_GUARD_S = 0.01
 """Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
@@ -157,13 +157,16 @@ class VoltageSteps(Protocol):
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every level is measured"] = 5
     order: Annotated[
         Literal["up-down", "up", "down", "random"],
-        "levels rising, falling, by turns, or shuffled anew for every repeat; by turns shows the loop",
+        "levels rising, falling, by turns, or shuffled for every repeat; by turns shows the loop",
     ] = "up-down"
     seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order"] = 1
     rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "at rest before every level"] = 2.0
     read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "after the ramp: when the deflection is read"] = 1.0
     window_s: Annotated[
-        float, Unit("s"), Interval(ge=0.04, le=10), "length of what is read; 0.1 s is whole cycles of 50 and 60 Hz"
+        float,
+        Unit("s"),
+        Interval(ge=0.04, le=10),
+        "duration of a reading; 0.1 s is a whole number of cycles of 50 and 60 Hz",
     ] = 0.1
     hold_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=3600), "how long a level is held and its creep watched"] = (
         5.0
@@ -260,7 +263,7 @@ class VoltageSteps(Protocol):
             worst, limit = max(off, key=abs), LEVEL_TOLERANCE_V
             checks.append(CheckResult("drive read back - commanded, worst", worst, "V", -limit, limit, CABLE_REMEDY))
         if (creep := relative_creep(good)) is not None:
-            remedy = "let the specimen rest between series, check the clamp, and look for a drifting sensor"
+            remedy = "let the specimen rest between series, check the clamp, and check the sensor for drift"
             checks.append(
                 CheckResult("creep per decade / deflection", creep[0], "1", -CREEP_LIMIT, CREEP_LIMIT, remedy)
             )

@@ -130,7 +130,7 @@ class WiringCheck(Protocol):
             commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
             driven = fit_sine(recording.drive_v, rate, commanded_hz)
             amplitude_v = abs(driven.fundamental)
-            if amplitude_v > 0.5 * drive.amplitude_v:  # where hardly anything is driven, there is no phase to fit
+            if amplitude_v > 0.5 * drive.amplitude_v:  # where the drive is too small, there is no phase to fit
                 frequency = fit_frequency(recording.drive_v, rate, commanded_hz)
                 driven = fit_sine(recording.drive_v, rate, frequency)
                 answer = fit_sine(recording.displacement_m, rate, frequency, 4)
@@ -188,13 +188,13 @@ class WiringCheck(Protocol):
             _limit("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
             _limit("drive read back - commanded, worst", worst.drive - worst.commanded, "V", -limit, limit, cable),
             _limit("sine read back / commanded", sine.drive_amplitude / sine.commanded_amplitude, "1", 0.95, 1.05, cable),
-            _limit("drive noise", rest.drive_noise, "V", None, self.drive_noise_limit_v, f"{cable}; look for a loose shield"),
+            _limit("drive noise", rest.drive_noise, "V", None, self.drive_noise_limit_v, f"{cable}; check for a loose shield"),
             _limit(
                 "clock difference", sine.frequency / sine.commanded_frequency - 1, "1", -self.frequency_limit,
                 self.frequency_limit, "compare the generator's reference clock with the card's",
             ),
             _limit("recordings out of range", float(flagged), "1", None, 0.0, "move the sensor until its target is in range"),
-            _limit("noise floor", rest.noise, "m", None, self.noise_limit_m, "look for vibration, light, a loose shield"),
+            _limit("noise floor", rest.noise, "m", None, self.noise_limit_m, "check for vibration, light, a loose shield"),
             _limit(
                 "polarity (1 right, -1 wrong)", (1.0 if agreed else -1.0) if moves else math.nan, "1", 1.0, None,
                 "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off" if moves else optics,
@@ -229,7 +229,7 @@ class WiringCheck(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _CheckMeasurements:
-    """The recordings by what they were for, and displacement per volt on either side with its standard error."""
+    """The recordings by purpose, and displacement per volt on either side with its standard error."""
 
     rest: WiringPoint
     sine: WiringPoint

@@ -1,4 +1,4 @@
-"""Checksums of a run file: a digest of every object, stored when the run ends, beside HDF5's own of chunks."""
+"""Checksums of a run file: a digest of every object, stored when the run ends, in addition to HDF5's own of chunks."""
 
 import hashlib
 import json
@@ -68,7 +68,7 @@ def pieces(data: h5py.h5d.DatasetID, chunk: int) -> Iterator[tuple[int, int]]:
 def compute_digest(found: Found) -> str:
     """Return the digest of an object: kind, shape, type, attributes, and what HDF5 does not check; of a link, its target.
 
-    The data of a dataset with checksums of its own (Fletcher-32) is left out. A damaged object has an empty digest.
+    The data of a dataset with Fletcher-32 checksums is left out. A damaged object has an empty digest.
     """
     if found.problem is not None:
         return ""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 MAX_ATTRIBUTE_VALUES = 64
 """Values of an attribute; the program's own have one or two."""
 ROWS_PER_READ = 4096
-"""Rows of a table that are read at once."""
+"""Rows of a table that are read at a time."""
 
 
 def read_text(group: "h5py.Group", name: str) -> str:
@@ -65,7 +65,7 @@ def subgroup(group: "h5py.Group", name: str) -> "h5py.Group":
 
     found = group[name]
     if not isinstance(found, h5py.Group):
-        raise ValueError(f"{found.name} is no group")
+        raise ValueError(f"{found.name} is not a group")
     return found
 
 
@@ -77,7 +77,7 @@ def quantity_columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
     for name, data in group.items():
         if isinstance(data, h5py.Dataset) and "units" in data.attrs:
             if data.dtype.kind not in "iuf" or data.ndim not in (1, 2):
-                raise ValueError(f"{data.name} is no column of numbers")
+                raise ValueError(f"{data.name} is not a column of numbers")
             found[visible_text(name)] = data
     return found
 
@@ -86,7 +86,7 @@ def attribute_texts(of: "h5py.Group | h5py.Dataset", name: str) -> list[str]:
     """Return an attribute that is a text or several."""
     attribute = of.attrs.get_id(name)
     if attribute.dtype.kind not in "SOU" or int(np.prod(attribute.shape, dtype=np.int64)) > MAX_ATTRIBUTE_VALUES:
-        raise ValueError(f"{of.name} has a {name} that is no text")
+        raise ValueError(f"{of.name} has a {name} that is not text")
     values = np.atleast_1d(of.attrs[name]).ravel().tolist()
     return [visible_text(value.decode() if isinstance(value, bytes) else str(value)) for value in values]
 
@@ -103,7 +103,7 @@ def attribute_integer(of: "h5py.Group | h5py.Dataset", name: str) -> int:
     """Return an attribute that is an integer."""
     attribute = of.attrs.get_id(name)
     if attribute.dtype.kind not in "iu" or attribute.shape not in ((), (1,)):
-        raise ValueError(f"{of.name} has a {name} that is no integer")
+        raise ValueError(f"{of.name} has a {name} that is not an integer")
     return int(np.ravel(of.attrs[name])[0])
 
 

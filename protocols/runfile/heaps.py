@@ -6,7 +6,7 @@ from pathlib import Path
 SIGNATURE = b"GCOL\x01\x00\x00\x00"
 HEADER_BYTES = OBJECT_HEADER_BYTES = 16
 WINDOW_BYTES = 4_000_000
-"""How far from the beginning and the end of a file heaps are looked for: texts are written when a run begins, and after
+"""Length at the beginning and the end of a file that is searched for heaps: texts are written when a run begins, and after
 its end."""
 
 
@@ -15,7 +15,7 @@ MAX_OBJECTS = 1_000_000
 
 
 def find_endless_heap(path: Path) -> int | None:
-    """Return the place of a global heap that HDF5 would read for ever, None if there is none."""
+    """Return the place of a global heap that HDF5 would read without end, None if there is none."""
     size = path.stat().st_size
     with path.open("rb") as file:
         for start in sorted({0, max(size - WINDOW_BYTES, 0)}):

@@ -155,7 +155,7 @@ def _has_irregular_end(path: Path, file: "h5py.File") -> bool:
 
 
 def _check_file(path: Path, file: "h5py.File") -> None:
-    """Raise RunReadError for a file that is no run, or built as no run is."""
+    """Raise RunReadError for a file that is not a run, or whose structure is not that of a run."""
     kind, version = "", 0
     with translate_read_errors(path):
         if "format" in file.attrs:

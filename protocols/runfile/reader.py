@@ -82,7 +82,7 @@ class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
-        RunReadError: the file is missing, is no run, is damaged or hostile, or comes from a newer version of this
+        RunReadError: the file is missing, is not a run, is damaged or hostile, or comes from a newer version of this
             program. Every property and method raises it where the damage is met only then.
     """
 
@@ -129,7 +129,7 @@ class Run(Closeable):
 
     @property
     def verdict(self) -> Verdict:
-        """What the run is worth; not judged if it is of an earlier version, imported, or has not ended.
+        """Verdict on the run; not judged if it is of an earlier version, imported, or has not ended.
 
         Raises:
             RunReadError: the stored verdict is damaged.

@@ -73,7 +73,7 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
         complete: stores the results of a run that had ended without them; returns a sentence.
 
     Raises:
-        RunReadError: it is no run, or damaged.
+        RunReadError: it is not a run, or damaged.
         StorageError: a program still writes it, or it cannot be changed.
     """
     try:
@@ -158,7 +158,7 @@ def _mend(entry: Any) -> tuple[int, int]:
 
 
 def _mend_last_chunks(data: Any) -> None:
-    """Compute the checksums of the last two chunks anew if they were being overwritten when the program was killed.
+    """Compute the checksums of the last two chunks again if they were being overwritten when the program was killed.
 
     Rows are only appended, so that an older part of such a chunk equals the newer one.
     """

@@ -15,9 +15,9 @@ from protocols.runfile.transaction import transaction
 
 @contextmanager
 def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
-    """Open a run that has ended for appending; afterwards its checksums are computed anew.
+    """Open a run that has ended for appending; afterwards its checksums are computed again.
 
-    All changes are applied at once at the end; a kill or an error leaves all or nothing.
+    All changes are applied together at the end; a kill or an error leaves all or none of them.
 
     Args:
         path: the run file.

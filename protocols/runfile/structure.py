@@ -28,7 +28,7 @@ CONTINUED_RUN_LINK = b"entry/earlier"
 
 
 class StructureError(Exception):
-    """A file has a structure that no file of this program has; the message says where and which."""
+    """A file has a structure that no file of this program has; the message names the place."""
 
 
 class Found(NamedTuple):
@@ -92,7 +92,7 @@ def as_text(name: bytes | str) -> str:
 
 
 def check_structure(file: "h5py.File") -> None:
-    """Refuse a file with links, storage or sizes that must not be followed or read. No link is followed.
+    """Reject a file with links, storage or sizes that must not be followed or read. No link is followed.
 
     Raises:
         StructureError: the first such place.

@@ -179,7 +179,7 @@ def read_study(path: Path) -> LoadedStudy:
             check_structure(file)
             if file.attrs.get("format") != FORMAT:
                 raise StorageError(
-                    f"{path} is no study of this program; give a file that 'tactor-bench study --out' wrote"
+                    f"{path} is not a study of this program; give a file that 'tactor-bench study --out' wrote"
                 )
             if file.attrs["format_version"] > FORMAT_VERSION:
                 raise StorageError(f"{path} was written by a newer version of this program; update it")
@@ -229,7 +229,7 @@ def check_output_path(path: Path) -> None:
         except OSError:
             ours = False
         if not ours:
-            raise StorageError(f"{path} exists and is no study, so it is left as it is; choose another name")
+            raise StorageError(f"{path} exists and is not a study, so it is not overwritten; choose another name")
 
 
 def index_slices(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:

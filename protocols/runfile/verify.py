@@ -31,7 +31,7 @@ class FileState(StrEnum):
     GOOD = "good"
     DAMAGED = "damaged"
     NOT_CHECKABLE = "not checkable"
-    """Without checksums of its own, or not closed; what can be checked is good."""
+    """Without checksums, or not closed; everything that can be checked is good."""
     NO_RUN = "no run"
 
 

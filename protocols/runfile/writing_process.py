@@ -11,7 +11,7 @@ def writer_is_alive(path: Path, pid: int) -> bool:
 
 def process_is_alive(pid: int) -> bool:
     """Whether there is a process of this number."""
-    if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
+    if os.name == "nt":  # no harmless signal there: a stale number then counts as a running program
         return True
     try:
         os.kill(pid, 0)
@@ -23,7 +23,7 @@ def process_is_alive(pid: int) -> bool:
 
 
 def _has_open(path: Path, pid: int) -> bool:
-    """Whether a process has a file open; also true where the system does not say."""
+    """Whether a process has a file open; also true where the system cannot tell."""
     try:
         file = path.stat()
         handles = list(Path(f"/proc/{pid}/fd").iterdir())

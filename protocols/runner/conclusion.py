@@ -1,4 +1,4 @@
-"""Run conclusion: how a run ended, what its result is worth, and the last event, in the file and to the observers."""
+"""Run conclusion: how a run ended, the verdict on its result, and the last event, in the file and to the observers."""
 
 import contextlib
 import logging

@@ -7,7 +7,7 @@ from protocols.runner.acquisition import Acquisition
 from protocols.runner.publisher import RunRecorder
 
 _PROMPT_IDS = itertools.count(1)
-"""Unique in the process, so that a late answer to an earlier run's prompt is never taken for one of this run."""
+"""Unique in the process, so that a late answer to an earlier run's prompt is never mistaken for one of this run."""
 
 
 class OperatorPrompts:

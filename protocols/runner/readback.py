@@ -159,7 +159,7 @@ class DriveReadback:
     def _check_sweep(
         self, drive: LinearSweep | PeriodicSweep, start: int, count: int, low: float, high: float
     ) -> Deviation | None:
-        """Compare the swing with the sweep's, where a whole cycle passes beside the soft ends."""
+        """Compare the swing with the sweep's, where a whole cycle passes outside the faded ends."""
         t = (start - self.start_scan + np.array([0.0, count])) / self.rate_hz + [-self._late_s, self._late_s]
         if isinstance(drive, PeriodicSweep):
             fade_s, slowest = 2 * drive.fade_s, min(drive.start_hz, drive.stop_hz)

@@ -20,7 +20,7 @@ class RunRequest:
     Attributes:
         resume: the earlier run whose points are carried over.
         prepare: prompts for the operator before the first entry.
-    reference: model of the free specimen that the result is compared with; default is the paper's tactor.
+        reference: model of the free specimen that the result is compared with; default is the paper's tactor.
         item: the campaign item it measures; empty outside a campaign.
     """
 

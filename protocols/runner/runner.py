@@ -39,11 +39,11 @@ from protocols.runner.request import RunControl, RunRequest
 log = logging.getLogger(__name__)
 
 PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
-"""Imported before the card runs: importing at the first fit would hold up the run for a second or two."""
+"""Imported before the card runs: importing at the first fit would delay the run by a second or two."""
 
 
 def run_metadata(request: RunRequest, bench: Bench, reference: ReferenceModel) -> RunMetadata:
-    """Return what the run file holds before the run begins."""
+    """Return the metadata that the run file has before the run begins."""
     protocol = request.protocol
     return RunMetadata(
         protocol=protocol.name,
@@ -117,7 +117,7 @@ class Runner:
         self._conclusion = RunConclusion(self._protocol, reference, self._run_file, self._recorder, self._plan_progress)
 
     def run(self) -> RunEnded:
-        """Run the protocol; return how it ended and what it is worth. Never raises."""
+        """Run the protocol; return how it ended and the verdict. Never raises."""
         try:
             self._start()
             protocol = self._protocol

@@ -10,7 +10,7 @@ suffice raise ValueError with the reason.
     peak       spectrum_peak, joined_spectrum_peak,   where a spectrum, or a response, is largest
                response_peak
     modal_fit  fit_sdof                               natural frequency and damping from a response
-    levels     estimate_level, estimate_step          a mean and a step, with errors that know mains and slow noise
+    levels     estimate_level, estimate_step          a mean and a step, with errors that include mains and slow noise
     step_detection  WeightStepDetector                a weight placed on the tactor, online
     creep      fit_creep                              logarithmic creep per decade
     loop       fold, measure_loops                    width, area, asymmetry of hysteresis loops

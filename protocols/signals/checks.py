@@ -24,10 +24,10 @@ def check_samples(name: str, samples: ArrayLike, min_size: int) -> Array:
 
 
 def check_positive(**values: float) -> None:
-    """Refuse a value that is not a positive finite number.
+    """Reject a value that is not a positive finite number.
 
     Raises:
-        ValueError: it names the value and what it is.
+        ValueError: it is not; the message names the value.
     """
     for name, value in values.items():
         if not (value > 0 and np.isfinite(value)):
@@ -45,7 +45,7 @@ def check_pair(drive: ArrayLike, displacement: ArrayLike, min_size: int, rate_hz
     """Drive and displacement of the same scans, (N,) each.
 
     Raises:
-        ValueError: they differ in length, have fewer than `least` samples, or one that is no finite number.
+        ValueError: they differ in length, have fewer than `least` samples, or one that is not a finite number.
     """
     check_positive(rate_hz=rate_hz)
     x, y = check_samples("the drive", drive, min_size), check_samples("the displacement", displacement, min_size)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from protocols.signals.checks import check_positive, check_samples
 
 BINS_PER_DECADE = 20
-"""Samples are averaged in bins of the logarithm of time: the late decades hold nearly all samples, and say no more."""
+"""Samples are averaged in bins of the logarithm of time: the late decades have nearly all samples without more information."""
 
 MIN_BINS = 8
 
@@ -20,7 +20,7 @@ class CreepFit:
     Attributes:
         value, value_error: at the reference time, and its standard error.
         per_decade, per_decade_error: growth from t to 10 t.
-        drift_per_s, drift_error: of a straight line beside it; 0 where none was fitted.
+        drift_per_s, drift_error: of an additional straight line; 0 where none was fitted.
         reference_s: the reference time.
         degrees_of_freedom: of the standard errors; see `coverage_factor`.
         decades: of time that were fitted.
@@ -50,7 +50,7 @@ def fit_creep(
         samples: (N,), sensor signal.
         zero: the level before the step.
         reference_s: time to which `value` refers.
-        with_drift: whether a straight line in time is fitted beside the logarithm.
+        with_drift: whether a straight line in time is fitted in addition to the logarithm.
 
     Raises:
         ValueError: not finite, a time <= 0, or less than half a decade.

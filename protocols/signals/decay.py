@@ -26,7 +26,7 @@ class DecayFit:
         amplitude, amplitude_error: at t = 0, unit of the samples.
         phase: rad.
         offset, offset_error: where it comes to rest.
-        noise: standard deviation of what the fit leaves.
+        noise: standard deviation of the residuals.
         degrees_of_freedom: of the standard errors; see `coverage_factor`.
     """
 
@@ -51,11 +51,11 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     Args:
         samples: (N,), from the release on.
         rate_hz: samples per second.
-        band_hz: where the natural frequency is looked for.
+        band_hz: band that is searched for the natural frequency.
         skip_s: left out at the start, until the drive is constant and higher modes have decayed.
 
     Raises:
-        ValueError: too short, not finite, or nothing that rings within the band.
+        ValueError: too short, not finite, or no free vibration within the band.
     """
     from scipy.optimize import least_squares
 
@@ -86,7 +86,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
     if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < MAX_DAMPING:
         raise ValueError(
-            f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the fit went to {natural:.4g} Hz, damping {damping:.3g}"
+            f"no free vibration between {band_hz[0]:g} and {band_hz[1]:g} Hz: the fit went to {natural:.4g} Hz, damping {damping:.3g}"
         )
     noise = float(np.sqrt(2 * fit.cost / freedom))
     jacobian = np.asarray(fit.jac)
@@ -98,7 +98,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     amplitude_error = float(np.sqrt(along @ covariance[3:, 3:] @ along))
     if amplitude < 5 * amplitude_error:
         raise ValueError(
-            f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the amplitude, {scale * amplitude:.3g}, "
+            f"no free vibration between {band_hz[0]:g} and {band_hz[1]:g} Hz: the amplitude, {scale * amplitude:.3g}, "
             f"is within 5 standard errors of zero ({scale * amplitude_error:.2g} each)"
         )
     return DecayFit(

@@ -152,9 +152,9 @@ def combine_errors(first: LevelEstimate, second: LevelEstimate) -> tuple[float, 
 
 @lru_cache(maxsize=8)
 def _regression_design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Array, int, float]:
-    """What the length alone decides: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
+    """Return the quantities that depend on the length alone: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
 
-    Line and mains took their share of the lowest cosine components: what is left counts, in power and in freedom.
+    Line and mains account for a share of the lowest cosine components: only the remainder counts, in power and in freedom.
     """
     from scipy.fft import dct
 

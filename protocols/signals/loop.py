@@ -79,7 +79,7 @@ def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
 
     Args:
         drive: (cycles, points), each cycle once around from anywhere, in equal steps of time or levels.
-        displacement: likewise. One cycle is refused: it has no measure of how well it repeats.
+        displacement: likewise. One cycle is rejected: it does not show how well it repeats.
 
     Raises:
         ValueError: fewer than two cycles, not finite, or a drive that does not move.
@@ -96,7 +96,7 @@ def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
     check_samples("the drive", x.ravel(), 1)
     check_samples("the displacement", y.ravel(), 1)
     if not np.ptp(x, axis=1).min() > 0:
-        raise ValueError(f"the drive stands at {x.flat[0]:g} for a whole cycle: there is no loop")
+        raise ValueError(f"the drive is constant at {x.flat[0]:g} for a whole cycle: there is no loop")
     figures = np.array([_measure_cycle(*cycle) for cycle in zip(x, y, strict=True)])
     values: list[float] = figures.mean(0).tolist()
     errors: list[float] = (figures.std(0, ddof=1) / np.sqrt(cycles)).tolist()

@@ -12,7 +12,7 @@ MIN_LINES = 5
 
 @dataclass(frozen=True, slots=True)
 class ModalFit:
-    """A mode of a real system, (a + i b r) / (1 - r^2 + 2 i zeta r), r = f / f0, over what the modes above it leave.
+    """A mode of a real system, (a + i b r) / (1 - r^2 + 2 i zeta r), r = f / f0, plus the remainder of the modes above it.
 
     Attributes:
         natural_hz, natural_error_hz: undamped natural frequency f0 and its standard error, Hz.
@@ -44,7 +44,7 @@ def fit_sdof(
     A pair of poles of a real system has real a and b; far below their resonance, higher modes leave c + i d f + e f^2: their
     compliance, their damping, and their coming nearer. (With a complex constant in place of a + i b r and of the rest, the
     frequency is wrong by five standard errors at 158 Hz.) The standard errors are scaled by the misfit; added to them, as a
-    floor, is how far the result moves when the last term is left out: what this model does not know.
+    floor, is the change of the result when the last term is left out: the error of this model.
 
     Args:
         frequency_hz: (F,), of the lines; they must enclose the resonance.
@@ -71,7 +71,7 @@ def fit_sdof(
     if fitted is None or simpler is None:
         raise ValueError(none)
     values, errors, freedom, terms = fitted
-    # Neighbouring lines share noise: a smooth function of them feels (1 + 2 rho) of its variance.
+    # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
     errors = np.hypot(errors * np.sqrt(1 + 2 * correlation), values - simpler[0])
     natural = float(values[0]) * peak
     if not f.min() < natural < f.max():

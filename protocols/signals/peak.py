@@ -8,8 +8,8 @@ The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz
   nearly any neighbourhood of a peak one of third. Its minimum is the peak, to a small fraction of the lines' distance.
 
 A spectrum of the whole record is |H(f)| |X(f)| exactly: the shift of a swept peak, sweep rate over decay rate, belongs to
-envelopes in time and does not occur here. The standard error is that of the polynomial, scaled by what the lines scatter about it,
-so noise and residual ripple are in it; what the third degree cannot follow over the half-power width is not (0.0001 Hz for the
+envelopes in time and does not occur here. The standard error is that of the polynomial, scaled by the scatter of the lines about it,
+so noise and residual ripple are in it; the deviation from the third degree over the half-power width is not (0.0001 Hz for the
 tactor of the paper).
 """
 
@@ -25,7 +25,7 @@ from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum, fast_length, make_block_averager
 
 PEAK_BAND_HZ = (125.0, 500.0)
-"""Where the paper looks for the peak."""
+"""Band in which the paper searches for the peak."""
 
 CUTOFF_HZ = 600.0
 DEGREE = 3
@@ -83,11 +83,11 @@ def spectrum_peak(
     Args:
         displacement: (N,), the whole sweep.
         rate_hz: samples per second.
-        band_hz: where the peak is looked for.
+        band_hz: band that is searched for the peak.
         resolution_hz: of the lines; taken finer where the peak is narrow.
 
     Raises:
-        ValueError: too short, not finite, or no peak that stands out of the band.
+        ValueError: too short, not finite, or no distinct peak in the band.
     """
     return joined_spectrum_peak([displacement], rate_hz, [band_hz], band_hz, resolution_hz)
 
@@ -159,7 +159,7 @@ def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PE
     """The peak of |H| in a band: as `spectrum_peak`, but divided by the drive that was really there.
 
     Raises:
-        ValueError: no peak that stands out of the band, or lines too coarse to fit it.
+        ValueError: no distinct peak in the band, or lines too coarse to fit it.
     """
     part = response.within(*band_hz)
     found = _half_power_lines(part.frequency_hz, part.modulus**2, band_hz, "response")
@@ -178,9 +178,7 @@ def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quan
         raise ValueError(f"the {quantity_name} is zero in {band}: check the sensor's cable and the drive")
     below = power < power[top] / 2
     if not below.any():
-        raise ValueError(
-            f"no peak stands out in {band}: the {quantity_name} nowhere falls to half of its largest power"
-        )
+        raise ValueError(f"no distinct peak in {band}: the {quantity_name} nowhere falls to half of its largest power")
     before, after = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
     start = int(before[-1]) + 1 if before.size else 0
     stop = top + int(after[0]) if after.size else f.size
@@ -188,7 +186,7 @@ def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quan
         if stop - start < MIN_LINES and start > 0 and stop < f.size:
             raise ValueError(
                 f"the {quantity_name} is largest at {f[top]:.6g} Hz, in a peak only {stop - start} lines wide: "
-                "take a finer resolution, or look for a line of the mains"
+                "use a finer resolution, or check for a line of the mains"
             )
         raise ValueError(
             f"no peak within {band}: the {quantity_name} is largest at its edge, {f[top]:.6g} Hz; move the band"
@@ -226,11 +224,11 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 
     inside = [r.real for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < 1 and bend(r.real) > 0]
     if curve.min() <= 0 or not inside:
-        raise ValueError(f"the curve between {f[0]:.6g} and {f[-1]:.6g} Hz has no maximum of its own: widen the band")
+        raise ValueError(f"the curve between {f[0]:.6g} and {f[-1]:.6g} Hz has no maximum inside: widen the band")
     v = min(inside, key=lambda r: float(np.polyval(q[::-1], r)))
     jacobian = basis / curve[:, None]
     left = np.log(inverse / curve)
-    # Neighbouring lines share noise: a smooth function of them feels (1 + 2 rho) of its variance.
+    # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
     covariance = np.linalg.inv(jacobian.T @ jacobian) * float(left @ left) / freedom * (1 + 2 * correlation)
     # q'(v) = 0 moves with the coefficients: dv = -(dq'(v)) / q''(v).
     gradient = -slopes[0] * v ** np.maximum(slopes[1] - 1, 0) / bend(v)

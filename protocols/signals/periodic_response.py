@@ -3,7 +3,7 @@
 Distortion that repeats with every period shows where lines scatter more about their neighbours than noise explains.
 
 Odd orders of an amplifier or a specimen, a generator's steps and whatever a card without a filter folds back occur in every
-period alike, so the spread over periods does not know them. They come in with the drive, and so err by a share of the response,
+period alike, so the spread over periods does not include them. They are caused by the drive, and their error is a share of the response,
 of another sign at every line. A response is smooth, and its inverse is so however narrow its resonance: of second degree in the
 frequency for one mode. (After the local polynomial method of Pintelon & Schoukens, System Identification, 2nd ed., ch. 7.)
 """
@@ -57,7 +57,7 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
     wide = min(MEDIAN_WINDOW_LINES, excess.size)
     at = np.arange(0, excess.size - wide + 1, MEDIAN_WINDOW_STEP)
     excess, strength = (sliding_window_view(values, wide)[at] for values in (excess, strength))
-    # The share whose variance brings the median excess down to what noise alone would give; looked for by halving.
+    # The share whose variance brings the median excess down to that of noise alone; found by bisection.
     low, high = np.zeros(at.size), (excess / strength).max(1)
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
@@ -96,7 +96,7 @@ def estimate_periodic_response(
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
 
     Raises:
-        ValueError: fewer than two periods remain, a period is no whole number of samples, or nothing is driven.
+        ValueError: fewer than two periods remain, a period is not a whole number of samples, or there is no drive.
     """
     x, y = check_pair(drive, displacement, 2, rate_hz)
     check_positive(period_s=period_s)

@@ -15,7 +15,7 @@ class SettlingDetector:
 
     Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
     amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes
-    are below `tolerance`, or below what the noise alone would make, and the drive is the one commanded.
+    are below `tolerance`, or below those of noise alone, and the drive is the one commanded.
 
     Args:
         window_samples: samples in a window.
@@ -65,6 +65,6 @@ class SettlingDetector:
         if len(self._responses) < 3:
             return False
         first, second, third = self._responses
-        # Two windows differ by noise alone with sqrt(2) standard errors; three of those are no change.
+        # Two windows differ by noise alone with sqrt(2) standard errors; three of those are not a change.
         allowed = max(self.tolerance * abs(third), 3 * 1.414 * response.standard_error / self.drive_seen_v)
         return abs(third - second) <= allowed and abs(second - first) <= allowed

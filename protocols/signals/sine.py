@@ -14,7 +14,7 @@ NYQUIST_SHARE = 0.45
 """Harmonics above this share of the sample rate are not fitted: they cannot be distinguished from aliases."""
 
 CHUNK_SAMPLES = 1 << 16
-"""Samples of a basis held in memory at once."""
+"""Samples of a basis held in memory at a time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 A product of spectra Y X* summed under a Hann window over bins is the cross-correlation of the two records inside a window of
 lags. Under a linear sweep that window is a gate: the harmonics of a non-linear amplifier, the offset, the mains arrive
-at other lags, seconds away. The same block looked at beside the gate shows the noise, at the time the sweep was there.
+at other lags, seconds away. The same block outside the gate shows the noise, at the time the sweep was there.
 """
 
 from dataclasses import dataclass

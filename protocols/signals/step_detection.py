@@ -18,7 +18,7 @@ from protocols.signals.levels import MAINS_HZ, combine_errors, estimate_level
 
 
 class StepDetectionState(StrEnum):
-    """What the detector is doing; see `WeightStepDetector`."""
+    """State of the detector; see `WeightStepDetector`."""
 
     ZEROING = "zeroing"
     READY = "ready"
@@ -158,7 +158,7 @@ class WeightStepDetector:
             case StepDetectionState.MOVING if step >= self.min_step:
                 return self._measure_step()
             case StepDetectionState.MOVING:
-                # Back at the zero, or near it: too little for a landing. The zero starts anew from here.
+                # Back at the zero, or near it: too little for a weight put on. The zero is measured again from here.
                 self._bumps += 1
                 self._set_zero()
             case _:

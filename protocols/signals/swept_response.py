@@ -1,6 +1,6 @@
 """Swept response: frequency response from one long linear sweep.
 
-A sweep does not repeat, but it is known: the whole record is transformed at once (so there is no segment whose ends cut the
+A sweep does not repeat, but it is known: the whole record is transformed in one piece (so there is no segment whose ends cut the
 response off, and no bias from the sweep's rate), Y X* is summed over bins under a Hann window, and what arrives at other lags
 than a response can is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope
 amplifier and the whole record's noise against every line, and their segments cut off what rings over their ends.
@@ -37,11 +37,11 @@ def sweep_extent(drive: Array) -> slice:
     """
     low, high = float(drive.min()), float(drive.max())
     if not high > low:
-        raise ValueError(f"the drive stands at {low:g}: check the drive channel's cable")
+        raise ValueError(f"the drive is constant at {low:g}: check the drive channel's cable")
     middle, least = 0.5 * (low + high), 0.05 * (high - low)
 
     def first(samples: Array) -> int:
-        """The first sample that is away; looked for piece by piece, since it is mostly near the end."""
+        """Return the first sample outside the limits; searched piece by piece, since it is mostly near the end."""
         for start in range(0, samples.size, SEARCH_CHUNK):
             away = np.abs(samples[start : start + SEARCH_CHUNK] - middle) > least
             if away.any():
@@ -60,7 +60,7 @@ def is_rising(X: NDArray[np.complex64]) -> bool:
 
 
 def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, band_hz: tuple[float, float]) -> None:
-    """Refuse a drive that is no stronger in the band than noise would be.
+    """Reject a drive that is not stronger in the band than noise.
 
     Args:
         drive: (N,), as it was transformed.
@@ -82,7 +82,7 @@ def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, b
 
 
 MIN_BINS_PER_LINE = 32
-"""Bins under one line of a sweep: fewer leave no lags beside the gate for the noise."""
+"""Bins under one line of a sweep: fewer leave no lags outside the gate for the noise."""
 
 TAPER_CYCLES = 6
 """Cycles of the lowest frequency over which a sweep is faded in and out."""
@@ -146,7 +146,7 @@ def estimate_swept_response(
     if width < least_hz * (1 - 1e-9):
         raise ValueError(
             f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
-            "ask for a coarser resolution or sweep longer"
+            "use a coarser resolution or a longer sweep"
         )
     blocks = make_block_averager(band_hz, width, bin_hz, rate_hz / 2)
     if blocks.count < POOLED_LINES:
@@ -157,7 +157,7 @@ def estimate_swept_response(
     cross, power = Y * X.conj(), X.real**2 + X.imag**2
     check_drive_in_band(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
     S_xx = np.asarray(blocks.windows(power) @ blocks.window)
-    # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.
+    # Outside its band, and where it fades, the sweep is weak, which affects the outermost lines through their window.
     strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
     used = np.zeros(S_xx.size, bool)
     used[strong[0] + 2 : strong[-1] - 1] = True
@@ -187,7 +187,7 @@ def estimate_swept_response(
 def _noise_variance(
     cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
 ) -> Array:
-    """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
+    """Variance of each line's S_yx, from the gates next to it on the side on which no harmonic arrives."""
     # Linear interpolation between the lines, which are half a block apart; beyond the outermost the response is taken as it is there.
     hop = blocks.length // 2
     ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
@@ -201,7 +201,7 @@ def _noise_variance(
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
     seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
     at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [NOISE_LAGS.size], axis=1)
-    # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
+    # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window allow.
     m = np.abs(HARMONIC_LAGS)
     leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
     reach = np.pad(leaked, POOLED_LINES, "edge")

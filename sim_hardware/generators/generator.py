@@ -107,7 +107,7 @@ class SimulatedGenerator:
         self._emit(make)
 
     def reset(self) -> None:
-        """Factory state: output off, whatever hangs on it."""
+        """Factory state: output off, whatever is connected to it."""
 
         def make(t: float) -> Segment:
             self.settings, self._burst, self._carrier, self._glitch_until = GeneratorSettings(), None, None, -math.inf
@@ -161,7 +161,7 @@ class SimulatedGenerator:
         self._emit(make)
 
     def abort(self) -> None:
-        """End a running burst or sweep at once."""
+        """End a running burst or sweep immediately."""
 
         def make(t: float) -> Segment:
             self._burst = None

@@ -280,7 +280,7 @@ def decode_block(argument: str, dtype: str, low: float, high: float) -> Array:
 
 
 def accept_keywords(*names: str) -> Callable[[Arguments], None]:
-    """Return the setter of a setting that knows these values and to which none of them makes a difference."""
+    """Return the setter of a setting that accepts these values without an effect."""
 
     def setter(a: Arguments) -> None:
         match_keyword(single_argument(a), *names)

@@ -88,7 +88,7 @@ class OutputLevels:
             raise ScpiError(-221, "output voltage exceeds the low limit")
 
     def unfreeze_range(self) -> None:
-        """Let the range follow the amplitude again."""
+        """Make the range follow the amplitude again."""
         self._frozen_range_vpp = math.inf
         self._generator.apply_settings(auto_range=True)
 

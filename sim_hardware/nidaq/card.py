@@ -33,7 +33,7 @@ _NOISE_PAGE_SAMPLES = 8192
 
 
 class SampleRateError(ValueError):
-    """The card cannot sample that fast. `limit_hz` is what it can do per channel; `single` if even one is too many."""
+    """The card cannot sample that fast. `limit_hz` is its limit per channel; `single` if it holds even for one channel."""
 
     def __init__(self, rate_hz: float, channels: int, limit_hz: float, single: bool) -> None:
         super().__init__(f"{rate_hz:g} S/s on {channels} channels is too fast, the card can do {limit_hz:g} S/s")

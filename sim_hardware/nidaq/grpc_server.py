@@ -171,7 +171,7 @@ class NiGrpcServer(Closeable):
         return self._tasks.output(request.task.name)
 
     def _create(self, request: Any) -> Mapping[str, Any]:
-        """Create a session or attach to one, by name. It stays, with what it has reserved, until it is cleared."""
+        """Create a session or attach to one, by name. It remains, with its reservations, until it is cleared."""
         name = request.session_name or f"_unnamedTask<{next(self._task_numbers)}>"
         exists = name in self._tasks
         if exists and request.initialization_behavior == _INITIALIZE_NEW:

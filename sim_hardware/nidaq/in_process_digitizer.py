@@ -14,7 +14,7 @@ class SimulatedDigitizer:
 
     Args:
         inputs: numbers of the inputs, in order.
-        buffer_s: seconds of samples the card keeps for a reader who is late.
+        buffer_s: seconds of samples that the card buffers for a late reader.
     """
 
     def __init__(

@@ -76,7 +76,7 @@ class NiOutputTask(NiTask):
         self._counts = np.zeros(scans, np.int16)
 
     def write(self, volts: Array, auto_start: bool) -> int:
-        """Write samples, or one level at once where there is no clock; how many were written.
+        """Write samples, or one level immediately where there is no clock; return the number written.
 
         Raises:
             NiError: out of range, in use, beyond the last sample, or already played.

@@ -56,7 +56,7 @@ class SimulatedNiDevice:
                 self._input_owner = None
 
     def reset(self) -> None:
-        """DAQmx reset: every output goes to 0 V, whatever hangs on it (NI help: states after a device reset)."""
+        """DAQmx reset: every output goes to 0 V, whatever is connected to it (NI help: states after a device reset)."""
         self.check_present()
         for output in self.card.outputs:
             output.owner = None
@@ -131,7 +131,7 @@ class NiTask(ABC):
         self.rate_hz, self.mode, self.samples_per_channel = rate_hz, mode, scans
 
     def max_rate(self) -> float:
-        """Return what the converter can do with this many channels."""
+        """Return the largest rate of the converter with this many channels."""
         return self.max_rate_hz / max(1, len(self.channels))
 
     def actual_rate(self) -> float:

@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ImportError, AttributeError, ValueError) as error:
         parser.error(f"'{named}' cannot be loaded ({error}); give it as module:function, from the folder it is in")
     if not callable(factory):
-        parser.error(f"'{named}' is no function; give it as module:function")
+        parser.error(f"'{named}' is not a function; give it as module:function")
     suite = SUITE_FOLDER / ("source_contract.py" if chosen.source else "digitizer_contract.py")
     # No pytest configuration of the current folder: the contract is the same everywhere.
     options = ["-c", os.devnull, "--rootdir", str(SUITE_FOLDER), "--import-mode=importlib", "-p", "no:cacheprovider"]

@@ -10,7 +10,7 @@ class InProcessLink:
 
     Args:
         command_s: bench time each message takes.
-        timeout_s: bench time `read` waits before it gives up.
+        timeout_s: bench time after which `read` raises.
     """
 
     def __init__(

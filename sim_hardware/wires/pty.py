@@ -18,7 +18,7 @@ class SerialInstrument(Protocol):
         """Return the immediate reply."""
 
     def unsolicited_output(self) -> bytes:
-        """Return what it sends by itself; called every POLL_S."""
+        """Return unsolicited output; called every POLL_S."""
 
 
 class PtyServer(Closeable):

@@ -42,7 +42,7 @@ _NUMBER = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*([A-Z]*)$", r
 
 
 class ScpiError(Exception):
-    """A command was refused; the engine puts `code` into the error queue."""
+    """A command was rejected; the engine puts `code` into the error queue."""
 
     def __init__(self, code: int, detail: str = "") -> None:
         super().__init__(f"{ERROR_MESSAGES[code]}; {detail}" if detail else ERROR_MESSAGES[code])
@@ -57,7 +57,7 @@ def parse_number(
     `M` is milli except before HZ and OHM, where it is mega.
 
     Raises:
-        ScpiError: not a number, a foreign unit, or a keyword that this setting does not know.
+        ScpiError: not a number, a foreign unit, or an unknown keyword of this setting.
     """
     word = text.strip().upper()
     keywords = {"MIN": low, "MAX": high, "DEF": default, "INF": math.inf}
@@ -192,7 +192,7 @@ class ScpiCommand:
 
 
 class ScpiInstrument(Protocol):
-    """What the engine needs of an instrument's model."""
+    """Interface of an instrument's model to the engine."""
 
     identity: str
 

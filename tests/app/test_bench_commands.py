@@ -62,7 +62,7 @@ def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsy
     assert main(["check", *QUICK, "--fault", "drive-cable-off@2", "--out", str(tmp_path)]) == ExitCode.UNSAFE
     captured = capsys.readouterr()
     assert "switch the high voltage OFF at the amplifier itself" in " ".join(captured.err.split())
-    assert "The check was not carried to its end" in captured.out
+    assert "The check was not completed" in captured.out
 
 
 def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, capsys: Any) -> None:
@@ -158,7 +158,7 @@ def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], caps
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
     names, notes = list_resources()
     assert all("::" in name for name in names)
-    assert all(note.endswith(("libusb-1.0)", "host you name")) for note in notes)
+    assert all(note.endswith(("libusb-1.0)", "a given host")) for note in notes)
 
 
 def test_a_box_on_usb_is_found_with_the_driver_that_knows_it() -> None:

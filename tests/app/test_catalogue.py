@@ -257,7 +257,7 @@ def test_dates_as_one_writes_them(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["", "yesterday", "7x", "d"])
 def test_what_is_no_date(text: str) -> None:
-    with pytest.raises(ValueError, match="no date"):
+    with pytest.raises(ValueError, match="not a date"):
         read_since(text)
 
 
@@ -288,7 +288,7 @@ def test_one_strange_file_never_empties_the_list(catalogue: Catalogue, folder: P
     os.mkfifo(folder / "fifo.h5")
     os.mkfifo(folder / "20260101T000000Z_fifo_sine-dwell.notes.json")
     (folder / os.fsdecode(b"caf\xe9.h5")).write_bytes(b"x")
-    assert "no UTF-8 text; rename it" in catalogue.scan().skipped[0]
+    assert "not UTF-8 text; rename it" in catalogue.scan().skipped[0]
     entries = named(catalogue)
     assert good <= set(entries)
     assert entries["wrong"].state == "damaged"

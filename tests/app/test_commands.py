@@ -67,13 +67,13 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
             ["run", "sine-dwell", "--set", "frequencies_hz=9 kHz"],
             "frequencies_hz.0: must be at most 2000 Hz, not 9000 Hz",
         ),
-        (["run", "sine-dwell", "--set", "record_s=3 kg"], "record_s: '3 kg' is no quantity in s"),
+        (["run", "sine-dwell", "--set", "record_s=3 kg"], "record_s: '3 kg' is not a quantity in s"),
         (["run", "sine-dwell", "--speed", "99"], "--speed 99: give a number from 1 to 20, or 'max'"),
         (["run", "sine-dwell", "--bench", "/nowhere.toml"], "cannot be read: No such file"),
         (["--bench", "/nowhere.toml", "run", "sine-dwell"], "cannot be read: No such file"),
         (["show", "/nowhere.h5"], "there is no file /nowhere.h5"),
         (["dance"], "invalid choice: 'dance'"),
-        (["run", "sine-dwell", "--seed", "x"], "'x' is no seed; give a whole number from 0 on"),
+        (["run", "sine-dwell", "--seed", "x"], "'x' is not a seed; give a whole number from 0 on"),
     ],
 )
 def test_bad_input_gets_one_clear_sentence_and_exit_code_2(

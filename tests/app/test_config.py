@@ -50,7 +50,7 @@ gain_m_per_v = 0
     told = str(caught.value)
     for part in (
         "line 3: generator.resorce: unknown key; remove it or correct its spelling",
-        "line 4: generator.timeout_s: '3 kg' is no quantity in s",
+        "line 4: generator.timeout_s: '3 kg' is not a quantity in s",
         "line 6: card.range_v: must be at most 10, not 30",
         "line 7: sensor: gain_m_per_v must not be 0",
     ):
@@ -125,7 +125,7 @@ def test_numbers_with_units(text: str, unit: str, number: float) -> None:
     ("text", "unit"), [("100 Bq", "Hz"), ("5 counts/s", "Hz"), ("3 deg", "1"), ("1 rad kg", "kg"), ("1 rad^2/s", "Hz")]
 )
 def test_angles_and_counts_are_no_pure_numbers(text: str, unit: str) -> None:
-    with pytest.raises(UnitError, match="an angle or a count is no pure number"):
+    with pytest.raises(UnitError, match="an angle or a count is not a pure number"):
         to_number(text, unit)
 
 

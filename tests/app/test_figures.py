@@ -175,7 +175,7 @@ def test_other_parameters_move_the_curves_and_the_caption_says_so(
     assert main(arguments) == ExitCode.DONE
     result = json.loads(capsys.readouterr().out)["figures"][0]["captions"]["fig4"]
     assert result.endswith(
-        "Drawn with k2 = 0.008, E_m = 7e+06; what is said of the text and of single numbers holds for Table I."
+        "Drawn with k2 = 0.008, E_m = 7e+06; statements on the text and on single numbers hold for Table I."
     )
     _, rows = sheet(tmp_path / "fig4.csv")
     assert rows[-1, 1] / rows[-1, 0] < 1.35e-4

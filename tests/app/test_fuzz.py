@@ -71,8 +71,8 @@ def test_any_text_is_a_json_object_or_a_value_error(text: str) -> None:
         ('{"a": ' + "[" * 60 + "]" * 60 + "}", "nested too deeply"),
         ('{"a": ' + "9" * 400 + "}", "a number has 400 digits"),
         ('{"a": ' + "9" * 5000 + "}", "a number has 5000 digits"),
-        ("[]", "no JSON object"),
-        ("null", "no JSON object"),
+        ("[]", "not a JSON object"),
+        ("null", "not a JSON object"),
     ],
 )
 def test_json_beyond_reason_is_a_sentence(text: str, says: str) -> None:

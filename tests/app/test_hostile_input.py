@@ -143,7 +143,7 @@ def test_a_bench_that_cannot_be_simulated_is_a_sentence(text: str, says: str, he
 
 def test_a_seed_is_no_negative_number(here: Path, capsys: Any) -> None:
     assert main(["run", "sine-dwell", "--seed", "-1"]) == ExitCode.USAGE
-    assert "'-1' is no seed; give a whole number from 0 on" in capsys.readouterr().err
+    assert "'-1' is not a seed; give a whole number from 0 on" in capsys.readouterr().err
 
 
 def test_a_bench_file_that_never_ends_is_not_read_to_its_end(here: Path, capsys: Any) -> None:

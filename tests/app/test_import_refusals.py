@@ -15,20 +15,20 @@ BAD: dict[str, tuple[str, list[str], str]] = {
     "remarks only": ("# nothing\n", FULL, "remarks only"),
     "no header": ("100,760\n150,1154\n", FULL, "line 1: '100,760' are numbers where the names"),
     "a title without #": ("Measured by K.\nfrequency [Hz];pp [um]\n1;2\n", FULL, "begin remarks with #"),
-    "unknown unit": ("frequency [Hz],pp [furlongs per]\n100,760\n", FULL, "'furlongs per' is no unit of peak to peak; m or a multiple"),
-    "wrong unit": ("frequency [Hz],pp [kg]\n100,760\n", FULL, "'kg' is no unit of peak to peak"),
-    "no unit": ("frequency,pp [um]\n100,760\n", FULL, "column 'frequency': no unit; write it in the header, 'frequency [Hz]', or say it: --unit"),
+    "unknown unit": ("frequency [Hz],pp [furlongs per]\n100,760\n", FULL, "'furlongs per' is not a unit of peak to peak; m or a multiple"),
+    "wrong unit": ("frequency [Hz],pp [kg]\n100,760\n", FULL, "'kg' is not a unit of peak to peak"),
+    "no unit": ("frequency,pp [um]\n100,760\n", FULL, "column 'frequency': no unit; write it in the header, 'frequency [Hz]', or give it with --unit"),
     "missing column": ("frequency [Hz],colour [um]\n100,760\n", ["--as", "sine-dwell", *FULL], "no column peak_to_peak or fundamental"),
-    "unknown table": ("a [Hz],colour [um]\n100,760\n", FULL, "of no measurement known here; say what they are: --as"),
+    "unknown table": ("a [Hz],colour [um]\n100,760\n", FULL, "which belong to no known measurement; name the measurement and its columns with --as"),
     "unclear amplitude": ("frequency [Hz],amplitude_um\n100,760\n", FULL, '--column "peak_to_peak=amplitude_um"'),
-    "twice": ("frequency [Hz],f [Hz],pp [um]\n100,100,760\n", FULL, "may both be the frequency; say which"),
-    "no drive": (GOOD, [], 'the size of the drive is not given; say it, max - min at the amplifier\'s input: --set "peak_to_peak_v=5 V"'),
+    "twice": ("frequency [Hz],f [Hz],pp [um]\n100,100,760\n", FULL, "may both be the frequency; choose"),
+    "no drive": (GOOD, [], 'the amplitude of the drive is not given; give it as max - min at the amplifier\'s input: --set "peak_to_peak_v=5 V"'),
     "drive too large": ("frequency [Hz],pp [um],drive pp [V]\n100,760,2000\n", [], "line 2: a drive of 2000 V, max - min, leaves the amplifier's range"),
     "not a number": ("frequency [Hz],pp [um]\n100,760\n150,about 9\n", FULL, "line 3, column 'pp [um]': 'about 9' is no number"),
     "thousands": ("frequency [Hz];pp [um]\n100;1.154,2\n", FULL, "'1.154,2' is no number; write it without thousands separators"),
-    "nan": ("frequency [Hz],pp [um]\n100,NaN\n", FULL, "line 2, column 'pp [um]': 'NaN' is no measured value"),
-    "no value": ("frequency [Hz],pp [um]\n100,\n", FULL, "line 2, column 'pp [um]': '' is no measured value"),
-    "infinite": ("frequency [Hz],pp [um]\n100,inf\n", FULL, "'inf' is no measured value"),
+    "nan": ("frequency [Hz],pp [um]\n100,NaN\n", FULL, "line 2, column 'pp [um]': 'NaN' is not a number"),
+    "no value": ("frequency [Hz],pp [um]\n100,\n", FULL, "line 2, column 'pp [um]': '' is not a number"),
+    "infinite": ("frequency [Hz],pp [um]\n100,inf\n", FULL, "'inf' is not a number"),
     "negative frequency": ("frequency [Hz],pp [um]\n-100,3\n", FULL, "-100 is no frequency; it must be positive"),
     "the same line": ("frequency [Hz],pp [um]\n100,3\n150,4\n100,3\n", FULL, "line 4 is the same as line 2"),
     "uneven": ("frequency [Hz],pp [um]\n100,3,9\n", FULL, "line 2: 3 cells where the header (line 1) names 2 columns"),
@@ -60,10 +60,10 @@ def test_a_bad_table_is_a_sentence(name: str, tmp_path: Path, capsys: pytest.Cap
 
 def test_a_bad_file_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, data, words in (
-        ("new.mat", b"MATLAB 7.3 MAT-file, Platform" + bytes(600), "save it anew: save('file.mat', '-v7')"),
-        ("broken.mat", b"MATLAB 5.0 MAT-file" + bytes(200), "no MAT file that can be read"),
+        ("new.mat", b"MATLAB 7.3 MAT-file, Platform" + bytes(600), "save it again: save('file.mat', '-v7')"),
+        ("broken.mat", b"MATLAB 5.0 MAT-file" + bytes(200), "not a readable MAT file"),
         ("book.xlsx", b"PK\x03\x04" + bytes(50), "save its sheet as CSV"),
-        ("picture.csv", bytes(range(256)), "is no text and no MAT file"),
+        ("picture.csv", bytes(range(256)), "is neither text nor a MAT file"),
     ):
         (tmp_path / name).write_bytes(data)
         assert words in refused(tmp_path / name, capsys, *FULL)
@@ -93,4 +93,4 @@ def test_a_mat_file_that_is_damaged_is_a_sentence(
     monkeypatch.setattr(
         "app.archive.importing.mat_table.READER_SCRIPT", "import os; os.abort()"
     )  # as scipy's does of some damaged bytes
-    assert "no MAT file that can be read (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)
+    assert "not a readable MAT file (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)

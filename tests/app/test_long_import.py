@@ -77,7 +77,7 @@ def test_cells_that_are_cut_quickly_are_the_cells_that_are_cut_carefully(tmp_pat
     ]
 
 
-@pytest.mark.parametrize(("cell", "says"), [("1_000", "no number"), ("", "is no measured value"), ("2,5", "decimal")])
+@pytest.mark.parametrize(("cell", "says"), [("1_000", "not a number"), ("", "is not a number"), ("2,5", "decimal")])
 def test_one_odd_cell_in_a_long_series_is_found_where_it_stands(
     cell: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,5 +34,5 @@ def test_a_sag_of_another_version_is_a_sentence(tmp_path: Path) -> None:
         parameters = json.loads(file["entry/parameters"][()]) | {"length_m": -1.0}
         del file["entry/parameters"]
         file["entry/parameters"] = json.dumps(parameters)
-    with pytest.raises(ObservationError, match="has parameters this version refuses"):
+    with pytest.raises(ObservationError, match="has parameters that this version rejects"):
         identify([ran.path], "chain")

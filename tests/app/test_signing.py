@@ -195,7 +195,7 @@ def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path:
     command = ["identify", *map(str, runs), "--bench", str(corrected), "--accept", "--by", "K. Tanaka"]
     assert main(command) == 0
     output = capsys.readouterr().out
-    assert f"{runs[0].name} reduced anew from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in output
+    assert f"{runs[0].name} reduced again from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in output
     accepted = calibrations.read_calibrations(tmp_path, "T1").get()
     mu = next(e for e in accepted.estimates if e.name == "mu")
     assert mu.value == pytest.approx(truth, rel=1e-3)
@@ -280,7 +280,7 @@ def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path)
         assert again["fundamental"][row] == pytest.approx(1.1 * measured["fundamental"][last[entry]], rel=1e-9)
     assert len(again["entry"]) == 2
     first.unlink()
-    with correction.open(runner.path) as now, pytest.raises(RunReadError, match="bring the run it goes on with"):
+    with correction.open(runner.path) as now, pytest.raises(RunReadError, match="also give the run that it continues"):
         now.points()
 
 

@@ -187,10 +187,10 @@ def test_an_idle_level_that_is_no_number_is_refused_and_the_way_to_rest_is_taken
 ) -> None:
     amplifier, source = guard()
     source.idle_level_v = lambda: nothing_v  # type: ignore[method-assign]
-    with pytest.raises(InstrumentError, match="which is no level"):
+    with pytest.raises(InstrumentError, match="which is not a level"):
         amplifier.start_drive(Hold(4.0, 1.0))
     assert source.told == []
-    with pytest.raises(InstrumentError, match="which is no level"):
+    with pytest.raises(InstrumentError, match="which is not a level"):
         amplifier.return_to_rest()
     assert source.told == ["stop", Ramp(2.5, 2.5, 0.5)]
 

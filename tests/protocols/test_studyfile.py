@@ -118,7 +118,7 @@ def test_a_run_is_never_overwritten_but_a_study_is(tmp_path: Path) -> None:
     text.write_text("mine")
     for path in (run, text):
         before = path.read_bytes()
-        with pytest.raises(StorageError, match="exists and is no study, so it is left as it is"):
+        with pytest.raises(StorageError, match="exists and is not a study, so it is not overwritten"):
             StudyFileWriter(path, HEADER)
         assert path.read_bytes() == before
     stored(tmp_path / "study.h5")
@@ -148,5 +148,5 @@ def test_what_is_no_study_is_told(tmp_path: Path) -> None:
         read_study(path)
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = "tactor-bench-run"
-    with pytest.raises(StorageError, match="is no study of this program"):
+    with pytest.raises(StorageError, match="is not a study of this program"):
         read_study(path)

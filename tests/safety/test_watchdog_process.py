@@ -75,7 +75,7 @@ def test_rest_is_reported_only_if_the_source_says_that_it_is_at_rest(tmp_path: P
         program.die()
         assert program.calls[:3] == REST
         assert "could NOT be brought to rest" in program.log
-        assert "does not say that it is at rest" in program.log
+        assert "does not report that it is at rest" in program.log
         assert "was brought to rest" not in program.log
 
 

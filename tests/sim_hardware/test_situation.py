@@ -165,7 +165,7 @@ def test_nobody_reaches_for_a_live_specimen() -> None:
     for action in SPECIMEN_ACTIONS:
         if action in ("connect-electrodes", "remove-membrane", "remove-weight", "tidy-up"):
             continue  # nothing of that is there
-        with pytest.raises(ValueError, match="nobody reaches for a live specimen"):
+        with pytest.raises(ValueError, match="a live specimen must not be touched"):
             bench.perform_action(action, {"mass_kg": 0.1, "side": -1, "elongation_m": 1e-3})
     bench.perform_action("zero-sensor", {})
 

@@ -75,7 +75,7 @@ def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, caps
         ({"protocol": "cheese"}, "there is no protocol 'cheese'; known are: "),
         ({"protocol": "sine-dwell", "volts": 3}, "sine-dwell has no parameter 'volts'; it has: "),
         ({"protocol": "sine-dwell", "peak_to_peak_v": "7 V"}, "peak_to_peak_v: must be at most 5 V, not 7 V"),
-        ({"protocol": "sine-dwell", "parameters": {"record_s": "3 kg"}}, "record_s: '3 kg' is no quantity in s"),
+        ({"protocol": "sine-dwell", "parameters": {"record_s": "3 kg"}}, "record_s: '3 kg' is not a quantity in s"),
         ({"protocol": SineDwell(), "record_s": 1.0}, "give them there, or give the protocol's name"),
     ],
 )
@@ -277,7 +277,7 @@ def test_prompts_are_answered_by_input(
     assert notebook.asked[0].startswith("Switch the amplifier's high voltage OFF.")
     assert notebook.asked[0].endswith("(press Enter when it is done; interrupting the kernel stops the run) ")
     assert notebook.asked[1].startswith("Rest is measured at the amplifier's input.")
-    assert notebook.asked[-1].startswith("That is no answer. Rest is measured")
+    assert notebook.asked[-1].startswith("That is not an answer. Rest is measured")
     assert capsys.readouterr().out == (
         "High voltage may still be on: switch it off at the amplifier before you touch anything.\n"
     )

@@ -36,7 +36,7 @@ class ColumnSpec:
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
-    """A protocol's table: what it may have, what it must (one of each group), what is unclear by its name alone."""
+    """Columns of a protocol's table: possible ones, required groups (one of each), and names that are ambiguous."""
 
     name: str
     protocol: str
@@ -75,7 +75,7 @@ COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
         ColumnSpec("deflection", "m", "displacement against rest", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
         ColumnSpec("repeat", "1", "which repeat", ("run", "trial", "wiederholung")),
         ColumnSpec("direction", "1", "levels rising (1) or falling (-1)", ()),
-        ColumnSpec("read_time", "s", "how long the level had stood", ("time", "t")),
+        ColumnSpec("read_time", "s", "how long the level had been held", ("time", "t")),
     ),
     "mass-resonance": (
         ColumnSpec("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1)),
@@ -187,7 +187,7 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
                 continue
             raise TableImportError(
                 f"{table.path}: '{of[slot.name].heading}' and '{cells.heading}' may both be the {slot.name.replace('_', ' ')}; "
-                f'say which: --column "{slot.name}={cells.heading}"'
+                f'choose one: --column "{slot.name}={cells.heading}"'
             )
         of[slot.name] = cells
     left = tuple(cells for cells in table.columns if all(cells is not known for known in of.values()))
@@ -223,11 +223,11 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
             f"{name}: {' and '.join(' or '.join(g) for g in table_kinds()[name].required)}" for name in COLUMN_SPECS
         )
         raise TableImportError(
-            f"{table.path} has the columns {heads}, which are of no measurement known here; say what they are: --as and --column. Needed are, for {forms}"
+            f"{table.path} has the columns {heads}, which belong to no known measurement; name the measurement and its columns with --as and --column. Required are, for {forms}"
         )
     names_ = " or ".join(f"--as {kind.name}" for kind in best)
     raise TableImportError(
-        f"{table.path} has the columns {heads}, which fit {len(best)} kinds of measurement; say which: {names_}"
+        f"{table.path} has the columns {heads}, which fit {len(best)} kinds of measurement; choose one: {names_}"
     )
 
 
@@ -277,13 +277,13 @@ def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: 
         return 1.0
     if unit is None:
         raise TableImportError(
-            f"{where}: no unit; write it in the header, '{column.name} [{spec.unit}]', or say it: --unit {spec.name}={spec.unit}"
+            f"{where}: no unit; write it in the header, '{column.name} [{spec.unit}]', or give it with --unit {spec.name}={spec.unit}"
         )
     try:
         return unit_factor(unit, spec.unit)
     except UnitError:
         raise TableImportError(
-            f"{where}: '{unit}' is no unit of {spec.name.replace('_', ' ')}; {spec.unit} or a multiple of it is needed: --unit {spec.name}={spec.unit}"
+            f"{where}: '{unit}' is not a unit of {spec.name.replace('_', ' ')}; {spec.unit} or a multiple of it is needed: --unit {spec.name}={spec.unit}"
         ) from None
 
 
@@ -334,7 +334,7 @@ def _column_by_heading(table: ImportTable, heading: str, option: str) -> TableCo
 def _check_required(
     table: ImportTable, kind: TableKind, columns: Mapping[str, TableColumn], unused: Sequence[TableColumn]
 ) -> None:
-    """Refuse a table with missing or ambiguous columns."""
+    """Reject a table with missing or ambiguous columns."""
     for cells in unused:
         meant = kind.ambiguous.get(normalize_name(cells.name), ())
         if meant and not any(name in columns for name in meant):
@@ -343,12 +343,12 @@ def _check_required(
                 for name in meant
             )
             raise TableImportError(
-                f"{table.path}, column '{cells.heading}': the name does not say which it is; say {which}"
+                f"{table.path}, column '{cells.heading}': its quantity does not follow from its name; give it: {which}"
             )
     for group in kind.required:
         if not any(name in columns for name in group):
             have = ", ".join(f"'{cells.heading}'" for cells in table.columns)
             wanted = " or ".join(group)
             raise TableImportError(
-                f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {have}. Say which it is: --column {group[0]}=NAME"
+                f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {have}. Name it: --column {group[0]}=NAME"
             )

@@ -23,12 +23,12 @@ def read_text_table(path: Path, sha256: str, data: bytes, progress: Progress = N
     """Read the table in a file's bytes.
 
     Raises:
-        TableImportError: it is no text, or holds no table.
+        TableImportError: the file is not text, or has no table.
     """
     try:
         return _parse_table(path, sha256, _decode(path, data), progress)
     except csv.Error as error:
-        raise TableImportError(f"{path} is no table of cells ({error}); save it anew as CSV") from None
+        raise TableImportError(f"{path} is not a table of cells ({error}); save it again as CSV") from None
 
 
 def _decode(path: Path, data: bytes) -> str:
@@ -36,7 +36,7 @@ def _decode(path: Path, data: bytes) -> str:
         if data.startswith(mark):
             return data.decode(encoding, errors="replace")
     if b"\0" in data:
-        raise TableImportError(f"{path} is no text and no MAT file; save the table as CSV")
+        raise TableImportError(f"{path} is neither text nor a MAT file; save the table as CSV")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:  # what a spreadsheet on Windows writes
@@ -64,7 +64,7 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> Impo
     (first, heads), body = rows[0], rows[1:]
     if all(_is_number(cell) for cell in heads if cell):
         raise TableImportError(
-            f"{path}, line {first}: '{truncate_text(lines[0][1])}' are numbers where the names of the columns should stand; "
+            f"{path}, line {first}: '{truncate_text(lines[0][1])}' are numbers where the names of the columns are expected; "
             "put a line above it, for example 'frequency [Hz],peak_to_peak [um]'"
         )
     for at, cells in body:
@@ -118,7 +118,7 @@ def _uneven_row_message(
 ) -> str:
     message = f"{path}, line {line_number}: {len(cells)} cells where the header (line {first}) names {len(headings)} columns: '{truncate_text(delimiter.join(cells))}'"
     if delimiter == "," and len(cells) == 2 * len(headings):
-        return f"{message}; decimal commas between commas cannot be told apart: save it with ; between the cells"
+        return f"{message}; decimal commas cannot be distinguished from delimiting commas: save it with ; between the cells"
     return f"{message}; give every column a cell, an empty one where there is no value"
 
 

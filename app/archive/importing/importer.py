@@ -39,7 +39,7 @@ def import_files(
     """Return what was read from the files, and the run files that were written.
 
     Args:
-        options: what the user says about the files.
+        options: what the user specifies about the files.
         amplifier: the amplifier that drove every specimen.
         progress: an exception that it raises ends the import before anything is written.
 
@@ -71,7 +71,7 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
     """Read the table of a file.
 
     Raises:
-        TableImportError: there is no file, or no table in it.
+        TableImportError: the file does not exist, or has no table.
     """
     try:
         if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
@@ -88,7 +88,7 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
         )
     if data.startswith(b"MATLAB 7.3 MAT-file"):
         raise TableImportError(
-            f"{path} is a MATLAB file of version 7.3, which is HDF5; save it anew: save('file.mat', '-v7')"
+            f"{path} is a MATLAB file of version 7.3, which is HDF5; save it again: save('file.mat', '-v7')"
         )
     if data.startswith(HDF5_SIGNATURE):
         raise TableImportError(
@@ -152,7 +152,7 @@ def _import_options(
     amplifier: AmplifierTable,
     kinds: Sequence[TableKind],
 ) -> ImportOptions:
-    """Complete the options by what an exported file says of itself."""
+    """Complete the options with the metadata of an exported file."""
     about = table.metadata
     if options.elongation_m is not None and kind.protocol != "sine-dwell":
         raise UsageError(f"--membrane-elongation is for a sine dwell on a membrane; {table.path} is a {kind.name}")
@@ -192,5 +192,5 @@ def _settings(kind: TableKind, texts: Mapping[str, str], kinds: Sequence[TableKi
     try:
         checked = protocol(**given)
     except ValidationError as error:
-        raise UsageError(f"this was no {protocol.name}:\n" + "\n".join(validation_messages(error))) from None
+        raise UsageError(f"this was not a {protocol.name}:\n" + "\n".join(validation_messages(error))) from None
     return {name: checked.model_dump(mode="json")[name] for name in given}

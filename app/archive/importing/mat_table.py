@@ -73,12 +73,12 @@ def _load_mat(path: Path) -> dict[str, Any]:
     except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
         reason = "it cannot be read to its end"
     raise TableImportError(
-        f"{path} is no MAT file that can be read ({truncate_text(reason)}); save it anew: save('file.mat', '-v7')"
+        f"{path} is not a readable MAT file ({truncate_text(reason)}); save it again: save('file.mat', '-v7')"
     )
 
 
 def _check_sizes(path: Path) -> None:
-    """Refuse elements longer than their container: scipy allocates the declared size before it reads."""
+    """Reject elements longer than their container: scipy allocates the declared size before it reads."""
     data = path.read_bytes()
     order: Literal["little", "big"] = "big" if data[126:128] == b"MI" else "little"
     inside = [(128, len(data))]

@@ -60,7 +60,7 @@ def build_points(
     """Return the points of a table.
 
     Raises:
-        TableImportError: a sentence that says which cell is wrong and what would do.
+        TableImportError: a cell is wrong; the message names it and the remedy.
     """
     values, cautions = table_values(table, mapping, options, progress)
     rows = len(next(iter(values.values())))
@@ -79,7 +79,7 @@ def build_points(
             values.setdefault("repeat", np.arange(1.0, rows + 1))
             parameters = protocol(**options.settings).model_dump(mode="json")
             cautions.append(
-                "the strip's geometry and weight are the protocol's unless --set says otherwise: see 'parameters'"
+                "the strip's geometry and weight are the protocol's unless changed with --set: see 'parameters'"
             )
     cautions += check_repeats(table, mapping, values, rows)
     add_stated_uncertainties(kind, values, completed)
@@ -166,7 +166,7 @@ def _complete_dwell(
     if "drive_amplitude" not in values:
         if "peak_to_peak_v" not in options.settings:
             raise TableImportError(
-                f"{table.path}: the size of the drive is not given; say it, max - min at the amplifier's input: "
+                f"{table.path}: the amplitude of the drive is not given; give it as max - min at the amplifier's input: "
                 '--set "peak_to_peak_v=5 V", or name its column: --column drive_peak_to_peak=NAME'
             )
         values["drive_amplitude"] = np.full(rows, options.settings["peak_to_peak_v"] / 2)
@@ -206,7 +206,7 @@ def _complete_loads(values: dict[str, Array], parameters: dict[str, Any], warnin
         values["side"] = np.full(len(values["load"]), side)
         if math.isnan(side):
             warnings.append(
-                'no column says which side was pushed: taken as the mean of both (--set "sides=MFC up" says otherwise)'
+                'no column states which side was loaded: taken as the mean of both (otherwise give --set "sides=MFC up")'
             )
 
 

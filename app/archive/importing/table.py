@@ -9,7 +9,7 @@ from typing import Any
 from app.common import truncate_text
 
 EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
-"""Cells in which there is no number."""
+"""Cells without a number."""
 
 HEADING_PATTERN = re.compile(
     r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|\s/\s+(?P<e>\S+)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))"
@@ -93,7 +93,7 @@ class ImportTable:
         except ValueError:
             hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
             raise TableImportError(
-                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is no number; {hint}, or correct the line"
+                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is not a number; {hint}, or correct the line"
             ) from None
 
     def cell_location(self, row: int, column: TableColumn) -> str:

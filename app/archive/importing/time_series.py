@@ -35,7 +35,7 @@ def build_series_points(
     """Return one run of several time series, a point each.
 
     Raises:
-        TableImportError: a sentence that says which file is wrong, where, and what would do.
+        TableImportError: a file is wrong; the message names it, the place and the remedy.
     """
     if options.uncertainties:
         raise TableImportError(
@@ -149,7 +149,7 @@ def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
     fit = fit_sine(drive, rate, f)
     if not fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
         raise TableImportError(
-            f"{table.path}: the drive is no single sine (beside {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of something else); "
+            f"{table.path}: the drive is not a single sine (besides {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of other signals); "
             "give one file for each frequency"
         )
     return f
@@ -160,6 +160,6 @@ def _stated_drive(table: ImportTable, options: ImportOptions) -> tuple[float, fl
     f, volts = options.settings.get("frequencies_hz", ()), options.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:
         raise TableImportError(
-            f'{table.path} has no column of the drive: name it, --column drive=NAME, or say what it was: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
+            f'{table.path} has no column of the drive: name it with --column drive=NAME, or give the drive: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
         )
     return float(f[0]), float(volts) / 2

@@ -23,7 +23,7 @@ SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What the user says about the files to import; all of it may be left to the files themselves.
+    """Options of an import; each of them may be left to the files themselves.
 
     Attributes:
         kind: name of the kind of measurement, None to recognise each table by its columns.
@@ -32,7 +32,7 @@ class ImportOptions:
         units: quantity, name or head of a column -> its unit.
         uncertainties: quantity -> `2 um` or `1 %`, standard, for every value.
         settings: parameter of the protocol -> its value; as text, with or without a unit, until it is checked.
-        elongation_m: of the membrane, None where it is free or the table says it.
+        elongation_m: of the membrane; None if the tactor is free, or where the table states it.
         sensor: name and serial number of the displacement sensor.
         gain_error: relative standard uncertainty of the sensor's gain, common to all values; 0 if unknown.
         delay_s: delay of the sensor's output, taken out of phases of a time series; None if it is not told.
@@ -83,7 +83,7 @@ def table_values(
     values: dict[str, Array] = {}
     cautions: list[str] = []
     needed = {name for group in mapping.kind.required for name in group}
-    whole = "quality" in mapping.columns  # our own export: its flags say what is missing
+    whole = "quality" in mapping.columns  # an export of this program: its flags mark missing values
     for (name, cells), column_progress in zip(
         mapping.columns.items(), progress.split([1.0] * len(mapping.columns)), strict=True
     ):
@@ -94,16 +94,16 @@ def table_values(
             continue
         column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, column_progress)
         wrong = ~np.isfinite(column) if name in needed and not whole else np.isinf(column)
-        refuse_cells(table, cells, wrong, "'{}' is no measured value; give the number, or take the line out")
+        refuse_cells(table, cells, wrong, "'{}' is not a number; give the number, or delete the line")
         if name.endswith("_errors"):
-            refuse_cells(table, cells, column < 0, "{} is no uncertainty; it must not be negative")
+            refuse_cells(table, cells, column < 0, "{} is not an uncertainty: it must not be negative")
         if slot.usual_range is not None and column.size:
             cautions += _plausibility_warnings(table, cells, name, slot.unit, column, slot.usual_range)
         values[name] = column
     for name in ("frequency", "resonance", "mass"):
         if name in values:
             wrong = values[name] < 0 if name == "mass" else values[name] <= 0
-            fault = f"{{}} is no {name}; it must be positive. Take the line out, or correct it"
+            fault = f"{{}} is not a {name}: it must be positive. Delete the line, or correct it"
             refuse_cells(table, mapping.columns[name], wrong, fault)
     return values, cautions
 
@@ -153,7 +153,7 @@ def _plausibility_warnings(
         row = int(at[0])
         yield (
             f"{table.cell_location(row, cells)}: {cells.cells[row]} is {column[row]:.4g} {unit}, and {name.replace('_', ' ')} is usually "
-            f"{low:g} to {high:g} {unit} ({at.size} of {column.size} values are not): is the unit right? --unit {name}=UNIT says another"
+            f"{low:g} to {high:g} {unit} ({at.size} of {column.size} values are not): is the unit right? Give another with --unit {name}=UNIT"
         )
 
 
@@ -169,12 +169,12 @@ def _parse_side(table: ImportTable, cells: TableColumn, row: int, exported: bool
     if number in (1.0, -1.0) or (exported and math.isnan(number)):
         return number
     raise TableImportError(
-        f"{table.cell_location(row, cells)}: '{cell}' is no side; write 'MFC' or 1 where the MFC is up, 'aluminium' or -1 else"
+        f"{table.cell_location(row, cells)}: '{cell}' is not a side; write 'MFC' or 1 where the MFC is up, otherwise 'aluminium' or -1"
     )
 
 
 def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], rows: int) -> list[str]:
-    """Refuse duplicate lines; warn of repeated or unsorted values."""
+    """Reject duplicate lines; warn of repeated or unsorted values."""
     names = [name for name in values if not name.endswith("_errors") and values[name].ndim == 1]
     seen: dict[tuple[float, ...], int] = {}
     for row in range(rows):
@@ -199,7 +199,7 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
     if twice:
         where = ", ".join(table.row_locations[row] for row in twice[0][:5])
         messages.append(
-            f"{x} {values[x][twice[0][0]]:g} stands {len(twice[0])} times ({where}): all are kept, as repeats"
+            f"{x} {values[x][twice[0][0]]:g} occurs {len(twice[0])} times ({where}): all are kept, as repeats"
         )
     elif (
         mapping.kind.name in ("sine-dwell", "mass-resonance")

@@ -17,16 +17,16 @@ from protocols.base import PromptShown
 INPUT_GUARD_S = 0.4
 """Enter is ignored for this long after a question appeared: it was meant for something else."""
 
-RUN_ACTIVE_TEXT = "A run is going on. Go to rest first, then close?"
+RUN_ACTIVE_TEXT = "A run is in progress. Go to rest first, then close?"
 UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
-CLOSING_TEXT = "Closing: the bench goes to rest and lets go of its instruments …"
+CLOSING_TEXT = "Closing: the bench goes to rest and releases its instruments …"
 
 
 class NoticeArea(QWidget):
-    """Hidden while there is nothing to say.
+    """Hidden while there is no message.
 
     Args:
-        controller: performs what the operator answers.
+        controller: executes the operator's answers.
         parent: in which the shortcuts work.
     """
 
@@ -119,7 +119,7 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def show_unsafe_exit(self) -> None:
-        """Ask for the acknowledgement with which the window closes although rest was not confirmed."""
+        """Request the acknowledgement with which the window closes although rest was not confirmed."""
         self.closing.show_message("")
         self.unsafe.buttons[0].setText(shortcut_label("Acknowledge and close", "acknowledge"))
         self._update_visibility()

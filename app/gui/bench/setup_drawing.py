@@ -1,4 +1,4 @@
-"""Drawing of the set-up a prompt asks for: tactor, clamps, weight, mass, membrane and wires."""
+"""Drawing of the set-up in a prompt: tactor, clamps, weight, mass, membrane and wires."""
 
 from collections.abc import Callable
 

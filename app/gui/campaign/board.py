@@ -65,7 +65,7 @@ class NextStepPane(QFrame):
         row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
 
     def show_step(self, step: NextStep, blocked_reason: str) -> None:
-        """Show a step; `blocked_reason` says why no run can begin now, empty if one can."""
+        """Show a step; `blocked_reason` is why no run can begin now, empty if one can."""
         self.heading.setText(step.heading)
         self.reason.setText(step.reason)
         self.detail.setText(step.detail)

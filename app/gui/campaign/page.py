@@ -59,7 +59,7 @@ class CampaignPage(QStackedWidget):
             self.addWidget(part)
         self._connect_signals()
 
-    # -- what the window does with a page ------------------------------------------------------------------------------
+    # -- interface to the main window ----------------------------------------------------------------------------------
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state; refresh after any run ends."""

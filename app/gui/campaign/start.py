@@ -10,7 +10,7 @@ from app.gui.widgets import STRETCH, StatusLine, configure, make_button, make_la
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after the measurements it depends on. "
-    "It can be stopped at any time: how it stands is read from the run files."
+    "It can be stopped at any time: its status is read from the run files."
 )
 PATH_ROLE = Qt.ItemDataRole.UserRole
 
@@ -64,7 +64,7 @@ class CampaignStart(QWidget):
     def show_campaigns(self, paths: Sequence[Path], folder: Path, specimen: str, simulated: bool) -> None:
         """Show the existing campaigns and the folder of a new one."""
         kind = "Simulated runs count, real ones do not" if simulated else "Real runs count, simulated ones do not"
-        self.location_label.setText(f"Kept beside the runs in {folder.absolute()}. {kind}.")
+        self.location_label.setText(f"Stored with the runs in {folder.absolute()}. {kind}.")
         if not self.specimen_edit.isModified():
             self.specimen_edit.setText(specimen)
         if [self.campaign_list.item(at).data(PATH_ROLE) for at in range(self.campaign_list.count())] != list(paths):

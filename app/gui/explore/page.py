@@ -179,7 +179,7 @@ class ExplorePage(QSplitter):
         )
 
     def save_study(self, path: Path) -> None:
-        """Save a study of what the kept curves vary, else of the slider moved last."""
+        """Save a study of the parameters that differ between the kept curves, else of the slider moved last."""
         self.status_line.show_message("computing the study …")
         setting, kept, variable = self.setting, self.session.kept_curves, self.session.study_variable
         frequencies: Sequence[float] = range(1, 251) if self.result is None else self.result.curve.frequency_hz.tolist()

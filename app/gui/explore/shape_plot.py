@@ -23,7 +23,7 @@ class ShapePlot(PlotBase):
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
         self.frames = 0
-        self.show_simulated(False)  # the model is no simulated measurement
+        self.show_simulated(False)  # the model is not a simulated measurement
         self.plot.setLabel("left", "shape (µm)")
         self.plot.setLabel("bottom", "along the beam (mm)")
         self._envelope = [pg.PlotCurveItem(antialias=True) for _ in range(2)]

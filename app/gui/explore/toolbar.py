@@ -112,7 +112,7 @@ class ExploreToolbar(QObject):
             self.run_chips.append(chip)
 
     def show_fitting(self, fitting: bool) -> None:
-        """Let the fit button cancel while a fit runs."""
+        """Make the fit button cancel while a fit runs."""
         self.fit_button.setText("Cancel the fit" if fitting else "Fit these")
 
     def _on_preset(self, index: int) -> None:

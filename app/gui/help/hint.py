@@ -6,12 +6,12 @@ from app.gui.widgets import make_button, make_label, row
 from app.session import WindowState
 from protocols.base import Outcome
 
-WAITING_TEXT = "The bench is connecting; the measurement then begins by itself."
+WAITING_TEXT = "The bench is connecting; the measurement then starts automatically."
 RUNNING_TEXT = (
     "The generator plays one frequency after the other, and each point falls on the model's curve. "
     "Esc stops at any time and brings the bench to rest."
 )
-FINISHED_TEXT = "Finished, and the bench is at rest. The run is kept: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 lists every key."
+FINISHED_TEXT = "Finished, and the bench is at rest. The run is stored: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 lists every key."
 ENDED_TEXT = "The run ended: {summary}. F5 measures again; F1 lists every key."
 
 

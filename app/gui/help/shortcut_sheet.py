@@ -69,7 +69,7 @@ class ShortcutSheet(QWidget):
             margins=(0, 0, 0, 0),
             spacing=28,
         )
-        columns.addStretch(max(2 - columns.count(), 0))  # one group alone is no wider than beside another
+        columns.addStretch(max(2 - columns.count(), 0))  # one group alone is as wide as one of two
         self._scroll.setWidget(content)  # deletes the previous content
 
 

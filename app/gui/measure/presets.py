@@ -50,7 +50,7 @@ class PresetStore:
         except ValidationError as error:
             fault = error.errors()[0]
             where = ".".join(str(part) for part in fault["loc"])
-            raise PresetError(f"the preset '{name}' does not fit: {where}: {fault['msg']}; keep it anew") from error
+            raise PresetError(f"the preset '{name}' does not fit: {where}: {fault['msg']}; save it again") from error
 
     def save(self, name: str, protocol: Protocol) -> None:
         """Write a preset, replacing one of that name.
@@ -82,7 +82,7 @@ class PresetStore:
                 f"the presets {self.path} cannot be read: {error}; correct or remove that file"
             ) from error
         if not isinstance(known, dict) or not all(isinstance(v, dict) for v in known.values()):
-            raise PresetError(f"the presets {self.path} are no presets of this program; correct or remove that file")
+            raise PresetError(f"the presets {self.path} are not presets of this program; correct or remove that file")
         return known
 
     def _write(self, presets: dict[str, dict[str, dict[str, Any]]]) -> None:

@@ -37,7 +37,7 @@ class RunPanel(QWidget):
 
     Args:
         protocol: fills the form at first.
-        bench: the connected bench, for the rehearsal; None while there is none.
+        bench: the connected bench, for the rehearsal; None before it is connected.
         presets: the lab's own sets of parameters.
     """
 
@@ -189,7 +189,7 @@ class RunPanel(QWidget):
             return f"✕ {self.form.result.errors.get('', '') or 'Correct the field marked above.'}", True
         bench = self._bench()
         if bench is None:
-            return "Duration, volts and file size are told when the bench is there.", False
+            return "Duration, volts and file size are shown when the bench is connected.", False
         try:
             rehearsal = rehearse(protocol, bench.amplifier)
         except BenchError as refusal:

@@ -1,4 +1,4 @@
-"""Plot of the curves that entries return beside their points: frequency responses, decays, loops, with error bands."""
+"""Plot of the curves that entries return in addition to points: frequency responses, decays, loops, with error bands."""
 
 from collections.abc import Iterable, Sequence
 
@@ -30,7 +30,7 @@ SIGMAS = 2.0
 
 
 class CurvesPlot(PlotBase):
-    """Curves of the run with the axes of the newest; the model's is added to a frequency response of the bare tactor."""
+    """Curves of the run with the axes of the newest; the model's is added to a frequency response of the free tactor."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)

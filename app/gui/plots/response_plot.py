@@ -32,7 +32,7 @@ class EntrySelection:
     def __init__(self, changed: Callable[[], None], repeat: Callable[[tuple[int, ...]], object]) -> None:
         self.button, self._changed, self._repeat = QPushButton(), changed, repeat
         self.entries: frozenset[int] = frozenset()
-        self.button.setToolTip("A run that goes on with this one, and measures the chosen points again")
+        self.button.setToolTip("A run that continues this one and measures the selected points again")
         self.button.hide()
         self.button.clicked.connect(self._on_clicked)
 
@@ -91,7 +91,7 @@ class ResponsePlot(PlotBase):
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
         self.strip_box = QComboBox()
         self.strip_box.addItems([f"below: {quantity}" for quantity in STRIP_QUANTITIES])
-        self.strip_box.setToolTip("What is drawn under the response: measured less model, or the phase")
+        self.strip_box.setToolTip("Lower plot: measured less model, or the phase")
         self.strip_box.currentIndexChanged.connect(self._select_strip)
         self.selection = EntrySelection(self._draw_points, self.repeat_requested.emit)
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))

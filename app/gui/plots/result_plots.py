@@ -43,7 +43,7 @@ class ResultPlots(QStackedWidget):
 
     @cached_property
     def curves(self) -> CurvesPlot:
-        """The plot of the curves that entries return beside their points."""
+        """The plot of the curves that entries return in addition to points."""
         plot = CurvesPlot(self._theme)
         plot.points_button.clicked.connect(lambda: self._show_points(points=True))
         self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))

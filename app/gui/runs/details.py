@@ -27,7 +27,7 @@ from app.gui.widgets import (
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MAX_REASON_LENGTH = 280
-"""Characters of the reasons of a run's verdict that are shown beside the list."""
+"""Characters of the reasons of a run's verdict that are shown next to the list."""
 
 
 class _NoteEdit(QPlainTextEdit):

@@ -72,7 +72,7 @@ class RunsPage(QStackedWidget):
         self.setAcceptDrops(True)
         self._connect_signals()
 
-    # -- what the window does with a page ------------------------------------------------------------------------------
+    # -- interface to the main window ----------------------------------------------------------------------------------
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state; rescan the folder after any run ends."""

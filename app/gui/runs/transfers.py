@@ -97,7 +97,7 @@ class RunTransfers(QObject):
             if isinstance(error, OperationCancelled):
                 self.message.emit("stopped; nothing was written", False)
                 return
-            more = "\nMore can be said in a terminal: tactor-bench import --help"
+            more = "\nMore options on the command line: tactor-bench import --help"
             self.message.emit(f"{error}{more if isinstance(error, UsageError) else ''}", True)
 
         self.message.emit("", False)

@@ -31,7 +31,7 @@ class ActionInfo:
     shortcuts: tuple[str, ...]
     """The first one is shown on buttons."""
     tooltip: str = ""
-    """Of its button, without the shortcut; empty where the button's own text says it all."""
+    """Of its button, without the shortcut; empty where the button's own text suffices."""
     page: str = ""
     """Title of the page whose widgets must have the keyboard; empty for an action of the whole window."""
     enabled_when: Callable[[WindowState], bool] | None = None
@@ -50,22 +50,22 @@ class ActionInfo:
 ACTIONS = {
     info.id: info
     for info in (
-        ActionInfo("escape", "Stop: go to rest and end the run; else a step back", ("Esc",)),
+        ActionInfo("escape", "Stop: go to rest and end the run; otherwise one step back", ("Esc",)),
         ActionInfo("stop", "Stop: go to rest and end the run", ("F12",), "Go to rest and end the run"),
-        ActionInfo("run", "Run what the page shows", ("F5", "Ctrl+R"), "Begin the run"),
-        ActionInfo("pause", "Pause at rest, or go on", ("F8",)),
+        ActionInfo("run", "Run the protocol or item that is shown", ("F5", "Ctrl+R"), "Start the run"),
+        ActionInfo("pause", "Pause at rest, or resume", ("F8",)),
         ActionInfo("page.measure", "Page Measure", ("Ctrl+1",)),
         ActionInfo("page.campaign", "Page Campaign", ("Ctrl+2",)),
         ActionInfo("page.explore", "Page Explore", ("Ctrl+3",)),
         ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
-        ActionInfo("answer", "Answer what is asked above the pages", ("Return", "Enter")),
+        ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
         ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("Ctrl+K",)),
         ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
         ActionInfo(
             "faults.toggle",
             "Inject a fault into the simulated bench, or close the list",
             ("F9",),
-            "Faults of the simulated bench, to see what the program does about them",
+            "Inject faults into the simulated bench, to see how the program reacts",
         ),
         ActionInfo("faults.clear", "Clear all faults", ("Shift+F9",)),
         ActionInfo("shortcuts", "Show these keys, or close them", ("F1", "?")),
@@ -73,38 +73,44 @@ ACTIONS = {
         ActionInfo("measure.redo", "Redo in the form", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Measure", repeats=True),
         ActionInfo(
             "campaign.queue",
-            "Run all measurements without manual steps; or end with the present one",
+            "Run all measurements without manual steps, or stop after the present one",
             ("Ctrl+F5",),
             page="Campaign",
         ),
         ActionInfo("campaign.undo", "Undo", ("Ctrl+Z",), page="Campaign"),
         ActionInfo("campaign.redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Campaign"),
-        ActionInfo("campaign.new", "Begin another campaign", ("Ctrl+N",), page="Campaign"),
+        ActionInfo("campaign.new", "Create another campaign", ("Ctrl+N",), page="Campaign"),
         ActionInfo("campaign.open", "Open a campaign", ("Ctrl+O",), page="Campaign"),
         # An answer to a prompt may have the same letter as one of these: they are disabled during a run.
         *(
             ActionInfo(f"campaign.item.{name}", text, (key,), tip, "Campaign", is_idle, repeats)
             for name, text, key, tip, repeats in (
-                ("run", "Run the chosen measurement", "Shift+F5", "Measure this item now", False),
+                ("run", "Run the selected measurement", "Shift+F5", "Measure this item now", False),
                 (
                     "skip",
-                    "Leave the chosen measurement out, or take it in again",
+                    "Skip the selected measurement, or include it again",
                     "S",
-                    "Leave it out, or take it in again",
+                    "Skip the item, or include it again",
                     False,
                 ),
                 (
                     "repeat",
-                    "Measure the chosen one again",
+                    "Measure the selected one again",
                     "M",
-                    "Measure it again: its runs until now do not count",
+                    "Measure it again: its earlier runs no longer count",
                     False,
                 ),
-                ("accept", "Accept what the chosen one found (also Enter)", "A", "", False),
-                ("reject", "Reject what the chosen one found", "X", "The run that counts now shall not count", False),
-                ("open", "Open the run of the chosen one", "O", "The run on the Runs page, as it was", False),
-                ("up", "Move the chosen one up", "Alt+Up", "", True),
-                ("down", "Move the chosen one down", "Alt+Down", "", True),
+                ("accept", "Accept the result of the selected item (also Enter)", "A", "", False),
+                (
+                    "reject",
+                    "Reject the result of the selected item",
+                    "X",
+                    "The run that counts now is no longer used",
+                    False,
+                ),
+                ("open", "Open the run of the selected one", "O", "Show the run on the Runs page", False),
+                ("up", "Move the selected one up", "Alt+Up", "", True),
+                ("down", "Move the selected one down", "Alt+Down", "", True),
             )
         ),
         *(
@@ -116,7 +122,7 @@ ACTIONS = {
                     "keep",
                     "Keep the present curve",
                     ("Ctrl+Shift+K",),
-                    "Let the present curve stay while the sliders move on",
+                    "Keep the present curve while the sliders are moved",
                 ),
                 (
                     "copy-json",
@@ -127,16 +133,16 @@ ACTIONS = {
                 ("overlay", "Overlay a run on the curves", ("Ctrl+O",), "Measured points over the curves"),
                 (
                     "fit",
-                    "Fit the model to the runs that lie over it, or cancel the fit",
+                    "Fit the model to the overlaid runs, or cancel the fit",
                     ("Ctrl+F",),
-                    "Let the sliders go where the runs are met best",
+                    "Fit the sliders to the overlaid runs",
                 ),
                 ("skin", "Free, or on skin", ("Ctrl+T",), ""),
                 (
                     "study",
                     "Save as a study",
                     ("Ctrl+S",),
-                    "What the kept curves vary, or else the slider moved last, as HDF5 or CSV",
+                    "The parameters that differ between the kept curves, or else the slider moved last, as HDF5 or CSV",
                 ),
             )
         ),
@@ -144,10 +150,10 @@ ACTIONS = {
             ActionInfo(f"runs.{name}", text, keys, tip, "Runs", repeats=True)
             for name, text, keys, tip in (
                 ("search", "Search", ("/", "Ctrl+F"), ""),
-                ("explore", "Lay what is chosen over the model's curve", ("E",), "Lay over the model's curve"),
-                ("export", "Export what is chosen", ("Ctrl+E",), ""),
+                ("explore", "Overlay the selected runs on the model's curve", ("E",), "Overlay on the model's curve"),
+                ("export", "Export the selected runs", ("Ctrl+E",), ""),
                 ("notes", "Tags and note", ("F2",), ""),
-                ("copy-paths", "Copy the paths of what is chosen", ("Ctrl+C",), ""),
+                ("copy-paths", "Copy the paths of the selected runs", ("Ctrl+C",), ""),
             )
         ),
         *(
@@ -162,16 +168,16 @@ ACTIONS = {
         ),
         ActionInfo(
             "plot.copy-picture",
-            "Copy the plot that has the keyboard, as a picture",
+            "Copy the focused plot as a picture",
             ("Ctrl+P",),
             "This plot as a picture on the clipboard",
             EVERY_PAGE,
         ),
         ActionInfo(
             "plot.copy-data",
-            "Copy the plot that has the keyboard, as a table",
+            "Copy the focused plot as a table",
             ("Ctrl+D",),
-            "What this plot shows as a table on the clipboard",
+            "The data of this plot as a table on the clipboard",
             EVERY_PAGE,
         ),
     )
@@ -241,7 +247,7 @@ def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
 
 
 def share_action(dialog: QWidget, action_id: str) -> None:
-    """Let an action of the parent's window be triggered in a dialog as well."""
+    """Make an action of the parent's window available in a dialog as well."""
     parent = dialog.parentWidget()
     assert parent is not None
     if (action := parent.window().findChild(QAction, action_id)) is not None:

@@ -137,7 +137,7 @@ def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
     if error["type"] in ("int_from_float", "int_type"):
         return name, f"{format_parameter(value)} is not a whole number"
     if error["type"] in ("finite_number", "float_type"):
-        return name, f"{value} is no number"
+        return name, f"{value} is not a number"
     return name, message[:1].lower() + message[1:]
 
 

@@ -55,7 +55,7 @@ class ProgressRow(QWidget):
             "Stop",
             self.request_cancel,
             "choice",
-            "End it; what is whole stays, and nothing is left half done",
+            "Cancel it; completed files stay, and none is left incomplete",
             "progress.cancel",
         )
         self.running = False

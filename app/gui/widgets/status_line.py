@@ -11,7 +11,7 @@ DISPLAY_MS = 8000
 
 
 class StatusLine(QLabel):
-    """Hidden while there is nothing to say."""
+    """Hidden while there is no message."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

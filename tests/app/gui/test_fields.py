@@ -58,8 +58,8 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
     [
         ("peak_to_peak_v", "6", "6 V is outside the range: over 0 to 5 V"),
         ("peak_to_peak_v", "0", "0 V is outside the range"),
-        ("peak_to_peak_v", "4 Hz", "no quantity in V"),
-        ("peak_to_peak_v", "four", "no number"),
+        ("peak_to_peak_v", "4 Hz", "not a quantity in V"),
+        ("peak_to_peak_v", "four", "not a number"),
         ("peak_to_peak_v", "  ", "give a value"),
         ("peak_to_peak_v", "nan", "no number"),
         ("frequencies_hz", "25, 3 kHz", "3000 Hz is outside the range: 1 to 2000 Hz"),

@@ -76,7 +76,7 @@ def test_changes_are_counted_in_their_own_errors() -> None:
     [
         (lambda r: r.pop("code"), "missing code"),
         (lambda r: r.update(colour="red"), "unknown colour"),
-        (lambda r: r.update(kind="picture"), "no calibration record"),
+        (lambda r: r.update(kind="picture"), "not a calibration record"),
         (lambda r: r["covariance"].pop(), "covariance"),
         (lambda r: r["estimates"][0].pop("value"), "damaged"),
         (lambda r: r["estimates"][0].update(standard_error=1.0), "standard error of k2 is 1"),

@@ -151,7 +151,7 @@ def test_contradictory_runs_get_an_answer_and_the_verdict_says_so() -> None:
     (k2,) = fit.estimates()
     apart = [joint_fit(ObservationSet((r,))).estimates()[0].value for r in (a, b)]
     assert min(apart) < k2.value < max(apart)
-    assert "times what the errors explain" in fit.verdict
+    assert "times that of the errors" in fit.verdict
     assert k2.standard_error > 10 * np.sqrt(fit.covariance[0, 0]) / 1.001
     assert all(r.outliers for r in fit.residuals)
 
@@ -286,7 +286,7 @@ def test_cancel_progress_and_time() -> None:
         (lambda: MembraneSagObservation("s", np.array([]), np.array([])), "at least one value"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k3",))), "k3 is no parameter"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k2", "k2"))), "named twice"),
-        (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), fixed={"k2": 7e-3})), "free and fixed at once"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), fixed={"k2": 7e-3})), "both free and fixed"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), priors={"mu": (1.0, 1.0)})), "not free"),
         (lambda: joint_fit(PERFECT, FitOptions(start={"k2": -1.0})), "k2"),
         (lambda: FitOptions(fixed={"k2": -1.0}), "greater than 0"),
