@@ -27,7 +27,7 @@ ANALYSIS_POLL_S = 0.01
 """Interval at which the card is read during an analysis."""
 
 
-class Acquisition:
+class RunAcquisition:
     """Reads the blocks of a run.
 
     Args:

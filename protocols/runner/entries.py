@@ -22,7 +22,7 @@ from protocols.base import (
     RunResumed,
 )
 from protocols.resume import ResumeState, assess_drift
-from protocols.runner.acquisition import Acquisition
+from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.executor import StepExecutor
 from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
 from protocols.runner.levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
@@ -43,7 +43,7 @@ class EntryRunner:
         self,
         protocol: Protocol,
         simulated: bool,
-        acquisition: Acquisition,
+        acquisition: RunAcquisition,
         prompts: OperatorPrompts,
         executor: StepExecutor,
         recorder: RunRecorder,

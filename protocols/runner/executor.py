@@ -43,7 +43,7 @@ from protocols.base import (
     recording_too_long_message,
 )
 from protocols.runfile.writer import RunFileWriter
-from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, Acquisition
+from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.recording_buffer import RecordingBuffer
@@ -69,7 +69,7 @@ class StepExecutor:
         bench: Bench,
         run_file: RunFileWriter,
         recorder: RunRecorder,
-        acquisition: Acquisition,
+        acquisition: RunAcquisition,
         prompts: OperatorPrompts,
         calibration_warning: str,
     ) -> None:

@@ -3,7 +3,7 @@
 import itertools
 
 from protocols.base import Detector, Operator, Prompt, PromptAnswered, PromptShown
-from protocols.runner.acquisition import Acquisition
+from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.publisher import RunRecorder
 
 _PROMPT_IDS = itertools.count(1)
@@ -13,7 +13,7 @@ _PROMPT_IDS = itertools.count(1)
 class OperatorPrompts:
     """Shows prompts to the operator, without a time limit."""
 
-    def __init__(self, operator: Operator, recorder: RunRecorder, acquisition: Acquisition) -> None:
+    def __init__(self, operator: Operator, recorder: RunRecorder, acquisition: RunAcquisition) -> None:
         self._operator, self._recorder, self._acquisition = operator, recorder, acquisition
 
     @property

@@ -25,7 +25,7 @@ from protocols.resume import ResumeState
 from protocols.runfile.errors import StorageError
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.writer import RunFileWriter
-from protocols.runner.acquisition import Acquisition
+from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.conclusion import RunConclusion, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
@@ -98,7 +98,7 @@ class Runner:
         self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, control.external_events)
         self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
         interrupts = InterruptCheck(control, self._recorder)
-        self._acquisition = Acquisition(bench, self._recorder, interrupts.check)
+        self._acquisition = RunAcquisition(bench, self._recorder, interrupts.check)
         for level in self._protocol.diagnosed_levels:
             self._acquisition.levels.mute(level)
         self._prompts = prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
