@@ -204,10 +204,10 @@ class LinearSweep(_Oscillation):
 @renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class PeriodicSweep(_Oscillation):
-    """A linear sweep of `sweep_s` and the same upside down, `periods` times without a pause.
+    """A linear sweep of `sweep_s` and the same inverted, `periods` times without a pause.
 
-    Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
-    offset - falls on other lines of the spectrum than the response does: the sweep excites the odd ones, that the even ones.
+    Inverted every other time, so that even-order effects - an amplifier with another slope for either sign, an
+    offset - fall on other lines of the spectrum than the response does: the sweep excites the odd ones, they the even ones.
     It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the drive limits require.
     Each sweep begins and ends softly, within `fade_s`: a corner where one meets the next would reach far beyond the band, and a
     card that samples without a filter would fold it back onto the lines.

@@ -101,7 +101,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             raise RunReadError(f"{path} is complete: there is nothing to resume")
         words = f"Continues {path.name} ({run.state}), {len(points)} points carried over"
         if stale:
-            words += f", {len(stale)} left behind: the plan has other entries in their place now"
+            words += f", {len(stale)} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
         curves = run.curves() or _recompute_curves(run, protocol, plan)
         kept = tuple(curve for curve in curves if curve.entry in points)

@@ -162,7 +162,7 @@ class BenchSession(Closeable):
         _OPEN.discard(self)
 
     def _measure(self, protocol: Protocol, folder: Path, specimen: str) -> Path | None:
-        """Run a protocol to its end, whatever ends it; return the run file, None if none was created."""
+        """Run a protocol to its end; return the run file, None if none was created."""
         self._rejected = self._at_rest = False
         session = self._session
         with self._front.running(session):

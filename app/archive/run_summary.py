@@ -17,7 +17,7 @@ from protocols.resume import measured_points
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
 
 STALE_AFTER_S = 600.0
-"""A file with status `running` that was not written for so long gets another reason."""
+"""A file with status `running` that was not written for this time gets another reason."""
 
 
 class RunState(StrEnum):
@@ -146,7 +146,7 @@ class RunSummary(NamedTuple):
 
     @property
     def resumable(self) -> bool:
-        """Whether the run was broken off with points that a resumed run keeps."""
+        """Whether the run was interrupted with points that a resumed run keeps."""
         return self.entries > 0 and self.state in (RunState.STOPPED, RunState.FAILED, RunState.CRASHED)
 
     @property

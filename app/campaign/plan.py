@@ -69,7 +69,7 @@ class _Basis(BaseModel):
 
 
 class _CampaignRecord(BaseModel):
-    """Types of a campaign file, so that whatever follows may rely on them."""
+    """Types of a campaign file, checked when it is read."""
 
     specimen: StrictStr
     simulated: StrictBool

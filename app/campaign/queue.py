@@ -98,7 +98,7 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
         broken = [line for line in campaign.item_states() if line.next_action is NextAction.RESUME]
         if not broken:
             raise CampaignError(
-                "nothing was broken off that could be gone on with; 'campaign run' measures what comes next"
+                "no item was interrupted, so there is nothing to resume; 'campaign run' measures the next item"
             )
         line = broken[0]
     elif (found := campaign.next_item(hands_free)) is not None:
@@ -108,7 +108,7 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
         hands = f"without hands; left: {', '.join(left)}" if left else "any more"
         raise CampaignError(f"there is nothing to do {hands}")
     if resume and line.next_action is not NextAction.RESUME:
-        raise CampaignError(f"{line.item.name} was not broken off (it is {line.status}: {line.reason})")
+        raise CampaignError(f"{line.item.name} was not interrupted (it is {line.status}: {line.reason})")
     return line
 
 

@@ -1,4 +1,4 @@
-"""The command line, whose import takes the working directory out of the imports."""
+"""The command line; its import removes the working directory from the module search path."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ PACKAGES = str(Path(__file__).resolve().parents[2])  # the folder of `app`, `dri
 def forget_working_directory() -> None:
     """Take the working directory out of the imports of this process.
 
-    An absolute path in PYTHONPATH stays, also if it is the working directory: it was named on purpose.
+    An absolute path in PYTHONPATH remains, even the working directory: it was given on purpose.
     """
     kept = [entry for entry in sys.path if Path(entry).is_absolute()]
     if not sys.flags.safe_path and kept[:1] == [str(Path.cwd())] == sys.path[:1]:  # `python -m` puts it there

@@ -87,7 +87,7 @@ def to_number(text: str, unit: str) -> float:
         cycles = _cycle_exponent(quantity.units, wanted)
     except pint.DimensionalityError as error:
         raise UnitError(f"'{text}' is not a quantity in {unit}: {error}") from None
-    except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
+    except Exception:  # noqa: BLE001 - pint raises exceptions of any type from its tokenizer
         raise UnitError(f"'{text}' is not a number; write for example '1 {unit}' or '1'") from None
     if cycles is None:
         remedy = "write a plain number" if unit == "1" else f"write it in {unit}"

@@ -75,7 +75,7 @@ class Correction:
         """Return what the correction changes in one run as text; empty without changes."""
         with Run(path) as run:
             if run.imported:
-                return f"{path.name} was imported and has no raw samples: it stays as it is"
+                return f"{path.name} was imported and has no raw samples: it is used unchanged"
             was, map_ = run.sensor, run.amplifier_map
         changed = [
             f"{name} {_format_value(old)} -> {_format_value(new)}"

@@ -103,7 +103,7 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
 
     def exclusion_reason(run: ReportRun) -> str:
         if (later := continued_in.get(run.path.resolve())) is not None:
-            return f"its points are carried on in {later}"
+            return f"its points are continued in {later}"
         if first[run.sha256] != run.name:
             return f"it is a copy of {first[run.sha256]}"
         if real and run.summary.simulated:

@@ -185,14 +185,14 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
             for m in found.misfits
         ]
         note = (
-            "χ² near the number of residuals: model and errors fit. A small p: the model, or the errors given, are not the whole "
-            "story of that run."
+            "χ² near the number of residuals: model and errors fit. A small p: the model, or the given errors, do not "
+            "explain that run."
         )
         blocks.append(Table.of_rows("How well the errors explain each run", heads, rows, note))
     if found is not None and found.adequacy is not None and (findings := found.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
-        note = f"By chance: of so much in any of all {found.adequacy.test_count} tests.{more}"
+        note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
         heads = ("kind", "what is seen", "by chance")
         blocks.append(Table.of_rows("How the runs depart from the model", heads, rows, note))
     return blocks

@@ -263,7 +263,7 @@ def _make_bench(
     watchdog = make_watchdog(source)
     stack.callback(watchdog.close)
     identities = {
-        "generator": str(source.identity),  # of whatever kind the source is
+        "generator": str(source.identity),  # whichever kind of source it is
         "amplifier": " ".join(
             filter(None, (config.amplifier.name, config.amplifier.serial and f"#{config.amplifier.serial}"))
         ),

@@ -1,6 +1,6 @@
 """Fault injection: switches faults of a simulated bench when they are due.
 
-`FaultPlan.wrap` goes between the composition root and the session; the plan itself is an observer of the session.
+`FaultPlan.wrap` wraps the connection between composition root and session; the plan itself is an observer of the session.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 HUNG_AFTER_TAKEOVER_S = 10.0
-"""A stopped run that reports nothing for so long after the watchdog took the source over hangs in a driver."""
+"""A stopped run that reports nothing for this time after the watchdog took the source over hangs in a driver."""
 
 HUNG_S = 60.0
 """The same where the watchdog did not act: longer than any way to rest with a silent instrument."""

@@ -59,7 +59,7 @@ MIN_STEP_SHARE = 0.2
 """Of the deflection that the smallest weight should cause: a smaller one is not a weight put on."""
 
 OPERATOR_ACTION_S = 3.0
-"""About what a person needs to put a weight on, or to take it off."""
+"""Approximate time for putting a weight on or taking it off."""
 
 
 class StaticLoading(Protocol):
@@ -92,7 +92,7 @@ class StaticLoading(Protocol):
         float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"
     ] = 1.379e-4
     plausible_factor: Annotated[
-        float, Unit("1"), Interval(gt=1, le=100), "a deflection so many times too large or too small does not fit"
+        float, Unit("1"), Interval(gt=1, le=100), "a deflection that is larger or smaller by this factor does not fit"
     ] = 1.5
     zero_limit_m: Annotated[
         float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is asked about"
@@ -245,7 +245,7 @@ class StaticLoading(Protocol):
         return f"{deviation}: too much. Is it {weight} alone, and was the sensor left untouched?"
 
     def _moved_backwards(self, mass_kg: float, zero: Recording, loaded: Recording) -> bool:
-        """Whether the centre went the other way, as far as this weight moves it."""
+        """Whether the centre moved by this weight's deflection in the opposite direction."""
         expected_m = mass_kg * self.gravity_m_per_s2 * self.expected_m_per_n
         return self._measure_level(loaded).value - self._measure_level(zero).value < -expected_m / self.plausible_factor
 

@@ -228,7 +228,7 @@ class Sweep(Protocol):
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):
             raise ValueError(f"a sweep cannot use a recording under {drive.kind}")
-        # What was recorded before the drive began goes with the period that is dropped.
+        # Samples before the drive belong to the period that is dropped.
         surplus = len(recording.drive_v) - round((self.periods + 1) * drive.period_s * recording.rate_hz)
         return estimate_periodic_response(
             recording.drive_v[max(surplus, 0) :],

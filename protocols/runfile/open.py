@@ -94,7 +94,7 @@ def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_run(path: Path) -> "h5py.File":
-    """Open the file read-only, whether finished, being written, or left behind by a crash.
+    """Open the file read-only, whether finished, being written, or left by a crash.
 
     This is the only way to a file that is read: links, storage and sizes of the whole file are checked first.
 

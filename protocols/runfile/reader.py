@@ -1,4 +1,4 @@
-"""Run file reader: a run that is finished, still being written, or left behind by a crash."""
+"""Run file reader: a run that is finished, still being written, or left by a crash."""
 
 import socket
 from collections.abc import Iterator

@@ -30,7 +30,7 @@ fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 RESULTS_LOST = "its program was killed before it had stored the results"
 
 FOREIGN_IDLE_S = 3600.0
-"""A file of another computer counts as left behind if it has not changed for this long."""
+"""A file of another computer counts as abandoned if it has not changed for this long."""
 
 
 def repair_folder(folder: Path, complete: Callable[[Path], str] = lambda _: "") -> Iterator[str]:
@@ -108,7 +108,7 @@ def repair_run(path: Path, complete: Callable[[Path], str] = lambda _: "") -> st
     except OSError as error:
         raise StorageError(f"{path} cannot be repaired: {os_error_text(error)}") from error
     return (
-        f"{path} was left behind by a program that was killed; it is repaired and opens in every program: {rows} samples "
+        f"{path} was left by a program that was killed; it is repaired and opens in every program: {rows} samples "
         f"and {points} points are in it"
         + (f". It had ended: {RESULTS_LOST}. {complete(path)}" if without_results else "")
     ).rstrip()
@@ -140,7 +140,7 @@ def _check_not_in_use(path: Path, host: str, pid: int) -> None:
 
 
 def _mend(entry: Any) -> tuple[int, int]:
-    """Make the tables of a broken-off run consistent; return how many samples and points it has."""
+    """Make the tables of an interrupted run consistent; return how many samples and points it has."""
     for table in (entry["trace"], entry["points"], entry):
         for name in table:
             # The link to the run that this one continues is not followed.

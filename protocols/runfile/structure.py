@@ -13,7 +13,7 @@ MAX_DEPTH = 16
 MAX_OBJECTS = 100_000
 """Groups and datasets of a file; a run has some 70, and a few for every curve."""
 UNWRITTEN_BYTES = 4_000_000
-"""How much more the datasets of a growing or broken-off file may declare than the file holds."""
+"""How much more the datasets of a growing or interrupted file may declare than the file holds."""
 MAX_CHUNK_BYTES = 64_000_000
 """Longest chunk of a dataset; HDF5 reads a chunk whole."""
 MAX_COMPRESSED_BYTES = 256_000_000

@@ -21,7 +21,7 @@ from protocols.runner.publisher import RunRecorder
 from protocols.runner.recording_buffer import to_si
 
 ANALYSIS_TIMEOUT_S = 20.0
-"""How long an analysis may take, while the drive continues, before the watchdog takes the program for hung."""
+"""How long an analysis may take, while the drive continues, before the watchdog considers the program hung."""
 
 ANALYSIS_POLL_S = 0.01
 """Interval at which the card is read during an analysis."""

@@ -55,7 +55,7 @@ class PlanProgress:
         return self._queue.pop(0) if self._queue else None
 
     def complete(self, index: int, repeat: Repeat | None) -> None:
-        """Complete an entry; queue a repeat of the previous entry, or the refinements the points now call for."""
+        """Complete an entry; queue a repeat of the previous entry, or the refinements that follow from the points."""
         if repeat is Repeat.PREVIOUS and index > 0:
             self._queue[:0] = [index - 1, index]
         if not self._queue:

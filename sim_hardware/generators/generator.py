@@ -69,7 +69,7 @@ class SimulatedGenerator:
     """The output of one function generator.
 
     Args:
-        emit: takes what makes the next segment and puts it where the output goes.
+        emit: called with the function that makes the next segment.
         seed: of the phases that are random on a real instrument.
     """
 

@@ -61,7 +61,7 @@ class SupplyParameters:
 
     Attributes:
         fall_tau_s: time constant of its falling output without a load.
-        off_v: where its output goes when it is off; an E3631A may show 0.6 V of the other sign.
+        off_v: level of its output when it is off; an E3631A may show 0.6 V of the other sign.
         ovp, ovp_v: its over-voltage protection at power-on.
         ocp: whether its over-current protection was left on.
         tracking: whether its outputs were left in series.
@@ -178,7 +178,7 @@ class OperatorTiming:
         reach_s: from the prompt for a weight until it touches the tactor.
         release_s: from the first touch until the whole weight lies there, and the same to lift it off.
         landing_m_per_s: how fast a weight comes down at the first touch.
-        patience_s: after a weight was placed or lifted, so long until the operator presses the key.
+        patience_s: time after a weight was placed or lifted until the operator presses the key.
         reference_m: how much deeper than nominal the reference for the membrane's sag lies.
     """
 

@@ -19,7 +19,7 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Actions on the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
 
-Nobody asks for `tidy-up`: whoever begins another run brings the specimen back to how it stood when the bench was opened.
+`tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened.
 
 All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
 """

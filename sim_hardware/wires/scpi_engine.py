@@ -243,7 +243,7 @@ class ScpiEngine:
     def __init__(self, instrument: ScpiInstrument) -> None:
         self._instrument = instrument
         self.process_command: Callable[[], None] = lambda: None
-        """Called between two commands of one message that set something: an instrument carries them out one after the other."""
+        """Called between two setting commands of one message: an instrument executes them one after the other."""
         self._errors: deque[tuple[int, str]] = deque()
         self._event_status = 128  # power on
         self._delay_s = 0.0

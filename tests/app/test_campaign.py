@@ -188,7 +188,7 @@ def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["campaign", "skip", "dwel", *options]) == 2
     assert "the campaign has no 'dwel'; it has: wiring" in capsys.readouterr().err
     assert main(["campaign", "resume", *options]) == 2
-    assert "nothing was broken off" in capsys.readouterr().err
+    assert "no item was interrupted" in capsys.readouterr().err
     assert main(["campaign", "move", "dwell", "--before", "steps", *options]) == 2
     assert "cannot stand before" in capsys.readouterr().err
     assert main(["campaign", "status", "--json", *options]) == 0

@@ -53,7 +53,7 @@ class FaultPanel(QWidget):
                 QCheckBox(f"{description[0].upper()}{description[1:]}"),
                 f"faults.{name}",
                 toolTip=f"{name}: inject or clear it. At a command line: run ... --fault {name}@5",
-                accessibleName=f"break: {description}",
+                accessibleName=f"inject: {description}",
                 # rather cut off than a wider window
                 sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred),
             )

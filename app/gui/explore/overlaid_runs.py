@@ -52,7 +52,7 @@ class OverlaidRuns(QObject):
             return
         find, runs = self.fit_with, self.runs
         if find is None or not runs:
-            self.message.emit("lay a measured run over the curves first", True)
+            self.message.emit("overlay a measured run on the curves first", True)
             return
         self._cancelled.clear()
         self._set_fitting(True)

@@ -261,7 +261,7 @@ class ExplorePage(QSplitter):
         self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
 
     def _choose_runs(self) -> None:
-        choose_files(self, "Runs to lay over", self.overlaid.add, "Runs (*.h5)", mode=Mode.ExistingFiles)
+        choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", mode=Mode.ExistingFiles)
 
     def _choose_study_file(self) -> None:
         choose_files(

@@ -217,7 +217,7 @@ class ExplorePlot(PlotBase):
             self.plot.setYRange(0.0, np.ceil(4 * np.log10(max(tops))) / 4, padding=0)
         else:
             top = 1.05 * max(tops) / (1 - legend_share(self.legend, self.plot))
-            step = round_step(top, 8)  # in steps, so that the axis stays while a slider moves
+            step = round_step(top, 8)  # in steps, so that the axis does not change while a slider moves
             self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
         self.phase.setYRange(90 * np.floor(min(phases) / 90), 90 * np.ceil(max(phases) / 90), padding=0.04)
 

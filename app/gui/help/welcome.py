@@ -36,7 +36,7 @@ SAFETY_TEXT = (
     "0 V at the amplifier's input is −500 V on the specimen. Read docs/safety.md before a real bench is switched on."
 )
 PAGES_TEXT = (
-    "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) carries a specimen through all of them.  "
+    "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) runs all of them on a specimen.  "
     "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  F1 lists every key."
 )
 

@@ -55,7 +55,7 @@ class RunTransfers(QObject):
 
         def describe(taken: CopyResult) -> str:
             self.finished.emit()
-            copied = [f"{pluralize(len(taken.copied), 'run')} taken in"] if taken.copied else []
+            copied = [f"{pluralize(len(taken.copied), 'run')} copied"] if taken.copied else []
             present = [f"already there: {', '.join(taken.already_present)}"] if taken.already_present else []
             return "; ".join(copied + present)
 

@@ -22,7 +22,7 @@ def choose_files(
     Args:
         parent: parent of the dialog.
         title: title of the dialog.
-        callback: takes the paths.
+        callback: called with the paths.
         name_filter: which files are listed, in Qt's syntax: `Runs (*.h5)`.
         start: the initial folder; with `Mode.AnyFile` also a file name.
         mode: one file, several, a folder, or a file that need not exist.

@@ -160,7 +160,7 @@ class FieldRow:
             toolTip=f"{field.description}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip(),
             accessibleName=f"{field.label} {field.unit}",
         )
-        self._property = self.editor.metaObject().userProperty()  # the value, whatever kind of editor it is
+        self._property = self.editor.metaObject().userProperty()  # the value, for every kind of editor
         self.label.setBuddy(self.editor)
         self.set_value(value)
         self.show_error("")

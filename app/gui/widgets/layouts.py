@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 L = TypeVar("L", bound=QLayout)
 W = TypeVar("W", bound=QWidget)
 STRETCH = None
-"""Item that takes the space left over."""
+"""Item that takes the remaining space."""
 
 Part = QWidget | QLayout
 Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | None
@@ -68,7 +68,7 @@ def grid(
 
     Args:
         cells: the widgets and their places.
-        parent: takes the layout.
+        parent: widget that gets the layout.
         margins: of the whole grid.
         spacing: horizontal and vertical, in pixels.
         stretch: of columns, by their index.

@@ -178,7 +178,7 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     (copy / "20991231T000001Z_T1_sweep.h5").write_bytes(first.read_bytes()[:20_000])
     runs = read_report_runs(copy, "T1")
     by_name = {run.name: run for run in runs}
-    assert by_name[first.name].exclusion_reason == f"its points are carried on in {later.name}"
+    assert by_name[first.name].exclusion_reason == f"its points are continued in {later.name}"
     assert "cut off" in by_name["20991231T000001Z_T1_sweep.h5"].problem
     assert sum(bool(r.observations) and not r.exclusion_reason for r in runs) == 2
 
