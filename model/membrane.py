@@ -77,7 +77,7 @@ def young_modulus_from_sag(
     softest, stiffest = np.log(1e3), np.log(1e12)
     if not (sag_m > 0 and q > 0) or off(softest) <= 0 or off(stiffest) >= 0:
         raise ParameterError(
-            f"with no modulus does this membrane sag by {sag_m:g} m under {q:g} N/m; check its dimensions and the sag"
+            f"no modulus gives this membrane a sag of {sag_m:g} m under {q:g} N/m; check its dimensions and the sag"
         )
     return float(np.exp(brentq(off, softest, stiffest, xtol=1e-13)))
 

@@ -117,7 +117,7 @@ class ConsoleObserver:
             case RunPaused(text):
                 self._print(("paused", "bold yellow"), f": {text}")
             case RunResumed():
-                self._print("goes on")
+                self._print("resumed")
             case ShutdownStarted() if self._task is not None:
                 self._progress.update(self._task, description="going to rest", left="")
             case SpecimenMayBeLive():

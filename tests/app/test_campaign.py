@@ -144,7 +144,7 @@ def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
     campaign = Campaign.create(tmp_path, "T1", True, (*QUICK, CampaignItem("free", "sine-dwell")))
     campaign.move("free", before="wiring")
     assert [item.name for item in Campaign.open(tmp_path, "T1").items] == ["free", "wiring", "steps", "dwell"]
-    with pytest.raises(CampaignError, match="dwell cannot stand before steps: dwell needs steps before it"):
+    with pytest.raises(CampaignError, match="dwell cannot be moved before steps: dwell needs steps before it"):
         campaign.move("dwell", before="steps")
     with pytest.raises(CampaignError, match="the campaign has no 'lunch'"):
         campaign.move("dwell", before="lunch")
@@ -179,7 +179,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
 def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--specimen", "T1", "--out", str(tmp_path)]
     assert main(["campaign", "status", *options]) == 2
-    assert "begin one: tactor-bench campaign new --specimen T1" in capsys.readouterr().err
+    assert "create one: tactor-bench campaign new --specimen T1" in capsys.readouterr().err
     assert main(["campaign", "new", *options]) == 0
     assert main(["campaign", "new", *options]) == 2
     assert "there is a campaign of T1 already" in capsys.readouterr().err
@@ -190,7 +190,7 @@ def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["campaign", "resume", *options]) == 2
     assert "no item was interrupted" in capsys.readouterr().err
     assert main(["campaign", "move", "dwell", "--before", "steps", *options]) == 2
-    assert "cannot stand before" in capsys.readouterr().err
+    assert "cannot be moved before" in capsys.readouterr().err
     assert main(["campaign", "status", "--json", *options]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["items"][0]["item"] == "wiring"

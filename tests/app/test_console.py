@@ -80,7 +80,7 @@ def test_high_voltage_is_enabled_by_a_word_and_not_by_enter(keyboard: Any, capsy
     assert waited(lambda: operator.answer(2), 30) == "ON"
     output = capsys.readouterr().err
     assert "type 'on' and press Enter; Ctrl-C stops the run" in output
-    assert "that is no answer: type 'on'" in output
+    assert "that is not an answer: type 'on'" in output
 
 
 def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
@@ -163,7 +163,7 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
     output = capsys.readouterr().err
     assert f".h5; {KEY_HELP}" in output
     assert "paused: the card sees 2.500 V" in output
-    assert "goes on" in output
+    assert "resumed" in output
 
 
 def test_a_prompt_at_a_terminal_that_is_closed_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

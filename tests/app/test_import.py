@@ -168,7 +168,7 @@ def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
         ),
         ("frequency [kHz],pp [um]\n100,760.1\n150,1154\n", "is 1e+05 Hz, and frequency is usually"),
         ("frequency [Hz],pp [um]\n150,1154\n100,760.1\n", "frequency does not rise (line 3)"),
-        ("frequency [Hz],pp [um]\n100,760\n100,761\n", "frequency 100 stands 2 times (line 2, line 3)"),
+        ("frequency [Hz],pp [um]\n100,760\n100,761\n", "frequency 100 occurs 2 times (line 2, line 3)"),
         ("frequency [Hz],pp [um]\n100,760.1\n", "the uncertainty of the values is not given"),
     ],
 )

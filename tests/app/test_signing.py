@@ -204,7 +204,7 @@ def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path:
     assert accepted.reduced["sensor"]["gain_m_per_v"] == 1.02e-4
     assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in runs] == before
     assert main(["calibration", "show", "T1", "--folder", str(tmp_path)]) == 0
-    assert "raw samples reduced anew with corrected.toml" in capsys.readouterr().out
+    assert "raw samples reduced again with corrected.toml" in capsys.readouterr().out
 
 
 def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, capsys: Any) -> None:

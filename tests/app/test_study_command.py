@@ -162,9 +162,9 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "say what to study: a preset (fig10, fig11, fig12), or --vary"),
+        ([], "name the study: a preset (fig10, fig11, fig12), or --vary"),
         (["fig13"], "there is no study 'fig13'; the presets are: fig10, fig11, fig12"),
-        (["fig10", "--vary", "k2=1,2"], "fig10 says itself what is varied"),
+        (["fig10", "--vary", "k2=1,2"], "fig10 defines what is varied"),
         (["fig10", "--set", "E_m=1 MPa"], "E_m is varied by the study; leave out --set E_m"),
         (["fig10", "--pre-stretch", "0"], "fig10 has its own pre-stretch"),
         (["--vary", "delta=0,1", "--elongation", "1 mm"], "delta is varied by the study; leave out --elongation"),

@@ -150,7 +150,7 @@ def test_a_plug_in_is_chosen_by_name_in_a_bench_file(lab: Path) -> None:
         ("typo", "cannot be loaded: SyntaxError"),
         ("exits", "cannot be loaded: SystemExit: 3"),
         ("nothing", "cannot be loaded: AttributeError"),
-        ("number", "is no driver: lab_novel:__name__ cannot be called"),
+        ("number", "is not a driver: lab_novel:__name__ cannot be called"),
         ("lacking", r"is no Source: it lacks is_at_rest\(\), initialize_at_rest\(\), start_drive\(\), stop\(\)"),
     ],
 )
@@ -171,7 +171,7 @@ def test_broken_plug_ins_are_named_and_skipped_where_all_are_looked_through(
     bench._generator_model.identity = "Acme,FG-20,1,1.0"
     with (
         caplog.at_level(logging.WARNING),
-        pytest.raises(InstrumentError, match=r"answered as 'Acme FG-20 #1', and no driver knows that model"),
+        pytest.raises(InstrumentError, match=r"answered as 'Acme FG-20 #1', a model for which there is no driver"),
     ):
         open_generator("auto", bench.link(), bench.clock, 0.05)
     skipped = [record.getMessage() for record in caplog.records]

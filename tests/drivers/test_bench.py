@@ -117,7 +117,7 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, aga
     if again:  # the source now reports rest, which does not count; whether the voltage is off is unknown
         with pytest.raises(UnsafeError) as failed, live(lab, hand):
             pass
-        assert str(failed.value.__cause__).startswith("the generator says it is at rest, but the card sees")
+        assert str(failed.value.__cause__).startswith("the generator reports that it is at rest, but the card sees")
         assert hand.told == ["off"]
 
 
@@ -224,7 +224,10 @@ def test_a_sample_clock_that_is_not_the_one_asked_for_is_a_sentence(lab: BenchCo
         return stream(0.98 * rate_hz, block_scans)
 
     bench.digitizer.stream = slow  # type: ignore[method-assign]
-    with pytest.raises(AcquisitionError, match=r"the card runs at 1960\.02 Hz where 2000 Hz was asked for"), live(lab):
+    with (
+        pytest.raises(AcquisitionError, match=r"the card runs at 1960\.02 Hz instead of the requested 2000 Hz"),
+        live(lab),
+    ):
         pass
     bench.digitizer.stream = stream  # type: ignore[method-assign]
     with live(lab):  # the first one was let go

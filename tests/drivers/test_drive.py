@@ -54,7 +54,7 @@ def test_kinds_in_files_never_change_and_every_drive_has_its_own() -> None:
 @pytest.mark.parametrize(
     ("record", "message"),
     [
-        ({"kind": "Chirp", "level_v": 1.0}, "unknown drive 'Chirp': this version knows Hold, .*; install a newer one"),
+        ({"kind": "Chirp", "level_v": 1.0}, "unknown drive 'Chirp': this version has Hold, .*; install a newer one"),
         ({"level_v": 1.0}, "unknown drive None"),
         ({"kind": "Hold", "volts": 1.0}, "not a drive: "),
     ],

@@ -116,7 +116,7 @@ def test_a_crashed_run_is_repaired_once_and_opens_plainly(tmp_path: Path, capsys
     with Run(path) as run:
         before = (run.state, run.trace.sample_count, run.point_count, [e.kind for e in run.events()])
     assert main(["verify", str(path), "--repair"]) == ExitCode.DONE
-    assert "left behind by a program that was killed; it is repaired" in capsys.readouterr().err
+    assert "left by a program that was killed; it is repaired" in capsys.readouterr().err
     with h5py.File(path, "r") as file:
         assert file["entry/trace/drive"].shape == (2000,)
     with Run(path) as run:
@@ -131,7 +131,7 @@ def test_the_next_start_repairs_what_a_killed_program_left_and_says_so(
 ) -> None:
     path = crashed_run(tmp_path)
     main(["run", "wiring-check", "--speed", "max", "--out", str(tmp_path)])
-    assert f"{path} was left behind by a program that was killed" in " ".join(capsys.readouterr().err.split())
+    assert f"{path} was left by a program that was killed" in " ".join(capsys.readouterr().err.split())
     with h5py.File(path, "r") as file:
         assert file["entry/status"][()] == b"running"
 

@@ -227,5 +227,5 @@ def test_since_may_be_a_time_or_a_length_of_time(folder: Path) -> None:
 def test_a_folder_that_is_not_there_and_a_time_that_is_none_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         tb.runs(tmp_path / "gone")
-    with pytest.raises(ValueError, match="'soon' is no date"):
+    with pytest.raises(ValueError, match="'soon' is not a date"):
         tb.runs(tmp_path, since="soon")

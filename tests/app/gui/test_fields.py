@@ -61,7 +61,7 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
         ("peak_to_peak_v", "4 Hz", "not a quantity in V"),
         ("peak_to_peak_v", "four", "not a number"),
         ("peak_to_peak_v", "  ", "give a value"),
-        ("peak_to_peak_v", "nan", "no number"),
+        ("peak_to_peak_v", "nan", "not a number"),
         ("frequencies_hz", "25, 3 kHz", "3000 Hz is outside the range: 1 to 2000 Hz"),
         ("frequencies_hz", ",", "at least 1"),
         ("min_cycles", "20.5", "not a whole number"),

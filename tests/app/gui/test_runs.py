@@ -295,7 +295,7 @@ def test_import_shows_progress_and_leaves_nothing_when_cancelled(
     QTest.mouseClick(going.cancel_button, Qt.MouseButton.LeftButton)
     go_on.set()
     until(lambda: "stopped" in find(page, "runs.message").text(), "for its end")
-    assert find(page, "runs.message").text() == "stopped; 1 run taken in"
+    assert find(page, "runs.message").text() == "stopped; 1 run copied"
     assert going.isHidden()
     assert (folder / whole.name).read_bytes() == whole.read_bytes()
     assert not list(folder.glob(f"*{half.name}*")), "nothing half done"

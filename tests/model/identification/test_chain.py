@@ -117,7 +117,7 @@ def test_what_a_step_cannot_do_is_told() -> None:
         identify_by_paper_chain(
             ObservationSet((VoltageStepsObservation("rest", np.full(3, 2.5), np.zeros(3), 1e-7 * np.ones(3)),))
         )
-    with pytest.raises(PaperChainError, match="run 'up': no modulus lets this membrane sag by"):
+    with pytest.raises(PaperChainError, match="run 'up': no modulus gives this membrane a sag of"):
         identify_by_paper_chain(ObservationSet((MembraneSagObservation("up", np.array([-1e-3]), np.array([1e-5])),)))
     with pytest.raises(ParameterError, match="drawn_errors"):
         linearized_errors(PERFECT, PaperChainOptions(damping="neglected"), identify_by_paper_chain(PERFECT))

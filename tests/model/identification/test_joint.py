@@ -284,7 +284,7 @@ def test_cancel_progress_and_time() -> None:
             "standard error must be positive",
         ),
         (lambda: MembraneSagObservation("s", np.array([]), np.array([])), "at least one value"),
-        (lambda: joint_fit(PERFECT, FitOptions(free=("k3",))), "k3 is no parameter"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k3",))), "k3 is not an identifiable parameter"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k2", "k2"))), "named twice"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), fixed={"k2": 7e-3})), "both free and fixed"),
         (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), priors={"mu": (1.0, 1.0)})), "not free"),

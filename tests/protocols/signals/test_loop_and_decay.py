@@ -65,7 +65,7 @@ def test_cycles_that_are_no_whole_number_of_samples_are_folded() -> None:
     ("drive", "moved", "message"),
     [
         (np.zeros((1, 20)), np.zeros((1, 20)), "only repetition shows the error"),
-        (np.zeros((2, 20)), np.zeros((2, 20)), "the drive stands at 0"),
+        (np.zeros((2, 20)), np.zeros((2, 20)), "the drive is constant at 0"),
         (np.zeros((2, 20)), np.zeros((2, 21)), r"must both be \(cycles, points\)"),
         (np.full((2, 20), np.nan), np.zeros((2, 20)), "40 of 40 samples are not finite"),
     ],
@@ -126,8 +126,8 @@ def test_the_step_of_the_model_rings_at_its_pole() -> None:
 @pytest.mark.parametrize(
     ("samples", "message"),
     [
-        (np.random.default_rng(4).standard_normal(1000), "nothing rings between 60 and 500 Hz"),
-        (np.zeros(1000), "nothing rings between 60 and 500 Hz"),
+        (np.random.default_rng(4).standard_normal(1000), "no free vibration between 60 and 500 Hz"),
+        (np.zeros(1000), "no free vibration between 60 and 500 Hz"),
         (np.full(1000, np.nan), "1000 of 1000 samples are not finite"),
         (np.zeros(10), "has 10 samples, at least 16"),
     ],

@@ -283,7 +283,7 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
         ({"displacement": np.full(100_000, np.nan)}, "100000 of 100000 samples are not finite"),
         ({"displacement": np.zeros(10)}, "has 10 samples, at least 128"),
         ({"displacement": np.zeros(99_999)}, "must be of the same scans"),
-        ({"drive": np.full(100_000, 2.5)}, "the drive stands at 2.5: check"),
+        ({"drive": np.full(100_000, 2.5)}, "the drive is constant at 2.5: check"),
         (
             {"drive": np.random.default_rng(7).standard_normal(100_000)},
             "% of the recorded drive's power lies between 25 and",
