@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from drivers import InstrumentLocks
 
 SERVED_OUTPUT_WARNING = (
-    "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
+    "No watchdog: the drive is played by the card behind a gRPC server, which keeps it reserved. If this program "
     "dies while the bench is live, a drive ends by itself at rest, and a held level returns to rest after 5 s"
 )
 

@@ -89,7 +89,7 @@ class SiglentSdg(BurstGenerator):
         if header is None or header[1] != command:
             self._scpi.link.clear()
             raise LinkError(
-                f"{self._scpi.instrument}: '{query}' was answered by '{answer[:60]}', which is no list of parameters; "
+                f"{self._scpi.instrument}: '{query}' was answered by '{answer[:60]}', which is not a list of parameters; "
                 f"check the cable at {self._scpi.link.name}"
             )
         fields = [field.strip() for field in answer[header.end() :].split(",")]

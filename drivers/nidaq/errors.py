@@ -13,7 +13,7 @@ REMEDIES = {
     -200018: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
     -200016: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
     -200290: "the output ran out of samples and stays where it was; lower the load on this computer",
-    -200361: "scans were lost on the USB bus; connect the card to a port of its own, or lower the rate",
+    -200361: "scans were lost on the USB bus; connect the card to a port without other devices, or lower the rate",
     -200284: "the card gave no samples in time; check that it is powered and its sample clock runs",
     -200220: "no such device; check its name in NI MAX and in the bench file",
     -88705: "the card is not connected; check its USB cable and power",

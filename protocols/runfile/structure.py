@@ -116,7 +116,7 @@ def check_structure(file: "h5py.File") -> None:
                 raise StructureError(f"there are more than {MAX_OBJECTS} objects in it")
             if found.depth > MAX_DEPTH:
                 raise StructureError(f"its groups are nested more than {MAX_DEPTH} deep")
-    # The size is asked for last: a file that is being written grows meanwhile.
+    # The size is read last: a file that is being written grows meanwhile.
     size = Path(file.filename).stat().st_size
     if declared > size + UNWRITTEN_BYTES or compressed > MAX_COMPRESSED_BYTES:
         raise StructureError(
