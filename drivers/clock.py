@@ -10,9 +10,12 @@ from typing import Protocol
 class Clock(Protocol):
     """Monotonic bench time in seconds."""
 
-    def now(self) -> float: ...
+    def now(self) -> float:
+        """Return the present bench time, s."""
+        ...
 
-    def sleep(self, seconds: float) -> None: ...
+    def sleep(self, seconds: float) -> None:
+        """Wait for this bench time, s; return immediately if it is not positive."""
 
 
 class WallClock:

@@ -46,19 +46,22 @@ class _Levels(_CheckedDrive):
 
     @property
     def low_v(self) -> float:
+        """Lowest level."""
         return min(self.levels_v)
 
     @property
     def high_v(self) -> float:
+        """Highest level."""
         return max(self.levels_v)
 
     @property
     def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
         return self.levels_v[0], self.levels_v[-1]
 
 
 class _Oscillation(_CheckedDrive):
-    """What swings by its amplitude to either side of its offset: its extremes."""
+    """Oscillation by its amplitude about its offset: extremes."""
 
     __slots__ = ()
     amplitude_v: float
@@ -66,10 +69,12 @@ class _Oscillation(_CheckedDrive):
 
     @property
     def low_v(self) -> float:
+        """Lowest level."""
         return self.offset_v - self.amplitude_v
 
     @property
     def high_v(self) -> float:
+        """Highest level."""
         return self.offset_v + self.amplitude_v
 
 
@@ -85,13 +90,16 @@ class Hold(_Levels):
 
     @property
     def levels_v(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Levels in order."""
         return (self.level_v,)
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         return 0.0
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         return np.full(np.shape(t), self.level_v)
 
 
@@ -108,13 +116,16 @@ class Ramp(_Levels):
 
     @property
     def levels_v(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Levels in order."""
         return self.start_v, self.stop_v
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         return abs(self.stop_v - self.start_v) / self.duration_s
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
 
 
@@ -136,17 +147,21 @@ class Sine(_Oscillation):
 
     @property
     def duration_s(self) -> float:
+        """Duration, s."""
         return self.cycles / self.frequency_hz
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         return 2 * math.pi * self.frequency_hz * self.amplitude_v
 
     @property
     def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
         return self.offset_v, self.offset_v
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         time = np.asarray(t, float)
         live = (time >= 0) & (time <= self.duration_s)
         sine = self.amplitude_v * np.sin(2 * np.pi * self.frequency_hz * time)
@@ -172,6 +187,7 @@ class LinearSweep(_Oscillation):
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         return 2 * math.pi * max(self.start_hz, self.stop_hz) * self.amplitude_v
 
     @property
@@ -181,6 +197,7 @@ class LinearSweep(_Oscillation):
 
     @property
     def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
         fraction = self.cycles - round(self.cycles)
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
 
@@ -195,6 +212,7 @@ class LinearSweep(_Oscillation):
         return cls(start_hz, stop_hz, duration_s, amplitude_v, offset_v)
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         rate = (self.stop_hz - self.start_hz) / self.duration_s
         phase = 2 * np.pi * (self.start_hz * time + 0.5 * rate * time**2)
@@ -229,6 +247,7 @@ class PeriodicSweep(_Oscillation):
 
     @property
     def period_s(self) -> float:
+        """Duration of one period, s."""
         return 2 * self.sweep_s
 
     @property
@@ -238,17 +257,21 @@ class PeriodicSweep(_Oscillation):
 
     @property
     def duration_s(self) -> float:
+        """Duration, s."""
         return self.periods * self.period_s
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         return self.sweep.slew_v_per_s
 
     @property
     def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
         return self.sweep.end_levels_v
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         turn = np.floor(time / self.sweep_s)
         within = time - turn * self.sweep_s
@@ -278,14 +301,17 @@ class Steps(_Levels):
 
     @property
     def duration_s(self) -> float:
+        """Duration, s."""
         return len(self.levels_v) * self.dwell_s + (len(self.levels_v) - 1) * self.rise_s
 
     @property
     def slew_v_per_s(self) -> float:
+        """Largest slope, V/s."""
         jumps = [abs(b - a) for a, b in zip(self.levels_v, self.levels_v[1:], strict=False)]
         return max(jumps, default=0.0) / self.rise_s
 
     def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         knots, levels = [], []
         for i, level in enumerate(self.levels_v):
             begin = i * (self.dwell_s + self.rise_s)

@@ -51,7 +51,7 @@ class Scale:
         return volts
 
     def is_clipped(self, raw: NDArray[np.int16]) -> NDArray[np.bool_]:
-        """Return a mask of counts at a rail: the true voltage is unknown there."""
+        """Return a mask of the counts at a rail, of the shape of `raw`: the true voltage is unknown there."""
         return (raw <= self.low_count) | (raw >= self.high_count)
 
 
@@ -89,6 +89,7 @@ class Block:
 
     @property
     def stop(self) -> int:
+        """Index of the scan after the last one."""
         return self.start + int(self.raw.shape[1])
 
 
@@ -139,7 +140,8 @@ class Digitizer(Protocol):
             AcquisitionError: the card is absent, or cannot do this rate.
         """
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Release the card."""
 
 
 class Source(Protocol):
@@ -241,6 +243,13 @@ class Meter(Protocol):
 
     identity: Identity
 
-    def read(self) -> Reading: ...
+    def read(self) -> Reading:
+        """Return the present reading.
 
-    def close(self) -> None: ...
+        Raises:
+            InstrumentError: no reply, or one that is not a reading.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close the connection."""

@@ -37,7 +37,7 @@ class AmplifierMap:
             )
 
     def specimen_v(self, input_v: ArrayLike) -> Array:
-        """Volts on the specimen for volts at the amplifier's input, clipped where the amplifier clips."""
+        """Return the volts on the specimen, of the shape of `input_v`, clipped where the amplifier clips."""
         u = np.clip(np.asarray(input_v, float), self.low_v, self.high_v) - self.rest_v
         return np.asarray(np.where(u < 0, self.slope_below * u, self.slope_above * u))
 
@@ -51,6 +51,6 @@ class AmplifierMap:
         )
 
     def input_v(self, specimen_v: ArrayLike) -> Array:
-        """Volts at the input that give `specimen_v`; the inverse of `specimen_v` within the amplifier's range."""
+        """Return the volts at the input, of the shape of `specimen_v`: the inverse of `specimen_v` within the amplifier's range."""
         v = np.asarray(specimen_v, float)
         return self.rest_v + np.where(v < 0, v / self.slope_below, v / self.slope_above)

@@ -73,6 +73,7 @@ class HvAmplifier:
 
     @property
     def identity(self) -> Identity:
+        """Identity of the source."""
         return self._source.identity
 
     def check_drive_limits(self, drive: Drive) -> None:

@@ -56,13 +56,21 @@ class ArmedBench:
 
     @property
     def rate_hz(self) -> float:
+        """Scans per second."""
         return self.stream.rate_hz
 
     @property
     def scales(self) -> tuple[Scale, ...]:
+        """Scales of the channels, from counts to volts."""
         return self.stream.scales
 
     def start_drive(self, drive: Drive) -> None:
+        """Check a drive and start it.
+
+        Raises:
+            DriveRejectedError: it exceeds the drive limits, or the source cannot play it.
+            InstrumentError: the source rejected it or does not answer.
+        """
         self.amplifier.start_drive(drive)
         if self.monitor is not None:
             self.monitor.drive_changed(drive)
@@ -94,6 +102,12 @@ class ArmedBench:
             raise BenchError(f"after high voltage was enabled, {rest.message}")
 
     def read_block(self) -> Block:
+        """Read the next block and pass it to `block_sink`.
+
+        Raises:
+            AcquisitionError: the card lost scans or does not answer.
+            BenchError: the watchdog has ended or taken over.
+        """
         block = self.discard_block()
         self.block_sink(block)
         return block

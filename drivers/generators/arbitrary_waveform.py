@@ -42,7 +42,7 @@ def required_points(drive: ArbitraryDrive, max_step_v: float) -> int:
 
 
 def render_waveform(drive: ArbitraryDrive, max_points: int, max_step_v: float) -> tuple[Points, float]:
-    """Return the points of a drive (of a periodic one, one period) and the volts of a full-scale point.
+    """Return the points of a drive (of a periodic one, one period), (N,) from -1 to 1, and the volts of a full-scale point.
 
     Args:
         drive: a drive that fits into the instrument's memory.

@@ -102,6 +102,6 @@ class LaserSensor:
         return (np.asarray(volts, float) - self.zero_v) * self.gain_m_per_v
 
     def is_valid(self, volts: ArrayLike) -> NDArray[np.bool_]:
-        """Return a mask of volts that are a displacement."""
+        """Return a mask of the volts that are a displacement, of the shape of `volts`."""
         volts = np.asarray(volts, float)
         return (volts >= self.valid_low_v) & (volts <= self.valid_high_v)

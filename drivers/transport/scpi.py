@@ -35,9 +35,12 @@ class Link(Protocol):
 
     name: str
 
-    def write(self, message: str) -> None: ...
+    def write(self, message: str) -> None:
+        """Send a message. Raises LinkError if the connection failed."""
 
-    def read(self) -> str: ...
+    def read(self) -> str:
+        """Return the next reply, without its line end. Raises LinkError if none arrives within the timeout."""
+        ...
 
     def clear(self) -> None:
         """Discard pending replies: after a timeout the late reply would be mistaken for the next query's."""
@@ -45,7 +48,8 @@ class Link(Protocol):
     def reopen(self) -> None:
         """Close and open again. Raises LinkError if nothing answers."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the connection."""
 
 
 def join_commands(commands: Sequence[str]) -> str:
