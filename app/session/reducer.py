@@ -66,22 +66,24 @@ def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
         resumed = event is OperatorAction.PAUSE and not after.pause_requested
         message = None if after is view else RESUME_MESSAGE if resumed else ACTION_MESSAGES[event]
     else:
-        message = _describe_window_event(after, event)
+        message = _describe_window_event(view, after, event)
     if message is None:
         return after
     messages = (*after.messages, LogLine(timed_event.time, *message))[-MAX_LOG_LINES:]
     return replace(after, messages=messages, message_count=after.message_count + 1)
 
 
-def _describe_window_event(view: WindowState, event: WindowEvent) -> tuple[Severity, str] | None:
+def _describe_window_event(before: WindowState, view: WindowState, event: WindowEvent) -> tuple[Severity, str] | None:
     """Return severity and log message of an event other than the operator's; None if it is not logged."""
     match event:
         case RunRequested() | OperatorAction():
             return None
-        case DriveReadbackChanged(lost=True) if view.bench_state is BenchState.DRIVE_LOST:
+        case DriveReadbackChanged() if view.bench_state is before.bench_state:
+            return None
+        case DriveReadbackChanged(lost=True):
             return Severity.ERROR, f"The drive is not seen: {view.voltage_text} on the specimen {view.voltage_note}"
         case DriveReadbackChanged():
-            return (Severity.INFO, "The card sees the drive again") if view.bench_state is BenchState.LIVE else None
+            return Severity.INFO, "The card sees the drive again"
         case _:
             return describe_event(event)
 

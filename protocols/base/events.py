@@ -197,7 +197,8 @@ class DriveReadbackChanged:
     """The card no longer sees the commanded drive at the amplifier's input, or sees it again; published, never stored.
 
     It follows from the comparison of the abort level `drive`, also where that level is off or muted. `low_v` and `high_v`
-    are the lowest and highest volts of the block in which the change was found.
+    are the lowest and highest volts of the block. A loss is published for two blocks, because the first may contain the
+    moment of the loss.
     """
 
     kind: ClassVar[str] = "DriveReadback"

@@ -101,6 +101,8 @@ class LevelMonitor:
         self._events: list[LevelExceeded | DriveReadbackChanged] = []
         self._drive_lost = False
         """Whether the card sees another drive than the commanded one."""
+        self._first_lost_block = False
+        """Whether the last block was the first one of a loss, which may contain the moment of the loss."""
         self._drive: Drive | None = None
         self._readback: DriveReadback | None = None
         self._fresh_scan = 0
@@ -206,10 +208,12 @@ class LevelMonitor:
             )
 
     def _set_drive_lost(self, lost: bool, block: Block) -> None:
-        if lost is not self._drive_lost:
-            self._drive_lost = lost
-            low_v, high_v = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
-            self._events.append(DriveReadbackChanged(lost, float(low_v), float(high_v)))
+        if lost is self._drive_lost and not self._first_lost_block:
+            return
+        self._first_lost_block = lost and not self._drive_lost
+        self._drive_lost = lost
+        low_v, high_v = self._extremes(DRIVE_CHANNEL, block.raw[DRIVE_CHANNEL])
+        self._events.append(DriveReadbackChanged(lost, float(low_v), float(high_v)))
 
     def _check_displacement(self, block: Block) -> None:
         raw, settings = block.raw[DISPLACEMENT_CHANNEL], self._settings

@@ -151,7 +151,7 @@ def test_a_plug_in_is_chosen_by_name_in_a_bench_file(lab: Path) -> None:
         ("exits", "cannot be loaded: SystemExit: 3"),
         ("nothing", "cannot be loaded: AttributeError"),
         ("number", "is not a driver: lab_novel:__name__ cannot be called"),
-        ("lacking", r"is no Source: it lacks is_at_rest\(\), initialize_at_rest\(\), start_drive\(\), stop\(\)"),
+        ("lacking", r"is not a Source: it lacks is_at_rest\(\), initialize_at_rest\(\), start_drive\(\), stop\(\)"),
     ],
 )
 def test_a_broken_plug_in_is_a_sentence_where_it_was_chosen(name: str, says: str, lab: Path) -> None:
