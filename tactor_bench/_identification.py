@@ -71,8 +71,8 @@ class Identification:
         """Store the result as the next version of the specimen's calibration, which becomes the active one.
 
         Args:
-            by: who accepts it.
-            note: a remark kept with it.
+            by: name of the person who accepts it.
+            note: a note stored with it.
             reason: why a result that is not adequate, or was not tested, is used all the same; needed for such a result.
             folder: of the calibrations; by default that of the first run.
 

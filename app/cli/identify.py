@@ -82,9 +82,9 @@ class AcceptCommand:
         metavar="N",
         help="shape functions of the model (default: 20; for a simulated tactor its own number)",
     )
-    robust: bool = switch("--robust", "let go of outliers (a Cauchy loss) instead of squares")
-    by: str = option("--by", default="", metavar="NAME", help="who accepts it")
-    note: str = option("--note", default="", help="a remark kept with it")
+    robust: bool = switch("--robust", "a Cauchy loss, which is robust against outliers, instead of least squares")
+    by: str = option("--by", default="", metavar="NAME", help="name of the person who accepts it")
+    note: str = option("--note", default="", help="a note stored with it")
     reason: str = option(
         "--reason",
         default="",

@@ -75,7 +75,7 @@ def read_observations(
         if message:
             left_out.append(message)
         elif not usable:
-            left_out.append(f"{path.name} tells nothing about the model and is left out")
+            left_out.append(f"{path.name} has no information on the model and is left out")
     if len(specimens) > 1:
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
         raise ObservationError(f"these runs are of several specimens, {names}: identify one at a time")

@@ -25,7 +25,7 @@ NOT_RUNNING = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP, psutil.STATUS_
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Seconds since a process was heard, without the pauses of the observer: all of them, and those in which it could run.
+    """Seconds since the last heartbeat of a process, without the pauses of the observer: all of them, and those in which it could run.
 
     `waited_s` are those of them in which one of its threads is known to have waited for a processor.
     """

@@ -117,7 +117,7 @@ def _verdict_message(fit: JointFit, findings: list[Finding], tests: int) -> str:
 
 
 def _fit_subspace(fit: JointFit) -> Array:
-    """Orthonormal basis (rows, k) of what the fit can follow."""
+    """Orthonormal basis (rows, k) of the fit's degrees of freedom."""
     J = fit.jacobian * fit.parameter_scale * fit.used_rows[:, None]
     U, s, _ = np.linalg.svd(J, full_matrices=False)
     return np.asarray(U[:, s > 1e-7 * s[0]])

@@ -48,7 +48,7 @@ class Calibration:
     """Every other parameter the estimates rest on; a contact length of None is L - L2."""
     note: str = ""
     reduced: Mapping[str, Any] = field(default_factory=dict)
-    """The bench file whose calibration the raw samples were reduced with anew; empty where runs were taken as they are."""
+    """The bench file with whose calibration the raw samples were reduced again; empty where runs were used as stored."""
     doubt: str = ""
     """Why the result needed a decision: the model is not adequate for the runs, or was not tested; empty if it is adequate."""
     reason: str = ""

@@ -161,7 +161,7 @@ class EntryRunner:
         self._recorder.publish(RunResumed())
 
     def _ask_about_level(self, armed: ArmedBench, event: LevelExceeded) -> None:
-        """Return to rest and let the operator decide whether and how to proceed beyond an abort level.
+        """Return to rest and ask the operator whether and how to proceed beyond an abort level.
 
         Raises:
             LevelExceededError: nobody can be asked.

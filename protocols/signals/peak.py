@@ -108,7 +108,7 @@ def joined_spectrum_peak(
         displacements: (N,) each, one piece after the other.
         rate_hz: samples per second.
         shares_hz: the share of the band of each piece, rising and without gaps; every piece reaches a little beyond its own.
-        band_hz: where the peak is looked for.
+        band_hz: band that is searched for the peak.
         resolution_hz: of the lines; taken finer where the peak is narrow.
 
     Raises:

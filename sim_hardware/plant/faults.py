@@ -30,7 +30,7 @@ FAULT_DESCRIPTIONS = {
 """Name and description of every fault."""
 
 SPECIMEN_FAULTS = ("membrane-left-on", "membrane-missing", "weight-mislabelled")
-"""Faults of what the operator put on the specimen: they change results, not voltages."""
+"""Faults of the weights, masses and membrane that the operator mounts: they change results, not voltages."""
 
 
 class FaultState:

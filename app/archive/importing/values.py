@@ -240,7 +240,7 @@ def add_stated_uncertainties(
         if slot is None or name not in values:
             if last:
                 have = ", ".join(n for n in values if kind.column(f"{n}_errors") is not None)
-                raise TableImportError(f"{option}: there is no {name} among the values; there are: {have}")
+                raise TableImportError(f"{option}: {name} is not one of the values; there are: {have}")
             left[name] = text
             continue
         if f"{name}_errors" in values:
@@ -263,7 +263,7 @@ def missing_uncertainty_warning(kind: TableKind, values: Mapping[str, Array]) ->
     if measured and not any(np.any(values.get(f"{name}_errors", np.zeros(1)) > 0) for name in measured):
         message = (
             "the uncertainty of the values is not given: the run can be looked at and compared, but not identified; "
-            f"say it with --uncertainty {measured[0]}='1 %', or a column '{measured[0]}_errors'"
+            f"give it with --uncertainty {measured[0]}='1 %', or a column '{measured[0]}_errors'"
         )
         return [message]
     return []
