@@ -85,7 +85,7 @@ class ModesTopic(Topic):
     """Undamped frequencies, poles and damping ratios, free and on the skin."""
 
     shapes: ShapeOptions = group(ShapeOptions)
-    count: int = option("--count", type=int, default=3, help="how many modes to tell (default: %(default)s)")
+    count: int = option("--count", type=int, default=3, help="number of modes (default: %(default)s)")
     files: FileOptions = group(FileOptions, "the mode shapes")
 
     def compute(self) -> CommandResult:
