@@ -109,7 +109,7 @@ def identify(
         fixed: values to hold, by name, SI.
         priors: value and standard uncertainty, by name, SI, of what ruler, caliper or scale say; these parameters become free
             within that, and their uncertainty is in all errors: `{"h_Al": (0.20e-3, 0.01e-3)}`.
-        robust: a Cauchy loss, which lets go of outliers, instead of squares.
+        robust: a Cauchy loss, which is robust against outliers, instead of least squares.
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
 
     Raises:

@@ -49,7 +49,7 @@ class AcceptCommand:
         metavar="NAMES",
         help="free parameters, e.g. k2,mu,m_add,c0 (default: those that the runs determine)",
     )
-    fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a value to hold; SI or with unit")
+    fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a fixed value, in SI units or with a unit")
     priors: Sequence[str] = repeated(
         "--prior",
         "NAME=VALUE+-ERROR",

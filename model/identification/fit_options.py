@@ -28,7 +28,7 @@ class FitOptions:
     """Options of a joint fit: everything but the data.
 
     Attributes:
-        tactor, membrane, contact_length: values of what is not free.
+        tactor, membrane, contact_length: values of the parameters that are not free.
         free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for, and those
             with a prior.
         fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
