@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
@@ -31,6 +32,9 @@ from drivers.watchdog.origin import describe_copy
 POLL_PERIOD_S = 0.02
 TICK_PERIOD_S = 0.25
 RETRY_INTERVAL_S = 0.25
+WARNING_AFTER_S = 3.0
+"""A way to rest that takes longer is reported meanwhile: a source that does not reply may keep its driver waiting."""
+
 REQUESTED_REST_TIMEOUT_S = 2.0
 """How long it retries when the program requested rest: the program waits, and measures afterwards."""
 
@@ -137,34 +141,50 @@ class WatchdogLoop:
         self._took_over = True
         begin = time.monotonic()
         first = ""
-        while True:
-            try:
-                self._try_to_rest(reconnect=bool(first))
-            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails is retried
-                if (
-                    not first and to_stderr
-                ):  # the program is dead or hangs: nothing else warns of the specimen meanwhile
-                    self._log(
-                        f"{reason}. The specimen may be live: the source does not obey: {error}. The watchdog tries again for "
-                        f"{timeout_s:g} s. {SWITCH_OFF_INSTRUCTION}"
-                    )
-                first = first or f"{error}"
-                self._close_source()
-                if time.monotonic() - begin > timeout_s:
-                    took = time.monotonic() - begin
-                    outcome = f"The source could NOT be brought to rest within {took:.0f} s: {first}. {SWITCH_OFF_INSTRUCTION}"
-                    self._log(f"{reason}. {outcome}", to_stderr)
-                    send_line(f"could-not {outcome}")
-                    return
-                time.sleep(RETRY_INTERVAL_S)
-            else:
-                break
+        with self._warning_if_late(reason, to_stderr) as warn:
+            while True:
+                try:
+                    self._try_to_rest(reconnect=bool(first))
+                except Exception as error:  # noqa: BLE001 - make-safe: whatever fails is retried
+                    warn(f"the source does not obey: {error}. The watchdog tries again for {timeout_s:g} s")
+                    first = first or f"{error}"
+                    self._close_source()
+                    if time.monotonic() - begin > timeout_s:
+                        took = time.monotonic() - begin
+                        outcome = f"The source could NOT be brought to rest within {took:.0f} s: {first}. {SWITCH_OFF_INSTRUCTION}"
+                        self._log(f"{reason}. {outcome}", to_stderr)
+                        send_line(f"could-not {outcome}")
+                        return
+                    time.sleep(RETRY_INTERVAL_S)
+                else:
+                    break
         rest_v, took = self._config.map.rest_v, time.monotonic() - begin
         outcome = (
             f"The source was brought to rest in {took:.2f} s and reports that it idles at {rest_v:g} V (not measured)"
         )
         self._log(f"{reason}. {outcome}", to_stderr)
         send_line(f"done {outcome}")
+
+    @contextlib.contextmanager
+    def _warning_if_late(self, reason: str, enabled: bool) -> Iterator[Callable[[str], None]]:
+        """Log that the specimen may be live, once: when the result is called, or when the block takes WARNING_AFTER_S.
+
+        Only if the program is dead or hangs: else it warns by itself.
+        """
+        once = threading.Lock()
+
+        def warn(what: str) -> None:
+            if enabled and once.acquire(blocking=False):
+                self._log(f"{reason}. The specimen may be live: {what}. {SWITCH_OFF_INSTRUCTION}")
+
+        timer = threading.Timer(WARNING_AFTER_S, warn, (f"the source is not at rest after {WARNING_AFTER_S:g} s",))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield warn
+        finally:
+            timer.cancel()
+            once.acquire(blocking=False)  # a timer that fires at this moment is too late
 
     def _try_to_rest(self, reconnect: bool) -> None:
         if self._amplifier is None or self._source is None:

@@ -1,5 +1,6 @@
 """Sources for the watchdog's process, by which a test sees what it commands: they write every call into a file."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,17 @@ from drivers.interfaces import Identity
 
 
 class RecordingSource:
-    """A source that records its calls. `stays_away` never reports rest; `cut` fails until it is connected again."""
+    """A source that records its calls.
+
+    `stays_away` never reports rest; `cut` fails until it is connected again; `stop` returns when the file `held_by` is gone.
+    """
 
     identity = Identity("Test", "source")
 
-    def __init__(self, clock: object, record: str, stays_away: bool = False, cut: bool = False) -> None:
+    def __init__(
+        self, clock: object, record: str, stays_away: bool = False, cut: bool = False, held_by: str = ""
+    ) -> None:
+        self._held_by = held_by
         self._record, self._stays_away, self._cut = Path(record), stays_away, cut
 
     def _note(self, call: str) -> None:
@@ -33,6 +40,8 @@ class RecordingSource:
 
     def stop(self) -> None:
         self._note("stop")
+        while self._held_by and Path(self._held_by).exists():
+            time.sleep(0.02)
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         self._note(f"ramp_to {level_v:g}")

@@ -88,6 +88,25 @@ def test_a_source_that_does_not_obey_a_dead_program_is_reported_before_the_watch
     assert "could NOT be brought to rest" in last
 
 
+@pytest.mark.deep
+def test_a_way_to_rest_that_takes_long_is_reported_meanwhile(tmp_path: Path) -> None:
+    (held := tmp_path / "held").touch()
+    with watched(tmp_path, held_by=str(held)) as program:
+        program.client._live.clear()
+        assert program.client._child.stdin is not None
+        program.client._child.stdin.close()
+        wait(
+            lambda: (
+                "The specimen may be live: the source is not at rest after 3 s. Switch the high voltage OFF"
+                in program.log
+            )
+        )
+        assert "brought to rest" not in program.log
+        held.unlink()
+        wait(lambda: "was brought to rest" in program.log)
+        assert program.log.count("may be live") == 1
+
+
 def test_a_cut_connection_is_opened_again_between_two_attempts(tmp_path: Path) -> None:
     with watched(tmp_path, cut=True) as program:
         program.die()
