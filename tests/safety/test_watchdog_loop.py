@@ -467,8 +467,8 @@ class Link:
 
     made: list["Link"]
 
-    def __init__(self, resource: str, timeout_s: float, baud: int) -> None:
-        self.arguments, self.closed = (resource, timeout_s, baud), False
+    def __init__(self, resource: str, timeout_s: float, backend: str, *, baud: int) -> None:
+        self.arguments, self.closed = (resource, timeout_s, backend, baud), False
         self.made.append(self)
 
     def close(self) -> None:
@@ -483,8 +483,8 @@ def links(monkeypatch: pytest.MonkeyPatch) -> list[Link]:
 
 
 def test_a_source_with_a_resource_is_opened_by_a_link(start: Callable[..., Loop], links: list[Link]) -> None:
-    loop = ready(start, replace(CONFIG, resource="ASRL9::INSTR", baud=19200))
-    assert [link.arguments for link in links] == [("ASRL9::INSTR", 0.2, 19200)]
+    loop = ready(start, replace(CONFIG, resource="ASRL9::INSTR", backend="@ivi", baud=19200))
+    assert [link.arguments for link in links] == [("ASRL9::INSTR", 0.2, "@ivi", 19200)]
     assert loop.calls == ["opened it by a link"]
     assert not links[0].closed
 
