@@ -45,7 +45,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     },
     "runner": {
         "protocols/runner/runner.py": "tests/protocols/test_runner.py tests/protocols/test_entries.py tests/protocols/test_continuation.py",
-        "protocols/runner/entries.py": "tests/protocols/test_entries.py tests/protocols/test_lost_scans.py tests/protocols/test_runner.py",
+        "protocols/runner/entries.py": "tests/protocols/test_entries.py tests/protocols/test_levels.py tests/protocols/test_lost_scans.py tests/protocols/test_runner.py",
         "protocols/runner/interrupts.py": "tests/protocols/test_entries.py tests/protocols/test_runner.py",
         "protocols/runner/conclusion.py": "tests/protocols/test_runner.py tests/protocols/test_judgement.py tests/protocols/test_entries.py",
         "protocols/runner/executor.py": "tests/protocols/test_executor.py tests/protocols/test_entries.py",
@@ -109,6 +109,11 @@ RAN = 64
 """Added to pytest's exit code, so that a process that could not begin is not taken for a test that failed."""
 
 EQUIVALENT: Mapping[tuple[str, str, str], str] = {
+    (
+        "protocols/runner/executor.py",
+        "scans += max(self._acquisition.scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)",
+        "1",
+    ): "the source starts at least a block's latency after the first recorded scan",
     (
         "drivers/watchdog/process.py",
         "sys.stderr.flush()",

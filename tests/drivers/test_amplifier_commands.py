@@ -245,9 +245,9 @@ def test_the_way_to_rest_is_predicted_from_the_farthest_level_and_refused_if_it_
     assert HvAmplifier(
         source, NARROW, DriveLimits(ramp_v_per_s=2.0), VirtualClock()
     ).check_way_to_rest() == pytest.approx(1.0 + 2.5 / 2.0)
-    below = AmplifierMap(rest_v=3.0, low_v=0.0, high_v=4.0)
+    below = AmplifierMap(rest_v=3.5, low_v=1.0, high_v=4.0)
     assert HvAmplifier(source, below, DriveLimits(ramp_v_per_s=2.0), VirtualClock()).predict_rest_s() == pytest.approx(
-        1.0 + 3.0 / 2.0
+        1.0 + 2.5 / 2.0
     )
     source.rest_s = 3.4
     assert commanded(source).check_way_to_rest() == pytest.approx(3.9)
@@ -329,7 +329,7 @@ def test_ctrl_c_at_the_stop_command_is_passed_on_at_once() -> None:
     assert amplifier.remaining_s > 0
 
 
-@pytest.mark.parametrize("amplifier_map", [NARROW, AmplifierMap(rest_v=3.0, low_v=0.0, high_v=4.0)])
+@pytest.mark.parametrize("amplifier_map", [NARROW, AmplifierMap(rest_v=3.5, low_v=1.0, high_v=4.0)])
 def test_a_source_that_does_not_tell_its_level_is_ramped_as_from_the_farthest_one(amplifier_map: AmplifierMap) -> None:
     source = PlayedSource()
 

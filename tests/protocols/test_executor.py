@@ -34,6 +34,9 @@ def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
         ran = run(protocol, tmp_path, lab)
     assert ran.status == RunStatus.COMPLETED
     assert protocol.__dict__["answers"][1] == "done"
+    settled = protocol.__dict__["answers"][2]
+    assert settled.settled
+    assert 0 < settled.after_s <= SETTLE.limit_s + lab.bench.block_s
     recording = protocol.__dict__["answers"][3]
     assert recording.drive_v.shape == recording.displacement_m.shape == (250,)
     with Run(ran.path) as file:
