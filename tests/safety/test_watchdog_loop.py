@@ -218,7 +218,7 @@ def ready(start: Callable[..., Loop], config: WatchdogConfig = CONFIG) -> Loop:
 
 
 FROZEN = "the program was frozen: it said nothing for {} s"
-DONE = "The source was brought to rest in {} s and says that it idles at 2.5 V (nobody has measured it)"
+DONE = "The source was brought to rest in {} s and reports that it idles at 2.5 V (not measured)"
 
 
 # -- while live ----------------------------------------------------------------------------------------------------------
@@ -337,7 +337,7 @@ def test_a_program_that_takes_its_leave_is_not(start: Callable[..., Loop]) -> No
 def test_help_is_given_at_once_and_told_to_the_program_alone(start: Callable[..., Loop]) -> None:
     loop = ready(start)
     loop.say("help no answer to 'VOLT?'")
-    reason = "the program could not, and asked for it: no answer to 'VOLT?'"
+    reason = "the program could not, and requested it: no answer to 'VOLT?'"
     assert loop.heard() == [f"acting {reason}", f"done {DONE.format('0.00')}"]
     assert loop.calls[1:] == REST
     assert loop.log == [f"{reason}. {DONE.format('0.00')}"]
@@ -355,7 +355,7 @@ def test_help_is_tried_for_two_seconds(start: Callable[..., Loop]) -> None:
     )
     assert loop.slept == 9  # a quarter of a second each
     assert loop.log[0].startswith(
-        "the program could not, and asked for it: me. The source could NOT be brought to rest"
+        "the program could not, and requested it: me. The source could NOT be brought to rest"
     )
 
 
@@ -425,7 +425,7 @@ def test_a_hanging_program_that_holds_the_only_connection_is_killed_before_it_is
     loop = ready(start, SHARED)
     assert loop.calls == []
     loop.say("help me")
-    assert loop.heard() == ["could-not the watchdog has no connection of its own while the program lives"]
+    assert loop.heard() == ["could-not the watchdog has no connection of its own while the program runs"]
     loop.say("live")
     assert loop.killed == []
     loop.now_s += 0.5
