@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers import Scale
 from model import Array
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
-from sim_hardware.nidaq.output_queue import OutputQueue
+from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
 Counts = NDArray[np.int16]
@@ -159,9 +159,9 @@ class SimulatedCard:
         self._acquisition_count += 1
         return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
 
-    def new_output_queue(self) -> OutputQueue:
+    def new_output_queue(self) -> SimulatedOutputQueue:
         """Return the queue of a new output task, as the parameters give it or drawn from the seed."""
-        queue, given = OutputQueue.drawn(self.seed), self.parameters
+        queue, given = SimulatedOutputQueue.drawn(self.seed), self.parameters
         if given.usb_requests:
             queue.requests = given.usb_requests
         if given.usb_request_bytes:

@@ -22,7 +22,7 @@ REQUEST_SIZE, REQUEST_COUNT, ONBOARD_BUFFER = 0x2A8F, 0x3001, 0x230B
 
 
 @dataclass(slots=True)
-class OutputQueue:
+class SimulatedOutputQueue:
     """Samples that have left the computer's buffer and will be played whatever is written over them.
 
     Attributes:
@@ -35,7 +35,7 @@ class OutputQueue:
     adjustable: bool
 
     @classmethod
-    def drawn(cls, seed: int) -> "OutputQueue":
+    def drawn(cls, seed: int) -> "SimulatedOutputQueue":
         """Return a queue as some card may have it."""
         random = np.random.default_rng((seed, 6341))
         return cls(int(random.choice(_COUNTS)), int(random.choice(_SIZES)), bool(random.integers(2)))

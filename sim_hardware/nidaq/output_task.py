@@ -14,7 +14,7 @@ from model import Array
 from sim_hardware.nidaq.analog_output import RANGE_V, SimulatedAnalogOutput, to_counts
 from sim_hardware.nidaq.card import TIMEBASE_HZ
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.output_queue import REQUEST_SIZE, OutputQueue
+from sim_hardware.nidaq.output_queue import REQUEST_SIZE, SimulatedOutputQueue
 from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice, TaskChannel
 
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
@@ -34,7 +34,7 @@ class NiOutputTask(NiTask):
         self._counts = np.zeros(0, np.int16)
         self._written = 0
         self._start_time_s: float | None = None
-        self.queue: OutputQueue = device.card.new_output_queue()
+        self.queue: SimulatedOutputQueue = device.card.new_output_queue()
 
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         device, _, line = text.partition("/")
