@@ -197,7 +197,11 @@ class Originals:
     """The undamaged files, made once."""
 
     def __init__(self, folder: Path) -> None:
-        self.good = finished_run(folder, "good")
+        (folder / "good").mkdir(parents=True, exist_ok=True)
+        self.good = finished_run(folder / "good", "good").rename(folder / "good" / "good.h5")
+        self.index = folder / "index.sqlite"
+        """Catalogue with the good run, so that a case reads its own file only."""
+        Catalogue(self.good.parent, self.index).scan()
         self.files = {name: target.originals(folder) for name, target in TARGETS.items()}
 
     def case(self, kind: str, seed: int, folder: Path) -> Path:
@@ -207,7 +211,8 @@ class Originals:
         folder.mkdir(parents=True)
         original = self.files[kind][rng.randrange(len(self.files[kind]))]
         path = folder / original.name
-        shutil.copy(self.good, folder / "good.h5")
+        shutil.copy2(self.good, folder / "good.h5")
+        shutil.copy(self.index, folder / "index.sqlite")
         shutil.copy(original, path)
         try:
             TARGETS[kind].damage(path, rng)
