@@ -252,6 +252,8 @@ def _failed_checks(run: Run) -> list[str]:
     kind = PROTOCOLS.get(run.protocol)
     if run.verdict.outcome is not Outcome.NOT_JUDGED or kind is None or run.status is not RunStatus.COMPLETED:
         return [check.name for check in run.verdict.failed_checks if check.consequence is Outcome.DID_NOT_PASS]
+    if not kind.passes_or_fails:  # its checks cost a fit
+        return []
     points = [point for _, point in measured_points(run, kind.point_type)]
     checks = kind(**run.parameters).checks(points)
     return [check.name for check in checks if not check.passed and check.consequence is Outcome.DID_NOT_PASS]

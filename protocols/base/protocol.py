@@ -34,6 +34,8 @@ class Protocol(BaseModel, ABC):
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
     diagnosed_levels: ClassVar[tuple[str, ...]] = ()
     """Abort levels whose cause the protocol itself finds and reports: beyond them it is only warned."""
+    passes_or_fails: ClassVar[bool] = False
+    """Whether a failed check means that the run did not pass; its checks then count also for a run that is not judged."""
     restore: ClassVar[Prompt | None] = None
     """Prompt of the next run of another protocol, where this one leaves something else than the tactor under the sensor."""
 

@@ -73,6 +73,7 @@ class WiringCheck(Protocol):
     point_type: ClassVar[type] = WiringPoint
     axes: ClassVar[tuple[str, str]] = ("commanded", "displacement")
     diagnosed_levels: ClassVar[tuple[str, ...]] = ("laser_lost", "no_response")
+    passes_or_fails: ClassVar[bool] = True
 
     level_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "step to either side of rest, and the sine's peak"] = (
         0.1
