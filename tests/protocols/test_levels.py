@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
 from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine
 from protocols.base import (
     BlockStored,
@@ -21,6 +22,9 @@ from protocols.base import (
     Quality,
     RunStatus,
 )
+from protocols.measurements.mass_resonance import MassResonance
+from protocols.measurements.membrane_sag import MembraneSag
+from protocols.measurements.membrane_series import MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.measurements.voltage_steps import VoltageSteps
@@ -322,6 +326,35 @@ def test_a_drive_that_is_over_is_not_seen_again() -> None:
         t = start_s + np.arange(250) / RATE_HZ
         readback.check(round(start_s * RATE_HZ), np.rint(SINE.volts(t) / 2e-4).astype(np.int16), VOLTS.to_volts)
         assert readback.compared is compared
+
+
+@pytest.mark.deep
+def test_a_level_is_reported_within_a_tenth_of_a_second_without_a_window(tmp_path: Path) -> None:
+    with connect(simulated(), None, UNATTENDED_BLOCK_S) as lab:
+        lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4)
+        ran = run(SHORT, tmp_path, lab)
+    with Run(ran.path) as file:
+        trace = file.trace
+        seen = np.abs(trace.displacement_m() - trace.displacement_m(0, 100).mean())
+        first_s = float(trace.time_s()[np.argmax(seen > 1e-4)])
+    assert 0 <= exceeded(ran)[0].time_s - first_s <= REPORTED_WITHIN_S
+
+
+FULL = {
+    "mass resonance": MassResonance(masses_kg=(2.75e-3,)),
+    "membrane sag": MembraneSag(),
+    "membrane series": MembraneSeries(elongations_m=(0.0, 6.35e-3), frequencies_hz=(100, 130, 160, 200, 250)),
+}
+
+
+@pytest.mark.deep
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("protocol", FULL.values(), ids=FULL)
+def test_the_default_levels_leave_a_protocol_of_full_length_undisturbed(protocol: Protocol, tmp_path: Path) -> None:
+    with connect(simulated(), None, UNATTENDED_BLOCK_S) as lab:
+        ran = run(protocol, tmp_path, lab)
+    assert (ran.status, exceeded(ran)) == (RunStatus.COMPLETED, [])
+    assert not any(event.lost for event in readbacks(ran))
 
 
 @pytest.mark.deep
