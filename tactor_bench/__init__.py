@@ -3,7 +3,7 @@
 Example:
     >>> import tactor_bench as tb
     >>> print(f"{tb.response([160.0]).peak_to_peak[0] * 1e6:.0f} um")
-    1116 um
+    1113 um
 
 Reading: `open_run`, `runs`. Model: `Tactor`, `Membrane`, `Skin`, `response`. Identification: `identify`, `calibration`.
 Measuring: `connect`. All values are in SI units. Modules are imported when they are first used.
