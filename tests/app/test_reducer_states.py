@@ -66,13 +66,13 @@ def test_a_bench_that_was_armed_is_at_a_rest_that_was_measured() -> None:
 @pytest.mark.parametrize(
     ("events", "said"),
     [
-        ((OperatorAction.PAUSE,), "Pause was asked"),
-        ((OperatorAction.PAUSE, RunPaused("paused"), OperatorAction.PAUSE), "Going on was asked"),
+        ((OperatorAction.PAUSE,), "Pause was requested"),
+        ((OperatorAction.PAUSE, RunPaused("paused"), OperatorAction.PAUSE), "Resume was requested"),
         (
             (OperatorAction.PAUSE, RunPaused("paused"), OperatorAction.PAUSE, RunResumed(), OperatorAction.PAUSE),
-            "Pause was asked",
+            "Pause was requested",
         ),
-        ((OperatorAction.STOP,), "Stop was asked; the bench goes to rest"),
+        ((OperatorAction.STOP,), "Stop was requested; the bench goes to rest"),
         ((OperatorAction.RECONNECT,), "Connecting again"),
     ],
 )

@@ -315,7 +315,7 @@ def test_the_rate_of_the_card_may_differ_by_a_hundredth(lab: BenchConnection, fa
     stream = SimpleNamespace(rate_hz=factor * RATE_HZ, __exit__=lambda *_: left.append(None))
     lab.bench.digitizer.stream = lambda rate_hz, scans: left.append((rate_hz, scans)) or stream  # type: ignore[method-assign, assignment, return-value]
     if refused:
-        with pytest.raises(AcquisitionError, match="where 2000 Hz was asked for"):
+        with pytest.raises(AcquisitionError, match="instead of the requested 2000 Hz"):
             lab.bench.open_stream(RATE_HZ)
         assert left == [(RATE_HZ, 100), None]
     else:
@@ -378,7 +378,7 @@ def test_every_block_is_a_heartbeat_and_shows_a_watchdog_that_ended(lab: BenchCo
 
 def test_rest_that_is_not_reached_between_two_drives_ends_the_run(lab: BenchConnection, journal: Journal) -> None:
     with (
-        pytest.raises(BenchError, match=r"the source was told to rest, but the card sees 2\.6"),
+        pytest.raises(BenchError, match=r"the source was commanded to rest, but the card sees 2\.6"),
         armed_bench(lab, journal) as armed,
     ):
         link = lab.control.link()
@@ -456,7 +456,7 @@ def test_an_unsafe_end_is_reported_without_waiting_for_a_level_and_ten_seconds_f
         begin_s = clock.now()
     assert least_s <= clock.now() - begin_s <= most_s
     assert "The source did not obey" in str(failed.value)
-    assert "The watchdog says: the source does not answer it either." in str(failed.value)
+    assert "The watchdog reports: the source does not answer it either." in str(failed.value)
     assert any(line.startswith("asked for help: The source did not obey") for line in journal.lines)
     assert journal.lines[-2].startswith("log: the program could not confirm rest: the card sees")
     assert journal.lines[-1] == "watchdog: disarmed"

@@ -81,7 +81,7 @@ def test_the_last_point_of_every_entry_is_carried_over_and_the_last_entry_checke
     state = load_resumable(FILE).resume_state
     assert state.points == ((0, Point(150.0, (0.0, 1.0))), (1, Point(152.0, (4.0, 5.0))))
     assert state.drift_check_entry == 1
-    assert state.message == "Goes on with earlier.h5 (stopped), 2 points carried over"
+    assert state.message == "Continues earlier.h5 (stopped), 2 points carried over"
     assert [curve.entry for curve in state.curves] == [0, 1]
 
 
@@ -91,9 +91,7 @@ def test_a_point_whose_entry_the_plan_has_no_more_is_left_behind(earlier: Earlie
         state = load_resumable(FILE).resume_state
         assert [entry for entry, _ in state.points] == [0]
         assert state.drift_check_entry == 0
-        assert state.message.endswith(
-            "1 points carried over, 1 left behind: the plan has other entries in their place now"
-        )
+        assert state.message.endswith("1 points carried over, 1 dropped: the plan has other entries in their place now")
 
 
 def test_an_entry_that_is_measured_again_needs_no_drift_check(earlier: Earlier) -> None:
