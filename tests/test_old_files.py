@@ -100,8 +100,10 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
     command, before = asked["command"], copy.deepcopy(asked["answer"])
     assert isinstance(command, list)
     assert isinstance(before, dict | list)
-    assert program(*command) == (1 if command[0] == "report" else 0)  # one of the limits is not met
-    comparison = Comparison(tolerance=1e-6)
+    more = ["-n", "7"] if command[:2] == ["model", "modes"] else []  # that version always took seven shapes
+    assert program(*command, *more) == (1 if command[0] == "report" else 0)  # one of the limits is not met
+    # Weights count as one error each since then, and phases have the drive's noise: errors differ by some percent.
+    comparison = Comparison(tolerance=0.1 if command[0] in ("identify", "campaign") else 1e-6)
     answer = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     if command[0] == "show":  # new since that version
         assert answer.pop("verdict")["outcome"] == "not judged"
@@ -112,6 +114,14 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
         assert not any(run.pop("verdict_reasons") for run in answer["runs"])
         assert answer["limits"][0].pop("why") == "not determined by these runs"
         before["limits"][0].pop("why")
+    if command[0] == "identify":
+        assert set(answer["runs"].pop("error_scale")) == {1.0}
+        del answer["units"]["error_scale"]
+        for each in (before, answer):
+            each["parameters"].pop("estimate")  # as text, with its error
+    if more:
+        assert answer.pop("shapes") == 7
+        assert answer.pop("shape_error") > 1e-3
     comparison.json("", before, answer)
     assert comparison.values > 10
     assert not comparison.differences

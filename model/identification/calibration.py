@@ -90,7 +90,8 @@ class Calibration:
 
     def as_record(self) -> dict[str, Any]:
         """Plain nested values, ready for JSON."""
-        return asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed), "reduced": dict(self.reduced)}
+        record = asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed), "reduced": dict(self.reduced)}
+        return {name: value for name, value in record.items() if value or name not in ("doubt", "reason")}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
