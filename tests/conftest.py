@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from drivers.transport import lock
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.service.process import BenchProcess
@@ -49,6 +50,15 @@ def pytest_collection_finish() -> None:
     """Let the garbage collector pass over what was collected: modules and tests, which stay until the end."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def lock_folder_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the locks of the tests apart from the computer's: a killed test would leave its instruments on record."""
+    folder = tmp_path_factory.mktemp("locks") / "tactor-bench"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lock, "lock_folder", lambda: folder)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -10,8 +10,10 @@ import shutil
 import socket
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import h5py
+import numpy as np
 import pytest
 
 from app.archive.replay import load_run, load_trace_window
@@ -115,6 +117,7 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
         assert answer["limits"][0].pop("why") == "not determined by these runs"
         before["limits"][0].pop("why")
     if command[0] == "identify":
+        _check_estimates(before["parameters"], answer["parameters"])
         assert set(answer["runs"].pop("error_scale")) == {1.0}
         del answer["units"]["error_scale"]
         for each in (before, answer):
@@ -122,9 +125,20 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
     if more:
         assert answer.pop("shapes") == 7
         assert answer.pop("shape_error") > 1e-3
+    if command[0] == "campaign":
+        for old, new in zip(before["identified"], answer["identified"], strict=True):
+            _check_estimates({name: [old[name]] for name in old}, {name: [new[name]] for name in new})
     comparison.json("", before, answer)
     assert comparison.values > 10
     assert not comparison.differences
+
+
+def _check_estimates(before: dict[str, list[Any]], after: dict[str, list[Any]]) -> None:
+    """Check that estimates are the same within a fifth of their errors, and the errors within a tenth."""
+    assert before["name"] == after["name"]
+    values, errors = np.array(before["value"]), np.array(before["standard_error"])
+    assert np.all(np.abs(np.array(after["value"]) - values) <= 0.2 * errors)
+    assert after["standard_error"] == pytest.approx(errors, rel=0.1)
 
 
 @pytest.mark.one_in(6)

@@ -25,6 +25,7 @@ from app.identification import (
     accept_identification,
     amplifier_of,
     calibrations,
+    describe_correction,
     identify,
 )
 from model import ParameterError
@@ -266,7 +267,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
         (
             *([version.decision] if version.decision else []),
             *notes,
-            *_correction_lines(version),
+            *([describe_correction(version.reduced)] if version.reduced else []),
             *([version.note] if version.note else []),
             *_version_lines(calibrations),
         ),
@@ -284,22 +285,6 @@ def _version_lines(calibrations: Calibrations) -> list[str]:
         for c in calibrations.versions
     )
     return [f"versions: {'; '.join(each)}"]
-
-
-def _correction_lines(version: Calibration) -> list[str]:
-    """Return the corrected instrument calibration that a version is based on."""
-    if not version.reduced:
-        return []
-    sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
-    parts = [f"raw samples reduced again with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
-    if sensor:
-        when = sensor["calibrated"] or "date not recorded"
-        parts.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
-    if amplifier:
-        parts.append(
-            f"{amplifier['name']} {amplifier['serial']}, {amplifier['slope_below']:g} and {amplifier['slope_above']:g} V/V"
-        )
-    return ["; ".join(parts)]
 
 
 def _difference_result(old: Calibration, new: Calibration) -> CommandResult:

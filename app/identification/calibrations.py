@@ -5,6 +5,7 @@ One version is active. Versions are never removed: a new one is accepted, or an 
 
 import contextlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,9 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
         versions = tuple(Calibration.from_record(each) for each in record["versions"])
         if others := [each.specimen for each in versions if each.specimen != specimen]:
             raise CalibrationError(other_specimen_message(path, SUFFIX, others[0], specimen))
+        for each in versions:
+            if each.reduced:
+                describe_correction(each.reduced)  # raises for values of a wrong type
         return Calibrations(versions, int(record["active"]))
     except FileNotFoundError:
         return Calibrations()
@@ -93,3 +97,24 @@ def write_calibrations(folder: Path, specimen: str, calibrations: Calibrations) 
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path} cannot be written: {error}") from error
     return path
+
+
+def describe_correction(record: Mapping[str, Any]) -> str:
+    """Return the corrected instrument calibration that a version is based on, as text.
+
+    Args:
+        record: `Calibration.reduced`, as `Correction.as_record` made it.
+
+    Raises:
+        KeyError, TypeError, ValueError: the record is damaged.
+    """
+    sensor, amplifier = record["sensor"], record["amplifier"]
+    parts = [f"raw samples reduced again with {record['bench']} (SHA-256 {record['sha256'][:16]}...)"]
+    if sensor:
+        when = sensor["calibrated"] or "date not recorded"
+        parts.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
+    if amplifier:
+        parts.append(
+            f"{amplifier['name']} {amplifier['serial']}, {amplifier['slope_below']:g} and {amplifier['slope_above']:g} V/V"
+        )
+    return "; ".join(parts)

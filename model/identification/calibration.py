@@ -23,6 +23,10 @@ class ParameterChange:
     """The difference in units of its own standard error, both calibrations taken as independent."""
 
 
+_TYPES = {"version": int, "simulated": bool, "fixed": Mapping, "reduced": Mapping}
+"""Types of the values of a record that are no texts."""
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """Accepted estimates of one specimen with their covariance; `as_record` and `from_record` are its round trip to disk.
@@ -111,6 +115,9 @@ class Calibration:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
             covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
             rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs"}}
+            for name, value in rest.items():
+                if not isinstance(value, _TYPES.get(name, str)):
+                    raise TypeError(f"{name} is {value!r:.40}")
             return cls(estimates=estimates, covariance=covariance, runs=tuple(record["runs"]), **rest)
         except (TypeError, KeyError, AttributeError) as error:
             raise ParameterError(f"this calibration record is damaged: {error}; accept the estimates again") from None

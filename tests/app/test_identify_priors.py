@@ -88,8 +88,8 @@ def test_held_values_are_named_first(tables: list[str], capsys: pytest.CaptureFi
     [
         ("h_Al=0.2 mm", "write NAME=VALUE+-ERROR"),
         ("h_Al=0.2 mm +- 0 mm", "the uncertainty must be positive"),
-        ("weight=3 +- 1", "weight is no parameter"),
-        ("L=22 kg +- 1 mm", "no quantity in m"),
+        ("weight=3 +- 1", "weight is not an identifiable parameter"),
+        ("L=22 kg +- 1 mm", "is not a quantity in m"),
         ("L=-22 mm +- 1 mm", "L"),
     ],
 )

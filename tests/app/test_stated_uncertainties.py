@@ -76,7 +76,7 @@ def test_the_uncertainty_of_an_elongation_is_stored_and_is_an_error_of_the_fit(t
         (STATIC, "side=1", "no fit takes the uncertainty of side into account"),
         (DWELL, "drive_amplitude=1 %", "no fit takes the uncertainty of drive amplitude into account"),
         (STEPS, "read_time=1 s", "It can be given for: "),
-        (STATIC, "elongation=1 mm", "there is no elongation among the values"),
+        (STATIC, "elongation=1 mm", "elongation is not one of the values; there are: mass, deflection, load"),
     ],
 )
 def test_an_uncertainty_that_no_fit_uses_is_refused(
