@@ -1,12 +1,14 @@
 """Fixtures of all tests: no display, no user settings, no thread left behind."""
 
 import gc
+import math
 import os
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from hypothesis import settings
@@ -29,20 +31,28 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
 
 
+QUICK_CASES = 4
+"""Of more cases of a parametrised test than this, so many are quick; `one_in` chooses another share."""
+
+
 @pytest.hookimpl(tryfirst=True)  # before deep tests are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as deep what `one_in` leaves out, and let what waits for real wires and watchdogs begin first.
+    """Mark as deep the cases that the quick tier leaves out, and let what waits for real wires and watchdogs begin first.
 
     At the end every worker would wait for it.
     """
-    counts: Counter[tuple[Path, str]] = Counter()
+    cases: defaultdict[tuple[Path, str], list[pytest.Item]] = defaultdict(list)
     for item in items:
-        marker = item.get_closest_marker("one_in")
-        if marker is not None and item.get_closest_marker("deep") is None:
-            function = (item.path, item.originalname)  # type: ignore[attr-defined]
-            if counts[function] % marker.args[0]:
+        if item.get_closest_marker("deep") is None:
+            cases[item.path, item.originalname].append(item)  # type: ignore[attr-defined]
+    for (_, name), same in cases.items():
+        marker = same[0].get_closest_marker("one_in")
+        every = marker.args[0] if marker else max(len(same) / QUICK_CASES, 1)
+        first = 0 if marker else crc32(name.encode()) % math.ceil(every)  # other cases of another function
+        quick = {math.floor(first + every * k) % len(same) for k in range(math.ceil(len(same) / every))}
+        for k, item in enumerate(same):
+            if k not in quick:
                 item.add_marker("deep")
-            counts[function] += 1
     items.sort(key=lambda item: "safety" not in item.path.parts)
 
 

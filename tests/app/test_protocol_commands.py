@@ -71,7 +71,7 @@ def test_what_has_no_response_is_measured_again_by_that_word(
     text = Path("sim_hardware/bench.toml").read_text(encoding="utf-8")
     dark.write_text(text.replace("mu = -1.33e-5", "mu = -1e-13"), encoding="utf-8")
     arguments = ["--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,160", *SHORT]
-    assert main(["run", "sine-dwell", "--bench", str(dark), *arguments]) == ExitCode.DONE
+    assert main(["run", "sine-dwell", "--bench", str(dark), *arguments]) == ExitCode.NO_RESULT
     (first,) = tmp_path.glob("*.h5")
     assert "no response" in capsys.readouterr().err
     assert main(["resume", str(first), "--again", "flagged", "--speed", "max"]) == ExitCode.DONE

@@ -53,7 +53,7 @@ def test_burst_of_a_killed_program_ends_at_rest_by_itself(tmp_path: Path) -> Non
     settings = ("frequencies_hz=100", "settle_limit_s=0.5", "record_s=1")
     with program(tmp_path, *settings, watchdog="enabled = false") as (run, _):
         run.arm()
-        run.wait_for("No watchdog: the bench file switches it off")
+        run.wait_for("No watchdog: the bench file disables it")
         run.wait_for("high voltage is on")
         while run.bench.report().outside_rest_s < 0.2:
             time.sleep(0.02)

@@ -50,7 +50,7 @@ def test_noise_is_called_noise() -> None:
         (World(hysteresis=0.04), (2.5, 1.25), "amplitude", 0.04, "at full drive the dwells"),
         (World(creep=0.02), (2.5,), "creep", None, "creep"),
         (World(drift=0.01), (2.5,), "drift", 0.01, "from the first to the last"),
-        (World(clamp=15.0), (2.5,), "clamp", 1 / 15, "the clamp rotates"),
+        (World(clamp=15.0), (2.5,), "clamp", 1 / 15, "the clamp turns by"),
     ],
 )
 def test_what_is_outside_the_model_is_noticed(
