@@ -19,7 +19,7 @@ import traceback
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -229,7 +229,7 @@ def main(words: Sequence[str]) -> None:
         print(*_again(words[1], int(words[2]), Path(words[3])), sep="\n")
         return
     report = fuzz(Path(words[1]), *map(int, words[2:]))
-    print(json.dumps(asdict(report)) if words[0] == "json" else report)
+    print(json.dumps(vars(report)) if words[0] == "json" else report)
 
 
 if __name__ == "__main__":
