@@ -135,9 +135,9 @@ def test_the_predicted_way_to_rest_is_stored_with_the_run(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("delay_s", "drive", "limit_s"),
     [
-        (0.02, Hold(2.02, 60.0), 2.0),
-        (0.02, Hold(5.0, 60.0), 3.0),
-        (0.02, Sine(100.0, 2.5, 2.5, 3000), 2.0),
+        (0.05, Hold(2.02, 60.0), 4.0),
+        (0.05, Hold(5.0, 60.0), 4.0),
+        (0.05, Sine(100.0, 2.5, 2.5, 3000), 4.0),
         pytest.param(0.3, Hold(5.0, 60.0), 12.0, marks=pytest.mark.deep),
         pytest.param(0.3, Sine(100.0, 2.5, 2.5, 3000), 12.0, marks=pytest.mark.deep),
     ],
