@@ -1,8 +1,20 @@
 """Verdict on a run file from its points: for runs of earlier versions, imported runs, and to check a stored verdict."""
 
+from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
-from protocols.base import Outcome, ReferenceModel, RunStatus, Verdict, extend_plan, judge_ended
+from protocols.base import (
+    EstimatedQuantity,
+    Outcome,
+    Protocol,
+    ReferenceModel,
+    RunStatus,
+    Verdict,
+    extend_plan,
+    judge_ended,
+)
 from protocols.resume import measured_points, protocol_of_run
 from protocols.runfile.errors import StorageError
 from protocols.runfile.names import truncate_utf8
@@ -40,10 +52,10 @@ def complete_results(path: Path) -> str:
     """
     try:
         with Run(path) as run, translate_read_errors(path):
-            protocol = protocol_of_run(run, str(path))
-            measured = dict(measured_points(run, protocol.point_type))
-            estimates = protocol.estimates([measured[entry] for entry in sorted(measured)])
-            verdict, reason = _judge(run, None), f"{run.reason}; they were computed from its points afterwards"
+            protocol, measured = _read_points(run)
+            estimates = protocol.estimates(list(measured.values()))
+            verdict = _judge_points(run, protocol, measured, None, estimates)
+            reason = f"{run.reason}; they were computed from its points afterwards"
         with append_results(path) as file:
             file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
             store_verdict(file, verdict)
@@ -58,12 +70,25 @@ def _judge(run: Run, reference: ReferenceModel | None) -> Verdict:
         if not run.crashed:
             raise RunReadError(f"{run.path} is still being written; stop that run first")
         return Verdict(Outcome.FAILED, (CRASHED,))
+    return _judge_points(run, *_read_points(run), reference)
+
+
+def _read_points(run: Run) -> tuple[Protocol, dict[int, Any]]:
+    """Return the protocol of a run and its valid points by entry, in the order of the plan."""
     protocol = protocol_of_run(run, str(run.path))
+    return protocol, dict(sorted(measured_points(run, protocol.point_type), key=itemgetter(0)))
+
+
+def _judge_points(
+    run: Run,
+    protocol: Protocol,
+    measured: dict[int, Any],
+    reference: ReferenceModel | None,
+    estimates: Sequence[EstimatedQuantity] | None = None,
+) -> Verdict:
     amplifier = run.amplifier_map
-    measured = dict(measured_points(run, protocol.point_type))
-    points = [measured[entry] for entry in sorted(measured)]
-    planned = len(points)
+    planned = len(measured)
     if not run.imported:  # a table has no plan
         planned = len(extend_plan(protocol, protocol.plan(amplifier.rest_v), measured, amplifier.rest_v))
     known = reference or run.reference or ReferenceModel(amplifier=amplifier)
-    return judge_ended(run.status, run.reason, protocol, points, planned, known)
+    return judge_ended(run.status, run.reason, protocol, list(measured.values()), planned, known, estimates)

@@ -34,6 +34,7 @@ from .operator import Operator as Operator
 from .protocol import Protocol as Protocol
 from .protocol import extend_plan as extend_plan
 from .quality import Quality as Quality
+from .quality import point_quality as point_quality
 from .quality import usable_mask as usable_mask
 from .records import MAX_RECORDING_SCANS as MAX_RECORDING_SCANS
 from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS

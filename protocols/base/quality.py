@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,11 @@ class Quality(IntFlag):
     def usable(self) -> bool:
         """Whether fits and summaries may use the value."""
         return not self & ~Quality.FACTS
+
+
+def point_quality(point: Any) -> Quality:
+    """Return the flags of a point; none if its type has no quality."""
+    return Quality(int(getattr(point, "quality", 0)))
 
 
 def usable_mask(flags: Iterable[float]) -> Mask:

@@ -13,10 +13,11 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from protocols.base.jsonable import to_jsonable
-from protocols.base.quality import Quality
+from protocols.base.quality import Quality, point_quality
 
 if TYPE_CHECKING:
     from protocols.base.protocol import Protocol
+    from protocols.base.records import EstimatedQuantity
     from protocols.base.reference import ReferenceModel
 
 
@@ -176,7 +177,11 @@ class Verdict:
 
 
 def judge(
-    protocol: "Protocol", points: Sequence[Any], planned: int, reference: "ReferenceModel | None" = None
+    protocol: "Protocol",
+    points: Sequence[Any],
+    planned: int,
+    reference: "ReferenceModel | None" = None,
+    estimates: "Sequence[EstimatedQuantity] | None" = None,
 ) -> Verdict:
     """Return the verdict on a completed run. Pure, so that a run file gives the verdict of the live run.
 
@@ -185,8 +190,10 @@ def judge(
         points: the valid points, superseded ones left out.
         planned: number of entries of the plan.
         reference: model of the free specimen, for protocols that compare with it.
+        estimates: those of these points, if they are known already; computed otherwise.
     """
-    checks = (*usability_checks(points, planned), *identification_checks(protocol, points), *protocol.checks(points))
+    identified = identification_checks(protocol, points, estimates)
+    checks = (*usability_checks(points, planned), *identified, *protocol.checks(points))
     if reference is not None:
         checks += protocol.reference_checks(points, reference)
     failed = [check for check in checks if not check.passed]
@@ -213,25 +220,28 @@ def judge_ended(
     points: Sequence[Any],
     planned: int,
     reference: "ReferenceModel | None" = None,
+    estimates: "Sequence[EstimatedQuantity] | None" = None,
 ) -> Verdict:
     """Return the verdict on a run that ended with `status` and `reason`; see `judge`. Pure.
 
     A run that was stopped because of an exceeded level or a missing response, without a usable point, gave no result.
     """
     if status is RunStatus.COMPLETED:
-        return judge(protocol, points, planned, reference)
-    usable = any(Quality(int(point.quality)).usable for point in points)
+        return judge(protocol, points, planned, reference, estimates)
+    usable = any(point_quality(point).usable for point in points)
     if status is RunStatus.STOPPED and STOP_CAUSE in reason and not usable:
         return Verdict(Outcome.NO_RESULT, (reason,), usability_checks(points, planned))
     return Verdict.of_status(status, reason)
 
 
-def identification_checks(protocol: "Protocol", points: Sequence[Any]) -> tuple[CheckResult, ...]:
+def identification_checks(
+    protocol: "Protocol", points: Sequence[Any], estimates: "Sequence[EstimatedQuantity] | None" = None
+) -> tuple[CheckResult, ...]:
     """Return the check that the usable points gave the estimates the protocol is made for."""
-    if not any(Quality(int(point.quality)).usable for point in points):
+    if not any(point_quality(point).usable for point in points):
         return ()  # reported by the usable points
     promised = protocol.promised_estimates(points)
-    found = {estimate.name for estimate in protocol.estimates(points)}
+    found = {each.name for each in (protocol.estimates(points) if estimates is None else estimates)}
     missing = [name for name in promised if name not in found]
     if not promised:
         return ()
@@ -253,7 +263,7 @@ def identification_checks(protocol: "Protocol", points: Sequence[Any]) -> tuple[
 
 def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, ...]:
     """Return the checks that hold for every protocol: each entry has a point, and each point is usable."""
-    flags = [Quality(int(getattr(point, "quality", 0))) for point in points]
+    flags = [point_quality(point) for point in points]
     usable = sum(flag.usable for flag in flags)
     causes = Counter(
         fault.name for flag in flags if not flag.usable for fault in flag & ~Quality.FACTS if fault.name is not None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from model import Array
-from protocols.base import CheckResult, Quality
+from protocols.base import CheckResult, point_quality
 
 SIGNAL_TO_NOISE_LIMIT = 20.0
 """Least value over its standard error: known to 5 %, the accuracy of the paper's comparisons. Below 5 there is no response."""
@@ -37,7 +37,7 @@ NOISE_REMEDY = "check for vibration or light on the sensor, drive more, or avera
 
 def usable_points(points: Sequence[Any]) -> list[Any]:
     """Return the points that fits may use."""
-    return [point for point in points if Quality(int(point.quality)).usable]
+    return [point for point in points if point_quality(point).usable]
 
 
 def signal_to_noise_check(name: str, pairs: Sequence[tuple[float, float]], detail: str = "") -> tuple[CheckResult, ...]:

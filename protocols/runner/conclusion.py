@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import math
+from collections.abc import Sequence
 
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, BenchError, UnsafeError
 from protocols.base import (
@@ -69,7 +70,7 @@ class RunConclusion:
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
         status, reason = self._publish_rest(status, reason, armed)
-        estimates: tuple[EstimatedQuantity, ...] = ()
+        estimates: tuple[EstimatedQuantity, ...] | None = None
         try:
             estimates = self._protocol.estimates(self._progress.points)
         except BaseException as error:
@@ -79,17 +80,17 @@ class RunConclusion:
             self._run_file.check_presence()
         except StorageError as error:
             status, reason = _storage_failure(error, status, reason)
-        verdict = self._judge(status, reason)
+        verdict = self._judge(status, reason, estimates)
         if message := self._clock_check.message():
             self._recorder.publish_always(LogMessage(message))
         try:
-            reason = self._run_file.finish(status, reason, estimates, self._progress.curves, verdict)
+            reason = self._run_file.finish(status, reason, estimates or (), self._progress.curves, verdict)
         except StorageError as error:
             status, reason = _storage_failure(error, status, reason)
             verdict = Verdict.of_status(status, reason, verdict.checks)
             with contextlib.suppress(StorageError):
                 self._run_file.close_after_error()
-        ended = RunEnded(status, reason, str(self._run_file.path), estimates, verdict)
+        ended = RunEnded(status, reason, str(self._run_file.path), estimates or (), verdict)
         self._recorder.notify(ended)
         return ended
 
@@ -104,10 +105,11 @@ class RunConclusion:
             self._recorder.publish_always(RestMeasured(False, math.nan, "rest could not be measured"))
         return status, reason
 
-    def _judge(self, status: RunStatus, reason: str) -> Verdict:
-        progress = self._progress
+    def _judge(self, status: RunStatus, reason: str, estimates: Sequence[EstimatedQuantity] | None) -> Verdict:
+        progress, protocol = self._progress, self._protocol
+        planned = len(progress.plan)
         try:
-            return judge_ended(status, reason, self._protocol, progress.points, len(progress.plan), self._reference)
+            return judge_ended(status, reason, protocol, progress.points, planned, self._reference, estimates)
         except Exception as error:
             log.exception("the checks of the result failed")
             if status is not RunStatus.COMPLETED:

@@ -20,6 +20,7 @@ from protocols.base import (
     ResultCurve,
     RunPaused,
     RunResumed,
+    point_quality,
 )
 from protocols.resume import ResumeState, assess_drift
 from protocols.runner.acquisition import RunAcquisition
@@ -120,7 +121,7 @@ class EntryRunner:
         else:
             self._recorder.publish(self._progress.add_point(index, point))
             if entry.drives:
-                self._acquisition.levels.point_measured(Quality(int(getattr(point, "quality", 0))))
+                self._acquisition.levels.point_measured(point_quality(point))
             self.add_curves(self._analyze_curves(armed, index, entry, results))
             for warning in self._progress.new_warnings():
                 self._recorder.publish(LogMessage(warning))
