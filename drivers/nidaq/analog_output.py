@@ -222,9 +222,8 @@ class NiAnalogOutput:
         self._write_level(level_v)
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
-        idle_v = self.idle_level_v()
         self._end_hold()
-        idle_v = idle_v if self._level_v is None else self._level_v
+        idle_v = self.idle_level_v()
         if self._rest_v is not None and abs(level_v - self._rest_v) > LEVEL_TOLERANCE_V:
             self._start_hold(idle_v, level_v, duration_s)
             if self._hold is not None and self._task is not None:

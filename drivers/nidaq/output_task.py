@@ -48,7 +48,12 @@ class OutputQueue:
 
     def samples_at(self, rate_hz: float) -> int:
         """Return how many samples are on their way at a sample rate, after `adjusted_request_bytes` was asked for."""
-        request_bytes = self.adjusted_request_bytes(rate_hz) if self.adjustable else self.request_bytes
+        return self.samples_in_requests_of(
+            self.adjusted_request_bytes(rate_hz) if self.adjustable else self.request_bytes
+        )
+
+    def samples_in_requests_of(self, request_bytes: int) -> int:
+        """Return how many samples are on their way with USB requests of this size."""
         return self.fifo + math.ceil(self.requests * request_bytes / BYTES_PER_SAMPLE)
 
     def adjusted_request_bytes(self, rate_hz: float) -> int:
@@ -161,7 +166,7 @@ class OutputTask:
                 channel.ao_usb_xfer_req_size = self.queue.adjusted_request_bytes(self.rate_hz)
             with contextlib.suppress(*_UNSUPPORTED):
                 request_bytes = int(channel.ao_usb_xfer_req_size)
-        return self.queue.fifo + math.ceil(self.queue.requests * request_bytes / BYTES_PER_SAMPLE)
+        return self.queue.samples_in_requests_of(request_bytes)
 
 
 def write_level(connection: NiConnection, physical_channel: str, description: str, level_v: float) -> None:
