@@ -1,7 +1,5 @@
 """The commands `judge` and `verify`: the verdict on run files from their points, and their checksums and repair."""
 
-import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,8 +27,7 @@ class JudgeCommand:
         from app.identification import reference_model
         from protocols.base import to_jsonable
         from protocols.judgement import judge_file
-        from protocols.runfile.errors import StorageError
-        from protocols.runfile.reader import Run, RunReadError
+        from protocols.runfile.reader import Run
 
         load_all_protocols()
         codes, records, problems = [], [], 0
@@ -71,6 +68,8 @@ class VerifyCommand:
     json: bool = switch("--json", "one JSON list on standard output")
 
     def execute(self) -> int:
+        from app.cli.output import print_json
+
         found: list[Verification] = []
         for path, named in _run_files(self.paths):
             if self.repair:
@@ -84,8 +83,7 @@ class VerifyCommand:
                 for finding in result.findings:
                     print_line(f"  {finding}")
         if self.json:
-            records = [{"path": str(r.path), "state": str(r.state), "findings": list(r.findings)} for r in found]
-            print_line(json.dumps(records))
+            print_json([{"path": r.path, "state": r.state, "findings": r.findings} for r in found])
         else:
             counts = {state: sum(result.state is state for result in found) for state in FileState}
             named_counts = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
@@ -104,9 +102,9 @@ def _repair(path: Path) -> None:
     try:
         with suppress(RunReadError):  # reported by the verification
             if message := repair_run(path, complete_results):
-                sys.stderr.write(f"{message}\n")
+                print_message(message)
     except StorageError as error:
-        sys.stderr.write(f"{error}\n")
+        print_message(str(error))
 
 
 def _run_files(paths: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
