@@ -142,7 +142,7 @@ def check_planned_faults(bench: SelectedBench, planned_faults: Sequence[str]) ->
 
 
 def refuse_unreachable_operator(bench: SelectedBench, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
-    """Reject a run whose prompts nobody can answer, before anything moves.
+    """Reject a run whose prompts cannot be answered, before anything moves.
 
     Raises:
         UsageError: standard input is not a terminal, the bench is real, and the run has prompts; they are named.

@@ -44,7 +44,7 @@ class ConsoleOperator:
 
     @property
     def unreachable_reason(self) -> str:
-        """Why nobody can answer; empty at a terminal."""
+        """Reason why prompts cannot be answered; empty at a terminal."""
         if self._terminal_gone:
             return "the terminal has been closed"
         return "" if operator_reachable() else "standard input is not a terminal"
@@ -101,7 +101,7 @@ class ConsoleOperator:
                     typed = b""
                 if not typed:
                     self._terminal_gone = True
-                    if self._pending is not None:  # nobody can answer it any more
+                    if self._pending is not None:  # it can no longer be answered
                         run.stop()
                     return
                 for line in typed.decode(errors="replace").splitlines():
@@ -154,7 +154,7 @@ def operator_reachable() -> bool:
     """Return whether prompts can be answered: standard input is a terminal."""
     try:
         return sys.stdin.isatty()
-    except (AttributeError, ValueError):  # there is none, or it is closed
+    except (AttributeError, ValueError):  # no standard input, or a closed one
         return False
 
 

@@ -427,7 +427,7 @@ class BurstGenerator(ABC):
         """Query a setting of `_expected_settings`."""
 
     def _query_optional_setting(self, name: str) -> str | None:
-        """Query a setting that this model may not have; return None if it says so."""
+        """Query a setting that this model may not have; return None if the model does not know it."""
         return self._query_setting(name)
 
     def _reset_foreign_settings(self) -> None:  # noqa: B027 - few settings of a plug-in's instrument persist

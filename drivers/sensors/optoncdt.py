@@ -38,7 +38,7 @@ class OptoNcdt:
         self._port, self._clock, self._range_m = port, clock, range_m
         try:
             port.query(b"OUTPUT NONE\r\n", b"->")
-            port.query(b"OUTADD_RS422 NONE\r\n", b"->")  # if it is refused, those values are told apart by their flag
+            port.query(b"OUTADD_RS422 NONE\r\n", b"->")  # if refused, additional values are recognised by their flag
             self._remove_master_value()
             info = port.query(b"GETINFO\r\n", b"->")
             port.write(b"OUTPUT RS422\r\n")

@@ -18,7 +18,7 @@ from drivers.transport.scpi import Link, ScpiSession
 
 @dataclass(frozen=True, slots=True)
 class PersistentSetting:
-    """A setting that persists from other users and can take the output away or move it.
+    """A setting that persists from other users and can switch the output off or shift it.
 
     Args:
         name: for messages, after "its".
@@ -281,7 +281,7 @@ class SupplyChannel:
         return ""
 
     def persistent_mismatch(self) -> str:
-        """Describe the first setting of another user that can take the output away or move it; empty if there is none."""
+        """Describe the first setting left by another user that can switch the output off or shift it; empty without any."""
         if self._dialect.output_in_status_word and self._status_word() >> 3 & 1:
             return "its outputs are in series or parallel"
         for setting in self._dialect.persistent_settings:

@@ -18,7 +18,7 @@ class OperatorPrompts:
 
     @property
     def unreachable_reason(self) -> str:
-        """Why nobody can answer; empty if the operator is there, or does not say."""
+        """Reason why prompts cannot be answered; empty if they can, or if the operator does not report it."""
         return str(getattr(self._operator, "unreachable_reason", ""))
 
     def ask(self, prompt: Prompt) -> str:
