@@ -31,7 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
 
 
-QUICK_CASES = 4
+QUICK_CASES = 2
 """Of more cases of a parametrised test than this, so many are quick; `one_in` chooses another share."""
 
 

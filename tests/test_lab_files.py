@@ -91,6 +91,7 @@ def test_the_lab_protocol_is_run_shown_and_resumed(folder: Path, capsys: pytest.
         assert file["entry/points/entry"][:].tolist() == [0, 1, 2, 1]
 
 
+@pytest.mark.deep
 @pytest.mark.usefixtures("installed")
 def test_the_lab_protocol_is_found_by_its_entry_point(folder: Path) -> None:
     with old_names():

@@ -35,6 +35,7 @@ def test_the_same_seed_gives_the_same_mutants() -> None:
     assert sample("safety", 10, 3) != sample("safety", 10, 4)
 
 
+@pytest.mark.deep
 def test_listed_equivalent_mutants_exist() -> None:
     known = {
         (mutant.file, (ROOT / mutant.file).read_text("utf-8").splitlines()[mutant.line - 1].strip(), mutant.text)

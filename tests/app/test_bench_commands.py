@@ -155,12 +155,14 @@ def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], caps
     assert "the NI-DAQmx driver is not installed on this computer" in output
 
 
+@pytest.mark.deep
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
     names, notes = list_resources()
     assert all("::" in name for name in names)
     assert all(note.endswith(("libusb-1.0)", "a given host")) for note in notes)
 
 
+@pytest.mark.deep
 def test_a_box_on_usb_is_found_with_the_driver_that_knows_it() -> None:
     with UsbTmcBus(SimulatedBench().message_port) as bus:
         found, _ = find_devices()

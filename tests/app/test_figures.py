@@ -95,6 +95,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):  # type: ignore[no-u
     return drawing
 
 
+@pytest.mark.deep
 def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # type: ignore[no-untyped-def]
     page = drawn(fig9())
     assert len(page.axes) == 6

@@ -140,6 +140,7 @@ def test_a_time_series_gives_amplitude_and_phase(tmp_path: Path) -> None:
         assert len(run.curves()[0].columns["displacement"].values) == 5000
 
 
+@pytest.mark.deep
 def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
     savemat(
         tmp_path / "t.mat", {"frequency_Hz": np.array([[100.0, 150]]), "pp_um": np.array([760.0, 1154]), "room": 23.0}

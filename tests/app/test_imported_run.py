@@ -149,6 +149,7 @@ def test_a_side_that_nobody_told_comes_back_untold(tmp_path: Path) -> None:
             assert np.isnan(points(brought(file))["side"]).all()
 
 
+@pytest.mark.deep
 def test_what_was_simulated_stays_simulated(tmp_path: Path) -> None:
     with Run(finished_run(tmp_path / "old")) as run:
         files = [*export_run(run, tmp_path, "csv", ("points",)), *export_run(run, tmp_path, "mat", ("about", "points"))]

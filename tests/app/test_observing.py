@@ -27,6 +27,7 @@ def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path
         assert E_m.standard_error == pytest.approx(told.standard_error, rel=0.02)
 
 
+@pytest.mark.deep
 def test_a_sag_of_another_version_is_a_sentence(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(MembraneSag(repeats=1, sample_rate_hz=1000), tmp_path, lab)

@@ -111,6 +111,7 @@ def test_on_the_membrane_the_curve_is_that_of_the_skin_at_each_elongation(overla
     np.testing.assert_array_equal(free.peak_to_peak, overlay.compute(replace(question, elongations_m=())).peak_to_peak)
 
 
+@pytest.mark.deep
 def test_skin_calibration_moves_membrane_curves_and_adds_bands(overlay: Overlay, tmp_path: Path) -> None:
     found = {"c_s_0": (200.0, 10.0), "E_m": (6e6, 1e5), "c_s(1.27 mm)": (700.0, 5.0)}
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, found),), 1))

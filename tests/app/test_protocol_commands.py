@@ -53,6 +53,7 @@ def flags(path: Path) -> list[tuple[int, int, bool]]:
     ]
 
 
+@pytest.mark.deep
 def test_some_frequencies_are_measured_again_into_a_file_beside_the_old_one(tmp_path: Path) -> None:
     first = measured(tmp_path / "runs")
     assert main(["resume", str(first), "--again", "155,160", "--speed", "max"]) == ExitCode.DONE
@@ -107,6 +108,7 @@ def test_added_points_are_known_by_their_frequency_when_a_run_goes_on(tmp_path: 
     assert flags(second)[3:] == [(3, 150, True), (4, 170, False), (3, 150, False)]
 
 
+@pytest.mark.deep
 def test_a_labs_own_file_runs_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text(MINE)

@@ -59,6 +59,7 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     assert_safe_voltage(laboratories[0].control.report())
 
 
+@pytest.mark.deep
 def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_path: Path) -> None:
     left: list = []
 

@@ -70,9 +70,8 @@ def bench(path: Path, gain_m_per_v: float, serial: str = SERIAL) -> Path:
 # -- adequacy ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "truth", [{}, pytest.param({"modes": 20}, marks=pytest.mark.deep)], ids=["seven modes", "twenty modes"]
-)
+@pytest.mark.deep
+@pytest.mark.parametrize("truth", [{}, {"modes": 20}], ids=["seven modes", "twenty modes"])
 def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[str, Any]) -> None:
     found = identify(made(**truth))
     assert found.adequacy is not None
@@ -80,9 +79,10 @@ def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[s
     assert found.shapes == truth.get("modes", 7)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     "beyond",
-    [{"hysteresis_width": 0.01}, pytest.param({"creep_per_decade": 0.01}, marks=pytest.mark.deep)],
+    [{"hysteresis_width": 0.01}, {"creep_per_decade": 0.01}],
     ids=["hysteresis", "creep"],
 )
 def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, float], capsys: Any) -> None:
@@ -110,6 +110,7 @@ def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None
         assert measured.configuration["simulation"]["modes"] == 20
 
 
+@pytest.mark.deep
 def test_a_real_tactor_is_identified_with_twenty_shapes(made: Made, tmp_path: Path) -> None:
     (path,) = made()[:1]
     copy = tmp_path / path.name

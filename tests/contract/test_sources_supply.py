@@ -106,6 +106,7 @@ def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, device_under_t
     assert bench.report().outside_rest_s == 0
 
 
+@pytest.mark.deep
 def test_steps_go_on_while_the_run_does() -> None:
     with on_a_socket("E36312A") as device_under_test:
         source, bench, clock = energised(device_under_test)
@@ -127,6 +128,7 @@ def test_steps_go_on_while_the_run_does() -> None:
         assert report.highest_v == pytest.approx(3.5, abs=0.05)
 
 
+@pytest.mark.deep
 def test_steps_that_are_stopped_stay_where_they_are() -> None:
     with on_a_socket("E36312A") as device_under_test:
         source, bench, clock = energised(device_under_test)

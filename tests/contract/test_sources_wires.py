@@ -82,6 +82,7 @@ def device_under_test(request: pytest.FixtureRequest) -> Iterator[SourceUnderTes
         source.close()
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("kind", WIRES)
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
     kind: type, monkeypatch: pytest.MonkeyPatch
@@ -110,6 +111,7 @@ def test_half_an_answer_is_forgotten(kind: type) -> None:
         assert scpi.query("OUTP?") == "0"
 
 
+@pytest.mark.deep
 def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """pyvisa-py takes it for the acknowledgement of its device clear, and stumbles; the session is then opened anew."""
     monkeypatch.setattr("sim_hardware.wires.port.LATE_RESPONSE_S", 1.2 * LATE_TIMEOUT_S)
@@ -125,6 +127,7 @@ def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch
         assert link.read() == "0"
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) -> None:
     with wired(kind) as (bench, link):

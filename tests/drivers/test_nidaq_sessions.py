@@ -89,6 +89,7 @@ def test_a_session_whose_server_was_away_when_it_ended_does_not_lock_its_own_pro
     assert task is not None
 
 
+@pytest.mark.deep
 def test_a_drive_that_a_dead_program_left_on_the_cards_output_is_known_and_ramped_down(server: ServedBench) -> None:
     rest = (2.5, 0.0, 5.0)
     first = output(server)

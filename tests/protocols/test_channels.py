@@ -123,6 +123,7 @@ def test_the_python_interface_returns_the_channels(measured: Path) -> None:
     assert opened.traces[0].channels["amplifier_voltage"].max() > 1000
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("levels", "level", "channel"),
     [

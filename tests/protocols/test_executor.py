@@ -122,6 +122,7 @@ def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_pa
     assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
 
 
+@pytest.mark.deep
 def test_the_card_is_emptied_while_a_point_is_worked_out(tmp_path: Path) -> None:
     """At raised speed a second of thinking is longer than the card holds its scans for us: 10 s here, 15 s are needed."""
     emptied = threading.Semaphore(0)

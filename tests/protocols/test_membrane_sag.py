@@ -43,6 +43,7 @@ def test_a_reference_that_lies_deeper_than_it_says_is_within_the_error(tmp_path:
     assert 1e-3 * error < abs(value - 6.95e6) < error
 
 
+@pytest.mark.deep
 def test_a_sag_beyond_the_sensor_is_asked_about_flagged_and_gives_no_modulus(tmp_path: Path) -> None:
     with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         ran = run(MembraneSag(repeats=1, reference_m=1e-3, sample_rate_hz=1000), tmp_path, lab)

@@ -256,6 +256,7 @@ def test_an_entry_that_lost_scans_is_measured_again(tmp_path: Path) -> None:
     assert all(Quality(p.quality).usable for p in ran.points)
 
 
+@pytest.mark.deep
 def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, record_s=0.2, wanted=0.015)
     with laboratory(simulated(sensor={"noise_m": 2e-6})) as lab:

@@ -95,7 +95,8 @@ def test_every_line_of_a_sweep_is_the_models_within_its_error_bar(swept) -> None
     assert np.median(columns["response_errors"][near] / columns["response"][near]) < 2e-4
 
 
-@pytest.mark.parametrize(("index", "mass"), [pytest.param(0, 2.75e-3, marks=pytest.mark.deep), (1, 9.75e-3)])
+@pytest.mark.deep
+@pytest.mark.parametrize(("index", "mass"), [(0, 2.75e-3), (1, 9.75e-3)])
 def test_every_line_of_a_sweep_in_pieces_is_the_models_within_its_error_bar(loaded, index: int, mass: float) -> None:
     error_bars_are_right(loaded.path, index, replace(Tactor(), m_add=mass))
 
@@ -164,6 +165,7 @@ def test_one_long_sweep_also_gives_the_papers_peak_of_the_spectrum(tmp_path: Pat
     assert abs(point.spectrum_peak - point.frequency) < 4 * point.spectrum_peak_errors < 2.0
 
 
+@pytest.mark.deep
 def test_a_sweep_without_a_response_is_no_resonance(tmp_path: Path) -> None:
     with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
         ran = run(Sweep(), tmp_path, lab)

@@ -126,6 +126,7 @@ def test_a_crashed_run_is_repaired_once_and_opens_plainly(tmp_path: Path, capsys
     assert list(repair_folder(tmp_path)) == []
 
 
+@pytest.mark.deep
 def test_the_next_start_repairs_what_a_killed_program_left_and_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,7 +16,7 @@ pytestmark = [
 DEALT = ("level", "sine", "arbitrary", "ramp", "sweep")
 
 
-@pytest.mark.one_in(len(PAIRS))
+@pytest.mark.deep
 @pytest.mark.parametrize(("number", "pair"), [*enumerate(PAIRS)], ids=[" x ".join(pair) for pair in PAIRS])
 def test_a_drive_under_two_faults_ends_at_rest_or_is_reported(
     number: int, pair: tuple[str, str], tmp_path: Path

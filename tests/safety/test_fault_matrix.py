@@ -75,6 +75,7 @@ def test_a_small_sine_that_still_plays_is_not_rest(tmp_path: Path) -> None:
     assert seen.status is RunStatus.COMPLETED
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(("fault", "name", "moment"), ON_WIRES)
 def test_on_real_wires_with_the_watchdog(fault: str, name: str, moment: str, tmp_path: Path) -> None:
     seen = cell(fault, name, moment, tmp_path, wires=True)

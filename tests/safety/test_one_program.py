@@ -13,6 +13,7 @@ from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
 
 
+@pytest.mark.deep
 def test_a_second_program_is_refused_and_a_dead_one_leaves_the_bench_to_its_watchdog(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

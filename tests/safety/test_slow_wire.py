@@ -159,6 +159,7 @@ def test_the_way_to_rest_takes_a_few_round_trips_and_never_jumps(delay_s: float,
     assert report.largest_jump_v <= STEP_V + 1e-6
 
 
+@pytest.mark.deep
 def test_the_watchdogs_connection_which_was_never_armed_pipelines_its_way_to_rest_too() -> None:
     with wired() as lab:
         lab.bench.amplifier.initialize_at_rest()

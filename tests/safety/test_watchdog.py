@@ -154,6 +154,7 @@ def live(folder: Path, charge: WatchdogConfig = CHARGE) -> Iterator[Live]:
             bench.amplifier.close()
 
 
+@pytest.mark.deep
 def test_watchdog_ramps_down_a_held_level(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Hold(5.0, 60.0))
@@ -162,6 +163,7 @@ def test_watchdog_ramps_down_a_held_level(tmp_path: Path) -> None:
         assert_safe_voltage(bench.bench.report())
 
 
+@pytest.mark.deep
 def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(tmp_path: Path) -> None:
     with live(tmp_path, IMPATIENT) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
@@ -255,6 +257,7 @@ def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
         assert log(tmp_path) == ""
 
 
+@pytest.mark.deep
 def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -> None:
     """The program stops during a ramp and continues after the watchdog has acted: its next step would be a jump."""
     with live(tmp_path, IMPATIENT) as bench:

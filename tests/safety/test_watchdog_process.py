@@ -115,6 +115,7 @@ def test_a_cut_connection_is_opened_again_between_two_attempts(tmp_path: Path) -
         assert "was brought to rest" in program.log
 
 
+@pytest.mark.deep
 def test_a_program_that_dies_after_the_watchdog_took_over_is_followed_by_rest_again(tmp_path: Path) -> None:
     """Between the two the program may have commanded the source."""
     with watched(tmp_path, silence_s=0.2) as program:

@@ -52,6 +52,7 @@ print("done", len(table.columns))
 """
 
 
+@pytest.mark.deep
 def test_watchdog_and_mat_reader_import_nothing_from_it(tmp_path: Path) -> None:
     plant(tmp_path, *FOLDERS, *MODULES)
     path = os.pathsep.join([".", str(ROOT), ""])  # an empty entry is the working directory, too

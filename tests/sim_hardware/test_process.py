@@ -38,6 +38,7 @@ def gone(pid: int) -> bool:
     return False
 
 
+@pytest.mark.deep
 def test_both_wires_share_one_plant():
     with BenchProcess(SimulationParameters(), speed=10.0) as bench:
         clock = WallClock(10.0)
@@ -103,6 +104,7 @@ def test_a_closed_service_does_not_come_back_with_the_next_fault():
             socket.create_connection(("127.0.0.1", port), timeout=0.5)
 
 
+@pytest.mark.deep
 def test_it_dies_with_a_parent_that_was_killed():
     script = (
         "from sim_hardware.service.process import BenchProcess\nimport time\n"

@@ -103,6 +103,7 @@ def test_a_wrong_bench_is_a_value_error_and_an_absent_one_a_bench_error(tmp_path
         tb.connect(real, progress=False)
 
 
+@pytest.mark.deep
 def test_a_run_that_fails_raises_with_what_was_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     break_it(monkeypatch, "scpi-dropped@4")
     with tb.connect("sim", folder=tmp_path, speed="max", progress=False) as bench:

@@ -102,6 +102,7 @@ def test_the_rest_of_a_run_is_what_show_says(dwell: Path, capsys: pytest.Capture
             _ = opened.estimates["cheese"]
 
 
+@pytest.mark.deep
 def test_curves_are_tables(tmp_path: Path) -> None:
     with laboratory() as lab:
         path = run(Sweep(), tmp_path, lab).path

@@ -248,6 +248,7 @@ def test_a_campaign_is_begun_by_a_name_and_comes_back_at_the_next_start(
     assert again.controller.summary.items[1].state.status is ItemStatus.WAITING
 
 
+@pytest.mark.deep
 def test_a_simulated_run_is_never_made_for_a_real_specimen(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
     stage, shown = page
     Campaign.create(tmp_path, "R1", False, QUICK)

@@ -87,6 +87,7 @@ def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: 
     assert stage.window.state.exit_code == 3
 
 
+@pytest.mark.deep
 def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the_window(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,7 +28,7 @@ def window(
 ) -> Iterator[MainWindow]:
     """On the virtual clock; the bench thread waits at every point until the window has drawn it."""
     # Long enough for every test to finish with it on the busiest computer: the tests stop the run themselves.
-    protocol = SineDwell(frequencies_hz=(100.0,) * 20_000, record_s=0.2)
+    protocol = SineDwell(frequencies_hz=(100.0,) * 500, record_s=1.0)
     window = MainWindow(SessionAdapter(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
     window.show()
     window.activateWindow()

@@ -198,6 +198,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     assert seen[2] == ("Tactor Bench – simulated bench", False)
 
 
+@pytest.mark.deep
 def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -119,6 +119,7 @@ def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     assert len(names(page)) == 3
 
 
+@pytest.mark.deep
 def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path) -> None:
     stage = open_stage(folder=folder)
     page = in_window(stage)

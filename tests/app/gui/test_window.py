@@ -289,6 +289,7 @@ def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
     assert log[2] == log[5] == ":"
 
 
+@pytest.mark.deep
 def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings) -> None:
     first = open_stage()
     first.window.resize(1100, 640)

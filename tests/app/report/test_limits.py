@@ -103,6 +103,7 @@ def test_numbers_are_printed_to_what_their_errors_allow(text: str, is_: str) -> 
     assert text.replace("\N{NO-BREAK SPACE}", " ") == is_
 
 
+@pytest.mark.deep
 def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -207,6 +207,7 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
     }
 
 
+@pytest.mark.deep
 def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
     first = next(copy.glob("*sine-dwell.h5"))
     (copy / "backup").mkdir()
@@ -299,6 +300,7 @@ def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: 
     assert r"<h1>Specimen a$\frac$&lt;b&gt;&amp;</h1>" in next(tmp_path.glob("*.html")).read_text("utf-8")
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("where", [(command, "run_figure"), (PdfPages, "savefig")], ids=["a run", "a page"])
 def test_interrupted_it_leaves_what_was_there(
     folder: Path, gathered: Any, where: tuple[Any, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

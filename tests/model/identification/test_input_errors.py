@@ -132,6 +132,7 @@ def test_five_weights_are_five_errors_not_a_hundred() -> None:
     assert error == pytest.approx(0.01 / np.sqrt(5) / share, rel=0.05)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("case", CASES)
 def test_slopes_to_the_errors_of_inputs_are_those_of_the_predictions(case: str) -> None:
     make, free = CASES[case]

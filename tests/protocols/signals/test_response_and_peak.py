@@ -217,6 +217,7 @@ def lines(r: FrequencyResponse) -> tuple[np.ndarray, np.ndarray, np.ndarray, flo
     return r.frequency_hz, r.response, r.standard_error, r.correlation
 
 
+@pytest.mark.deep
 def test_the_highest_bin_is_an_accident_and_the_fit_is_not() -> None:
     _, moved = bench()
     f = np.fft.rfftfreq(moved.size, 1 / RATE)
@@ -226,6 +227,7 @@ def test_the_highest_bin_is_an_accident_and_the_fit_is_not() -> None:
     assert abs(spectrum_peak(moved, RATE).frequency_hz - true_peak_hz()) < 0.1
 
 
+@pytest.mark.deep
 def test_the_low_pass_of_the_paper_does_not_move_the_peak() -> None:
     _, moved = bench()
     plain, filtered = spectrum_peak(moved, RATE), spectrum_peak(low_pass(moved, RATE), RATE)
