@@ -28,7 +28,7 @@ from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
-"""Seconds of scans that the NI driver buffers: how long the program may be busy without losing any."""
+"""Real seconds of scans that the NI driver buffers: how long the program may be busy without losing any."""
 
 READ_TIMEOUT_S = 5.0
 """Longest wait for a block beyond its duration; after that the card counts as disconnected."""
@@ -235,10 +235,11 @@ class NiDigitizer:
                         min_val=-self._range_v,
                         max_val=self._range_v,
                     )
+                speed = float(getattr(self._clock, "speed", 1.0))  # of a simulated bench; real ones have 1
                 task.timing.cfg_samp_clk_timing(
                     rate_hz,
                     sample_mode=AcquisitionType.CONTINUOUS,
-                    samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
+                    samps_per_chan=max(round(BUFFER_S * speed * rate_hz), 4 * block_scans),
                 )
                 stream = NiStream(
                     task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT), grounded

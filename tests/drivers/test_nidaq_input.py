@@ -9,7 +9,9 @@ import pytest
 
 from drivers.bench.rest import verify_rest
 from drivers.bench.shutdown import drive_voltage
-from drivers.nidaq.analog_input import NiDigitizer
+from drivers.clock import Clock
+from drivers.errors import ScansLostError
+from drivers.nidaq.analog_input import BUFFER_S, NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -20,10 +22,10 @@ from tests.wires.ni_library import NiLibrary
 
 
 @contextmanager
-def at_rest(**card) -> Iterator[SimulatedBench]:
+def at_rest(clock: Clock | None = None, **card) -> Iterator[SimulatedBench]:
     """A bench at rest whose laser's output is where rest is at the drive's channel."""
     parameters = SimulationParameters(source="ao0", sensor=SensorParameters(zero_v=2.5), card=CardParameters(**card))
-    bench = SimulatedBench(parameters, VirtualClock())
+    bench = SimulatedBench(parameters, clock or VirtualClock())
     with installed(NiLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))):
         source = NiAnalogOutput("Dev1", "ao0", bench.clock)
         source.initialize_at_rest(2.5, 0.0, 5.0)
@@ -64,3 +66,23 @@ def test_channels_and_their_skew_count_from_the_scan(convert_s: float) -> None:
         skews = [scale.skew_s for scale in stream.scales]
     assert math.isclose(skews[1] - skews[0], convert_s)
     assert skews[0] == 0.0
+
+
+class FastClock(VirtualClock):
+    """Bench time at 20 times real speed."""
+
+    speed = 20.0
+
+
+@pytest.mark.parametrize("clock", [VirtualClock(), FastClock()])
+def test_a_program_may_be_busy_for_as_long_at_raised_speed(clock: VirtualClock) -> None:
+    speed = getattr(clock, "speed", 1.0)
+    with (
+        at_rest(clock=clock) as bench,
+        NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(1000.0, 100) as stream,
+    ):
+        bench.clock.sleep(BUFFER_S * speed - 1.0)
+        assert stream.read().start == 0
+        bench.clock.sleep(2.0)
+        with pytest.raises(ScansLostError):
+            stream.read()
