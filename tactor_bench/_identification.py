@@ -16,7 +16,7 @@ from app.identification import (
 )
 from app.identification import identify as identify_runs
 from model import Array, Membrane, Tactor
-from model.identification import Adequacy, Calibration, FitOptions, IdentificationError
+from model.identification import Adequacy, Calibration, FitOptions, IdentificationError, UncertaintyBudget
 from tactor_bench._catalogue import CatalogueEntry
 from tactor_bench._run import MeasuredRun
 from tactor_bench._tables import EstimateTable
@@ -49,6 +49,8 @@ class Identification:
         unidentified: combinations that the runs do not determine, in words.
         notes: what was left out, and why.
         shapes: number of shape functions of the fit.
+        budget: of a joint fit: `.names`, `.statistical`, `.systematic` and `.total`, (P,) each, and `.shares`, (S, P), of the
+            squared total by `.sources`.
         found: the whole result of the service.
     """
 
@@ -65,6 +67,7 @@ class Identification:
         self.membrane: Membrane = found.membrane
         self.adequacy: Adequacy | None = found.adequacy
         self.shapes: int = found.shapes
+        self.budget: UncertaintyBudget | None = found.budget
         self._paths = tuple(paths)
 
     def accept(self, by: str = "", note: str = "", reason: str = "", folder: str | Path | None = None) -> Calibration:

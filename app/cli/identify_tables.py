@@ -1,6 +1,6 @@
 """Result of an identification as tables: estimates, misfits, adequacy, profiles, proposals."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from app.cli.output import CommandResult
 from app.common import Column, Table, display_unit, track
-from app.identification import IdentificationResult
+from app.identification import IdentificationResult, budget_record, budget_tables
 from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
@@ -176,7 +176,10 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     simulated = ", SIMULATED" if identification.observations.simulated else ""
     method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
-    tables = [estimate_table(f"Specimen {identification.specimen}: {method}{simulated}", identification.estimates)]
+    identified = [e for e in identification.estimates if e.name not in identification.known]
+    title = f"Specimen {identification.specimen}: {method}{simulated}"
+    tables = [estimate_table(title, identified, identification.statistical_errors)]
+    tables += budget_tables(identification)
     if runs := identification.misfits:
         tables.append(
             Table(
@@ -230,13 +233,32 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         "unidentified": list(identification.unidentified),
         "covariance": np.asarray(identification.covariance).tolist(),
         "verdict": identification.verdict,
+        "budget": budget_record(identification.budget),
     }
     return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more)
 
 
-def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
-    """Return a table of estimates: value with error and unit, relative error, and source runs."""
+def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[str, float] | None = None) -> Table:
+    """Return a table of estimates: value with total uncertainty and unit, relative uncertainties, and source runs.
+
+    Args:
+        title: of the table.
+        estimates: the parameters.
+        statistical: by name, the part of the uncertainty by the scatter of the points; None or {} where it is not known.
+    """
     relative_errors = [abs(e.standard_error / e.value) if e.value else None for e in estimates]
+    parts = [(statistical or {}).get(e.name) for e in estimates]
+    scatter = (
+        Column(
+            "relative_statistical",
+            "%",
+            [part and abs(part / e.value) if e.value else None for part, e in zip(parts, estimates, strict=True)],
+            "statistical",
+            "%",
+            format_spec=".2g",
+        ),
+        Column("statistical_error", "", parts, displayed=False),
+    )
     return Table(
         "parameters",
         title,
@@ -246,9 +268,10 @@ def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
                 "estimate", "", [format_with_uncertainty(e.value, e.standard_error, "1") for e in estimates], "value"
             ),
             Column("unit", "", [e.unit for e in estimates]),
-            Column("relative", "%", relative_errors, "error", "%", format_spec=".2g"),
+            Column("relative", "%", relative_errors, "total" if statistical else "error", "%", format_spec=".2g"),
             Column("value", "", [e.value for e in estimates], displayed=False),
             Column("standard_error", "", [e.standard_error for e in estimates], displayed=False),
+            *(scatter if statistical else ()),
             Column("source", "", [", ".join(e.source) for e in estimates], "from"),
         ),
     )

@@ -17,3 +17,5 @@ from .specimen_identification import IdentificationResult as IdentificationResul
 from .specimen_identification import Method as Method
 from .specimen_identification import identify as identify
 from .specimen_identification import identify_observations as identify_observations
+from .uncertainty_tables import budget_record as budget_record
+from .uncertainty_tables import budget_tables as budget_tables

@@ -15,11 +15,13 @@ from model.identification import (
     ObservationSet,
     PaperChainOptions,
     RunResiduals,
+    UncertaintyBudget,
     assess_adequacy,
     default_values,
     identify_by_paper_chain,
     joint_fit,
     linearized_errors,
+    uncertainty_budget,
 )
 from protocols.runfile.reader import Run
 
@@ -49,6 +51,19 @@ class IdentificationResult:
     """Of a joint fit: whether the misfit is noise or a model error."""
     shapes: int = FitOptions.n
     """Number of shape functions of the fit; curves of it should use the same number."""
+    budget: UncertaintyBudget | None = None
+    """Of a joint fit: the sources of the uncertainties of its estimates."""
+
+    @property
+    def known(self) -> Mapping[str, tuple[float, float]]:
+        """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
+        return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
+
+    @property
+    def statistical_errors(self) -> Mapping[str, float]:
+        """Standard uncertainty of each estimate by the scatter of the points alone; empty for the chain."""
+        budget = self.budget
+        return {} if budget is None else dict(zip(budget.names, budget.statistical.tolist(), strict=True))
 
     @property
     def tactor(self) -> Tactor:
@@ -135,6 +150,7 @@ def identify_observations(
         joint_fit=fit,
         adequacy=assess_adequacy(fit),
         shapes=options.n,
+        budget=uncertainty_budget(fit),
     )
 
 

@@ -39,3 +39,6 @@ from .parameters import parameter_spec as parameter_spec
 from .parameters import parse_elongation as parse_elongation
 from .profile_likelihood import ProfileInterval as ProfileInterval
 from .profile_likelihood import profile_interval as profile_interval
+from .uncertainty_budget import NOISE as NOISE
+from .uncertainty_budget import UncertaintyBudget as UncertaintyBudget
+from .uncertainty_budget import uncertainty_budget as uncertainty_budget

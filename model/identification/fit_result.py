@@ -223,10 +223,11 @@ class JointFit:
         return max(self.run_error_scales, default=1.0)
 
     @cached_property
-    def enlarged_covariance(self) -> Array:
-        """(P, P) with the errors of each run enlarged by its own factor; the parameters stay where they are."""
-        if self.options.loss == "linear" and self.error_scale == 1:
-            return self.covariance
+    def row_influences(self) -> Array:
+        """(P, rows): change of each parameter for one standard error of each residual, enlarged by the factor of its run.
+
+        Its product with its own transpose is the covariance of the result.
+        """
         J = self.jacobian * self.parameter_scale
         slope, spread = np.ones(len(J)), np.ones(len(J))
         for part, scale in zip(self.run_slices, self.run_error_scales, strict=True):
@@ -236,9 +237,20 @@ class JointFit:
         V = Vt[[not self._is_unidentified(x) for x in s]].T
         J = J @ V
         inverse = V @ np.linalg.inv((J.T * slope) @ J)
-        return np.asarray(
-            inverse @ ((J.T * spread) @ J) @ inverse.T * np.outer(self.parameter_scale, self.parameter_scale)
-        )
+        return np.asarray(inverse @ (J.T * np.sqrt(spread)) * self.parameter_scale[:, None])
+
+    @cached_property
+    def enlarged_covariance(self) -> Array:
+        """(P, P) with the errors of each run enlarged by its own factor; the parameters stay where they are."""
+        if self.options.loss == "linear" and self.error_scale == 1:
+            return self.covariance
+        return np.asarray(self.row_influences @ self.row_influences.T)
+
+    @property
+    def prior_rows(self) -> dict[str, int]:
+        """Row of each shared error and of each parameter that is known beforehand, after those of the runs."""
+        first = self.run_slices[-1].stop if self.run_slices else 0
+        return {name: first + i for i, name in enumerate((*self.observations.shared_errors, *self.options.priors))}
 
     @property
     def verdict(self) -> str:

@@ -69,8 +69,13 @@ def test_half_a_millimetre_on_the_ruler_is_inside_the_interval(
     assert abs(held[0] - 7e-3) > 15 * held[1]  # held as if exact: an error bar that is none
     assert abs(loose[0] - 7e-3) < 3 * loose[1]
     assert loose[1] > 5 * held[1]
-    assert "L" in result["parameters"]["name"]
+    assert result["known"]["name"] == ["L"]
+    assert result["known"]["known_uncertainty"] == [0.5e-3]
     assert "L" not in result["specimen"]
+    budget = result["budget"]["k2"]
+    assert budget["total"] == pytest.approx(loose[1])
+    assert budget["statistical"] < 0.8 * budget["total"]
+    assert budget["components"]["L"] > 0.6 * budget["total"]
 
 
 def test_held_values_are_named_first(tables: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,83 @@
+"""Uncertainty budget of an identification as tables: sources of each uncertainty, and what was known beforehand."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from app.common import Column, Table
+from app.identification.specimen_identification import IdentificationResult
+from model.identification import UncertaintyBudget, parameter_spec
+from protocols.base import format_with_uncertainty
+
+MIN_SHARE = 0.01
+"""Share of the squared total uncertainty from which on a source is named."""
+
+
+def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
+    """Yield the sources of the uncertainty of each identified parameter, and the values known beforehand."""
+    budget, known = identification.budget, identification.known
+    if budget is not None and len(budget.sources) > 1:
+        at = [i for i, name in enumerate(budget.names) if name not in known]
+        yield Table(
+            "uncertainties",
+            "Where the uncertainties come from: shares of the squared total",
+            (
+                Column("name", "", [budget.names[i] for i in at], "parameter"),
+                Column("statistical", "%", [_relative(identification, i, budget.statistical[i]) for i in at], format_spec=".2g"),
+                Column("systematic", "%", [_relative(identification, i, budget.systematic[i]) for i in at], format_spec=".2g"),
+                Column("total", "%", [_relative(identification, i, budget.total[i]) for i in at], format_spec=".2g"),
+                Column("shares", "", [format_shares(budget, i) for i in at], "sources"),
+            ),
+        )  # fmt: skip
+    if known:
+        found = {e.name: e for e in identification.estimates}
+        names = [name for name in known if name in found]
+        yield Table(
+            "known",
+            "Known beforehand, and with the runs",
+            (
+                Column("name", "", names, "parameter"),
+                Column("before", "", [format_with_uncertainty(*known[n], unit="1") for n in names]),
+                Column("after", "", [format_with_uncertainty(found[n].value, found[n].standard_error) for n in names]),
+                Column("unit", "", [found[n].unit for n in names]),
+                Column(
+                    "moved",
+                    "",
+                    [(found[n].value - known[n][0]) / known[n][1] for n in names],
+                    "moved (uncertainties)",
+                    format_spec="+.1f",
+                ),
+                Column("known_value", "", [known[n][0] for n in names], displayed=False),
+                Column("known_uncertainty", "", [known[n][1] for n in names], displayed=False),
+                Column("value", "", [found[n].value for n in names], displayed=False),
+                Column("standard_error", "", [found[n].standard_error for n in names], displayed=False),
+            ),
+        )
+
+
+def _relative(identification: IdentificationResult, at: int, uncertainty: float) -> float | None:
+    value = identification.estimates[at].value
+    return 100 * abs(float(uncertainty) / value) if value else None
+
+
+def format_shares(budget: UncertaintyBudget, at: int) -> str:
+    """Format the sources of one parameter's uncertainty, the largest first: `h_Al 71 %, L 20 %, noise 8 %`."""
+    shares = sorted(zip(budget.shares[:, at].tolist(), budget.sources, strict=True), reverse=True)
+    named = [f"{source} {100 * share:.0f} %" for share, source in shares if share >= MIN_SHARE]
+    rest = sum(share for share, _ in shares if share < MIN_SHARE)
+    return ", ".join([*named, *([f"others {100 * rest:.0f} %"] if rest >= MIN_SHARE else [])])
+
+
+def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
+    """Return a budget for JSON: by parameter and source, the standard uncertainty that it contributes, with totals."""
+    if budget is None:
+        return None
+    return {
+        name: {
+            "unit": parameter_spec(name).unit,
+            "statistical": float(budget.statistical[i]),
+            "systematic": float(budget.systematic[i]),
+            "total": float(budget.total[i]),
+            "components": dict(zip(budget.sources, budget.components[:, i].tolist(), strict=True)),
+        }
+        for i, name in enumerate(budget.names)
+    }

@@ -1,0 +1,80 @@
+"""Uncertainty budget: statistical and total uncertainty of identified parameters, and the share of every source (GUM)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Array
+from model.identification.fit_result import JointFit
+from model.identification.observations import ErrorTarget, SharedError
+
+NOISE = "noise"
+"""Source of the statistical uncertainty: scatter of the measured points."""
+INPUT_SOURCES: dict[ErrorTarget, str] = {
+    "load": "weights",
+    "mass": "added masses",
+    "level": "voltage levels",
+    "elongation": "elongations",
+    "frequency": "frequencies",
+}
+"""Source of errors of single inputs, which are many: each weight, mass or level."""
+
+
+@dataclass(frozen=True)
+class UncertaintyBudget:
+    """Standard uncertainty of each parameter, split into independent sources; its square is the sum of their squares.
+
+    Attributes:
+        names: the parameters, (P,).
+        sources: noise first, then shared errors of instruments, and what is known beforehand, (S,).
+        components: standard uncertainty of each parameter that each source contributes, (S, P).
+    """
+
+    names: tuple[str, ...]
+    sources: tuple[str, ...]
+    components: Array
+
+    @property
+    def statistical(self) -> Array:
+        """(P,): from the scatter of the points alone; more of the same points make it smaller."""
+        return np.asarray(self.components[0])
+
+    @property
+    def systematic(self) -> Array:
+        """(P,): from everything but scatter; more points do not make it smaller."""
+        return np.asarray(np.sqrt((self.components[1:] ** 2).sum(axis=0)))
+
+    @property
+    def total(self) -> Array:
+        """(P,): from all sources."""
+        return np.asarray(np.sqrt((self.components**2).sum(axis=0)))
+
+    @property
+    def shares(self) -> Array:
+        """(S, P): of the squared total; every column sums to 1."""
+        squares = self.components**2
+        total = squares.sum(axis=0)
+        return np.asarray(squares / np.where(total > 0, total, 1.0))
+
+
+def uncertainty_budget(fit: JointFit) -> UncertaintyBudget:
+    """Split the uncertainties of a fit's estimates into those of their sources.
+
+    An estimate is a weighted sum of the readings and of what was known beforehand; the uncertainty of each of these is
+    multiplied by its weight. Errors of all runs, enlarged where their misfit is, are the statistical part.
+    """
+    names = tuple(e.name for e in fit.estimates())
+    at = [fit.names.index(name) for name in names]
+    squares = fit.row_influences[at] ** 2
+    rows = fit.prior_rows
+    first = min(rows.values(), default=squares.shape[1])
+    components = {NOISE: squares[:, :first].sum(axis=1)}
+    shared = fit.observations.shared_errors
+    for name, row in rows.items():
+        source = _source(shared[name]) if name in shared else name
+        components[source] = components.get(source, np.zeros(len(names))) + squares[:, row]
+    return UncertaintyBudget(names, tuple(components), np.sqrt(np.array(list(components.values()))))
+
+
+def _source(error: SharedError) -> str:
+    return error.name if error.at is None else INPUT_SOURCES.get(error.acts_on, error.name)
