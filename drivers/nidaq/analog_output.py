@@ -15,6 +15,7 @@ channels. Rewriting a running buffer was not tested on a real card: see docs/dec
 import contextlib
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from drivers.drive import Drive, Hold, Ramp
 from drivers.errors import BenchError, CardInUseError, InstrumentError
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection, newest_drive_volts
 from drivers.nidaq.errors import translate_errors
-from drivers.nidaq.output_task import OutputQueue, OutputTask, find_queue, write_level
+from drivers.nidaq.output_task import OutputQueue, OutputTask, Progress, find_queue, write_level
 from drivers.nidaq.rendering import (
     FADE_S,
     HOLD_RATES_HZ,
@@ -58,6 +59,9 @@ WRITE_PAUSE_S = 1e-4
 
 HOLD_TASK_LEASES = 6
 """Length of a held level's buffer; where it comes to its end, the next one takes over at the same level."""
+
+RELEASE_ROUND_TRIPS = 90
+"""Longest way from a stopped drive to its released task: the output is measured with 13 messages, up to six times."""
 
 STOP_ROUND_TRIPS, RAMP_ROUND_TRIPS = 12, 24
 
@@ -177,22 +181,24 @@ class NiAnalogOutput:
         hold, task = self._hold, self._task
         if hold is None or task is None or self._clock.now() < self._renew_at_s:
             return
-        generated = task.generated()
-        if generated + task.queue_samples + math.ceil(self._margin_s * task.rate_hz) >= hold.return_sample:
-            raise InstrumentError(
-                f"{self._description}: the level of {hold.level_v:g} V was not renewed for {self.lease_s:g} s, because this "
-                "program was held up, and returns to rest by itself; close other programs and run again"
-            )
-        wanted = generated + math.ceil(self.lease_s * task.rate_hz)
+        progress = Progress(task, self._clock, self._margin_s)
+        if progress.first_changeable() >= hold.return_sample:
+            raise self._late_renewal(hold)
+        wanted = progress.generated + math.ceil(self.lease_s * task.rate_hz)
         if wanted > hold.latest_return_sample:
             # The output stays at the sample that was converted last, which is the level itself.
             level_v = hold.level_v
+            if not progress.is_released_before(hold.return_sample):
+                raise self._late_renewal(hold)
             self._release_task()
             self._level_v = level_v
             self._start_hold(level_v, level_v, 0.0)
             return
-        begins, hold.return_sample = hold.return_sample, wanted
-        task.rewrite(begins, hold.samples(begins, wanted + hold.fall + 1 - begins))
+        begins = hold.return_sample
+        renewed = replace(hold, return_sample=wanted)
+        if not task.rewrite(begins, renewed.samples(begins, wanted + hold.fall + 1 - begins), progress):
+            raise self._late_renewal(hold)
+        self._hold = renewed
         self._renew_at_s = self._clock.now() + self.lease_s / 4
 
     def stop(self) -> None:
@@ -203,17 +209,7 @@ class NiAnalogOutput:
         if task is None or drive is None or task.is_done():
             self.idle_level_v()
             return
-        rate = task.rate_hz
-        first = task.generated() + task.queue_samples + math.ceil(self._margin_s * rate)
-        level_v = idle_level_after_stop_v(drive, rate, first)
-        end = task.total
-        if first < task.total:
-            wave = fade_out(drive, rate, first)
-            end = first + wave.size
-            hold = math.ceil((self._margin_s + RELEASE_TIMEOUT_S) * rate)
-            task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))))
-            self._drive = Hold(level_v, drive.duration_s)
-            self._fill(task, end + hold, level_v, end)
+        level_v, end = self._fade_out(task, drive)
         if self._await_sample(task, end):
             self._await_level(task, level_v)
         else:  # armed, but the trigger never came: nothing has moved
@@ -318,6 +314,12 @@ class NiAnalogOutput:
         self._start(task, hold.samples, None, hold)
         self._renew_at_s = self._start_s + ramp.duration_s + self.lease_s / 4
 
+    def _late_renewal(self, hold: HeldLevel) -> InstrumentError:
+        return InstrumentError(
+            f"{self._description}: the level of {hold.level_v:g} V was not renewed for {self.lease_s:g} s, because this "
+            "program was held up, and returns to rest by itself; close other programs and run again"
+        )
+
     def _end_hold(self) -> None:
         """Let go of a held level: stay at it, or at rest where its return has begun."""
         hold, task = self._hold, self._task
@@ -325,7 +327,7 @@ class NiAnalogOutput:
             return
         self._await_sample(task, hold.rise + 1)
         level_v = hold.level_v
-        if task.generated() >= hold.return_sample - math.ceil(self._margin_s * task.rate_hz):
+        if not Progress(task, self._clock, self._margin_s).is_released_before(hold.return_sample):
             self._await_sample(task, hold.return_sample + hold.fall + 1)
             level_v = hold.rest_v
         self._release_task()
@@ -348,6 +350,25 @@ class NiAnalogOutput:
             with contextlib.suppress(BenchError):
                 task.release()
             raise
+
+    def _fade_out(self, task: OutputTask, drive: Drive) -> tuple[float, int]:
+        """Rewrite a running drive so that it fades out; return the level at which it then idles, and the sample."""
+        rate, margin_s = task.rate_hz, self._margin_s
+        while True:
+            progress = Progress(task, self._clock, margin_s)
+            hold = math.ceil((self._margin_s + RELEASE_TIMEOUT_S + RELEASE_ROUND_TRIPS * progress.reply_s) * rate)
+            first = progress.first_changeable(hold)
+            level_v = idle_level_after_stop_v(drive, rate, first)
+            if first >= task.total:
+                return level_v, task.total
+            wave = fade_out(drive, rate, first)
+            end = first + wave.size
+            if task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))), progress):
+                break
+            margin_s = max(2 * margin_s, 0.1)  # this program was held up
+        self._drive = Hold(level_v, drive.duration_s)
+        self._fill(task, end + hold, level_v, end)
+        return level_v, end
 
     def _fill(self, task: OutputTask, first: int, level_v: float, played: int) -> None:
         """Rewrite the remainder of a stopped drive with its idle level, until the fade-out has been played.

@@ -16,6 +16,7 @@ from nidaqmx.constants import AcquisitionType, BusType, WriteRelativeTo
 from nidaqmx.errors import DaqError, RpcError
 from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
+from drivers.clock import Clock
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_input import OUTPUT, NiConnection
 from drivers.nidaq.errors import translate_errors
@@ -32,6 +33,9 @@ USB_QUEUE_S = 0.15
 USB_PACKET_BYTES = 512
 SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB that a gRPC server takes by default."""
+
+WRITE_MESSAGES = 3
+"""Messages of one write: the offset, the number of channels, which `nidaqmx` asks for, and the samples."""
 
 _UNSUPPORTED = DaqError, RpcError
 _WITHOUT_USB = (BusType.PCI, BusType.PCIE, BusType.PXI, BusType.PXIE)
@@ -115,13 +119,24 @@ class OutputTask:
         with translate_errors(self._description):
             self._task.start()
 
-    def rewrite(self, first: int, wave: Array) -> None:
-        """Replace samples from `first` on; they must not be on their way yet."""
+    def rewrite(self, first: int, wave: Array, progress: "Progress | None" = None) -> bool:
+        """Replace samples from `first` on; return False, with none replaced, if `progress` says that they may be on their way.
+
+        The last message is written first: what follows on a slow wire is in place when the first sample changes.
+        """
         with translate_errors(self._description):
             self._task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
-            for k in range(0, wave.size, SAMPLES_PER_WRITE):
+            pieces = range(0, wave.size, SAMPLES_PER_WRITE)
+            for k in reversed(pieces):
                 self._task.out_stream.offset = first + k
+                if (
+                    progress is not None
+                    and k == pieces[-1]
+                    and not progress.reaches(first, WRITE_MESSAGES * len(pieces) - 1)
+                ):
+                    return False
                 self._write(wave[k : k + SAMPLES_PER_WRITE])
+        return True
 
     def generated(self) -> int:
         """Return how many samples have been converted."""
@@ -167,6 +182,40 @@ class OutputTask:
             with contextlib.suppress(*_UNSUPPORTED):
                 request_bytes = int(channel.ao_usb_xfer_req_size)
         return self.queue.samples_in_requests_of(request_bytes)
+
+
+class Progress:
+    """Samples converted so far, and which ones a message still reaches: a slow wire or a pause of this program takes time, too.
+
+    Args:
+        task: it is asked now.
+        clock: bench time.
+        margin_s: allowance for computer and bus.
+    """
+
+    def __init__(self, task: OutputTask, clock: Clock, margin_s: float) -> None:
+        self._clock, self._margin_s, self._rate_hz = clock, margin_s, task.rate_hz
+        self._asked_s = clock.now()
+        self.generated = task.generated()
+        self.reply_s = clock.now() - self._asked_s
+        self._queue = task.queue_samples
+
+    def first_changeable(self, samples: int = 1) -> int:
+        """Return the first sample that a rewrite of so many reaches which begins now."""
+        replies = 2 + WRITE_MESSAGES * math.ceil(samples / SAMPLES_PER_WRITE)
+        return self.generated + self._queue + math.ceil((self._margin_s + replies * self.reply_s) * self._rate_hz)
+
+    def reaches(self, sample: int, messages: int) -> bool:
+        """Return whether the last of these messages, sent now, arrives before a sample is on its way to the converter."""
+        return self._at_arrival(messages, self._margin_s / 2) + self._queue <= sample
+
+    def is_released_before(self, sample: int) -> bool:
+        """Return whether a task that is released now has not converted a sample."""
+        return self._at_arrival(1, self._margin_s) < sample
+
+    def _at_arrival(self, messages: int, margin_s: float) -> int:
+        elapsed_s = self._clock.now() - self._asked_s + messages * self.reply_s + margin_s
+        return self.generated + math.ceil(elapsed_s * self._rate_hz)
 
 
 def write_level(connection: NiConnection, physical_channel: str, description: str, level_v: float) -> None:

@@ -3,8 +3,9 @@
 import math
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from drivers.drive import Hold, LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
+from drivers.nidaq.output_task import Progress
 from drivers.nidaq.rendering import MAX_SAMPLES, QUEUE_S, SAMPLE_RATES_HZ, sample_count, sample_rate_for
 from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
@@ -46,6 +48,101 @@ def live(card: CardParameters | None = None, **options) -> Iterator[tuple[NiAnal
             yield source, bench
         finally:
             source.close()
+
+
+class SlowLibrary(NiLibrary):
+    """NI's functions over a wire on which every reply takes `reply_s`."""
+
+    reply_s = 0.0
+
+    def _function(self, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        def delayed(*values: Any) -> Any:
+            self.device.clock.sleep(self.reply_s / 2)
+            try:
+                return call(*values)
+            finally:
+                self.device.clock.sleep(self.reply_s / 2)
+
+        return super()._function(delayed, arguments)
+
+
+@contextmanager
+def slow(lease_s: float = 5.0) -> Iterator[tuple[NiAnalogOutput, SimulatedBench, SlowLibrary]]:
+    """A source at rest on a wire that can become slow."""
+    bench = SimulatedBench(SimulationParameters(source="ao0", card=QUEUES[0]), VirtualClock())
+    library = SlowLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))
+    with installed(library):
+        source = NiAnalogOutput("Dev1", "ao0", bench.clock, lease_s=lease_s)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        bench.enable_hv()
+        yield source, bench, library
+        assert_safe_voltage(bench.report())
+        assert bench.report().largest_jump_v < 0.01
+        source.close()
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("reply_s", [0.1, 0.3, 0.6, 0.9])
+def test_a_level_on_a_wire_that_becomes_slow_is_renewed_or_returns_to_rest(reply_s: float) -> None:
+    """A renewal that arrived after its samples were on their way made the output jump back from rest to the level."""
+    with slow() as (source, bench, library):
+        source.ramp_to(4.0, 0.4)
+        library.reply_s = reply_s
+        with suppress(InstrumentError):
+            while bench.clock.now() < 15.0:
+                bench.clock.sleep(0.05)
+                source.renew_hold()
+        source.ramp_to(2.5, 0.4)
+        assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("reply_s", [0.1, 0.6])
+def test_a_drive_is_stopped_without_a_jump_on_a_wire_that_became_slow(reply_s: float) -> None:
+    with slow() as (source, bench, library):
+        source.start_drive(Sine(40.0, 2.0, 2.5, 800))
+        bench.clock.sleep(0.2)
+        library.reply_s = reply_s
+        source.stop()
+        assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+def hold_up(monkeypatch: pytest.MonkeyPatch, bench: SimulatedBench, *pauses_s: float) -> None:
+    """Stop the program, as SIGSTOP or a busy computer does, once for each pause: after the card has counted its samples."""
+    left, changeable = list(pauses_s), Progress.first_changeable
+
+    def first_changeable(progress: Progress, samples: int = 1) -> int:
+        first = changeable(progress, samples)
+        bench.clock.sleep(left.pop(0) if left else 0.0)
+        return first
+
+    monkeypatch.setattr(Progress, "first_changeable", first_changeable)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("pause_s", [0.3, 1.0, 3.0, 4.5, 6.0])
+def test_a_program_that_is_held_up_in_a_renewal_does_not_make_the_output_jump(
+    pause_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with slow() as (source, bench, _):
+        source.ramp_to(4.0, 0.4)
+        hold_up(monkeypatch, bench, 0.0, pause_s)
+        with suppress(InstrumentError):
+            while bench.clock.now() < 15.0:
+                bench.clock.sleep(0.05)
+                source.renew_hold()
+        source.ramp_to(2.5, 0.4)
+        assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.deep
+def test_a_program_that_is_held_up_in_a_stop_stops_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    with slow() as (source, bench, _):
+        source.start_drive(Sine(40.0, 2.0, 2.5, 800))
+        bench.clock.sleep(0.2)
+        hold_up(monkeypatch, bench, 0.5, 0.15)
+        source.stop()
+        assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 def acquiring(bench: SimulatedBench) -> NiDigitizer:
