@@ -33,6 +33,8 @@ BUFFER_S = 20.0
 READ_TIMEOUT_S = 5.0
 """Longest wait for a block beyond its duration; after that the card counts as disconnected."""
 
+START_UNCERTAINTY_S, START_QUERIES = 0.005, 5
+"""The moment of the first scan is known to this, in real time, or else from the best of so many counts of scans."""
 
 INPUT, OUTPUT, READBACK = "input", "output", "read-back"
 """Roles of the tasks on one card. A gRPC device server keeps a task, and with it the card, until a client clears it, also when
@@ -296,8 +298,22 @@ class NiStream(Closeable):
         self._raw = np.zeros((grounded + len(self.scales), block_scans), np.int16)
         self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
-        task.start()
-        self.start_time_s = clock.now() + grounded * convert_s
+        self.start_time_s = self._start() + grounded * convert_s
+
+    def _start(self) -> float:
+        """Start the acquisition; return when, as the card's count of scans shows it where a busy computer delayed the reply."""
+        asked_s = begin_s = self._clock.now()
+        self._task.start()
+        start_s = answered_s = self._clock.now()
+        limit_s = START_UNCERTAINTY_S * getattr(self._clock, "speed", 1.0)
+        for _ in range(START_QUERIES):
+            if answered_s - asked_s <= limit_s:
+                break
+            asked_s = self._clock.now()
+            scans = self._task.in_stream.total_samp_per_chan_acquired
+            answered_s = self._clock.now()
+            start_s = min(start_s, answered_s - scans / self.rate_hz)
+        return float(max(start_s, begin_s))
 
     def read(self) -> Block:
         return self._read_ahead.popleft() if self._read_ahead else self._read_block()
@@ -325,8 +341,8 @@ class NiStream(Closeable):
         with translate_errors(self._description):
             with contextlib.suppress(DaqError):  # it reports once more what has ended the task
                 self._task.stop()
-            self._task.start()
-        self._next_scan = max(round((self._clock.now() - self.start_time_s) * self.rate_hz), self._next_scan)
+            start_s = self._start()
+        self._next_scan = max(round((start_s - self.start_time_s) * self.rate_hz), self._next_scan)
 
     def close(self) -> None:
         """Stop the card."""

@@ -15,6 +15,7 @@ from drivers.nidaq.analog_input import BUFFER_S, NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
+from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.plant.parameters import CardParameters, SensorParameters, SimulationParameters
 from tests.helpers.simulated_bench import installed
@@ -86,3 +87,29 @@ def test_a_program_may_be_busy_for_as_long_at_raised_speed(clock: VirtualClock) 
         bench.clock.sleep(2.0)
         with pytest.raises(ScansLostError):
             stream.read()
+
+
+@pytest.mark.parametrize("counting_s", [(0.0,), (0.7, 0.6, 0.0)])
+def test_a_late_reply_to_the_start_does_not_date_the_scans_late(
+    counting_s: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Samples dated later than they were taken would pass for fresh when rest is measured after a command."""
+    with at_rest() as bench:
+        replies, starting, counting = [1.2, *counting_s], NiInputTask.start, NiInputTask.acquired
+
+        def start(task: NiInputTask) -> None:
+            starting(task)
+            bench.clock.sleep(replies.pop(0))
+
+        def acquired(task: NiInputTask) -> int:
+            scans = counting(task)
+            bench.clock.sleep(replies.pop(0) if replies else 0.0)
+            return scans
+
+        with monkeypatch.context() as busy:
+            busy.setattr(NiInputTask, "start", start)
+            busy.setattr(NiInputTask, "acquired", acquired)
+            begin_s = bench.clock.now()
+            stream = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(1000.0, 100)
+        with stream:
+            assert begin_s <= stream.start_time_s < begin_s + 0.01
