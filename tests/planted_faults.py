@@ -56,9 +56,9 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "protocols/resume.py": "tests/protocols/test_resume_rules.py tests/protocols/test_continuation.py",
     },
     "file": {
-        "protocols/runfile/writer.py": "tests/protocols/test_runfile.py tests/protocols/test_lost_files.py tests/protocols/test_verdict.py",
-        "protocols/runfile/reader.py": "tests/protocols/test_runfile.py tests/protocols/test_verdict.py",
-        "protocols/runfile/open.py": "tests/protocols/test_runfile.py",
+        "protocols/runfile/writer.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_lost_files.py tests/protocols/test_verdict.py",
+        "protocols/runfile/reader.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_hostile_files.py tests/protocols/test_continuation.py tests/protocols/test_verdict.py",
+        "protocols/runfile/open.py": "tests/protocols/test_runfile_edges.py tests/protocols/test_runfile.py tests/protocols/test_hostile_files.py",
     },
     "signals": {
         "protocols/signals/sine.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_sine_and_settling.py",
@@ -139,6 +139,11 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
         "t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz",
         "(n + 1)",
     ): "where the time of the mains begins turns their phase, which is fitted",
+    (
+        "protocols/signals/peak.py",
+        "middle, half = 0.5 * (u[0] + u[-1]), 0.5 * (u[-1] - u[0])",
+        "1",
+    ): "another scaling of the polynomial's variable, by one line of at least ten; its minimum is scaled back",
     (
         "protocols/signals/sine.py",
         "CHUNK_SAMPLES = 1 << 16",

@@ -10,7 +10,7 @@ from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
 from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.forward_model import with_predictions
-from model.identification.joint_least_squares import joint_fit
+from model.identification.joint_least_squares import _starting_points, joint_fit
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -327,3 +327,16 @@ def test_a_start_with_a_large_misfit_is_not_the_last_one(monkeypatch: pytest.Mon
     )
     found = joint_fit(data, FitOptions(n=5, free=("c0",)))
     assert found.weighted_residuals[0] == pytest.approx(expected)
+
+
+def test_every_start_lies_within_a_factor_of_two_of_the_defaults() -> None:
+    """A start far away ends in another minimum: the first resonance on the place of the second."""
+    problem = LeastSquaresProblem(PERFECT, FitOptions(free=("k2", "m_add", "c0", "mu")))
+    given, table, *moved = _starting_points(problem)
+    assert given == pytest.approx(table)
+    assert len(moved) == 2
+    for start in moved:
+        assert (0.5 * np.abs(table) <= np.abs(start)).all()
+        assert (np.abs(start) <= 2.0 * np.abs(table)).all()
+    k2 = problem.names.index("k2")
+    assert sorted(start[k2] / table[k2] for start in moved) == pytest.approx([0.5, 2.0])

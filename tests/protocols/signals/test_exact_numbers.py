@@ -148,3 +148,13 @@ def test_lines_without_a_usable_peak_are_refused(lines: dict[int, float], messag
 def test_the_half_power_lines_of_a_peak_are_those_above_half_of_its_largest() -> None:
     power = 10.0 - np.abs(np.arange(20) - 9.0)
     assert peak._half_power_lines(np.arange(20.0), power, peak.PEAK_BAND_HZ, "response") == slice(4, 15)
+
+
+def test_pieces_of_a_spectrum_may_reach_to_half_the_sample_rate() -> None:
+    t = np.arange(8000) / 1000.0
+    ringing = np.exp(-40.0 * t) * np.sin(2 * np.pi * 150.0 * t)
+    band_hz = 20.0, 499.9
+    joined = peak.joined_spectrum_peak([ringing, ringing], 1000.0, [(20.0, 250.0), (250.0, 499.9)], band_hz)
+    whole = peak.spectrum_peak(ringing, 1000.0, band_hz)
+    assert joined.frequency_hz == pytest.approx(whole.frequency_hz, rel=1e-6)
+    assert whole.frequency_hz == pytest.approx(150.0, rel=0.01)

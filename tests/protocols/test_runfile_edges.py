@@ -1,0 +1,78 @@
+"""Run files at their edges: names of one second, locks of other programs, empty tables, results that cannot be stored."""
+
+import shutil
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import h5py
+import pytest
+
+from protocols.base import RunStatus
+from protocols.runfile.errors import StorageError
+from protocols.runfile.open import RunReadError
+from protocols.runfile.reader import Run
+from protocols.runfile.writer import RunFileWriter
+from tests.protocols.test_runfile import HEADER, Spot, new
+
+pytestmark = pytest.mark.deep
+
+SECOND = replace(HEADER, started_at=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
+
+
+def test_runs_of_one_second_are_numbered_up_to_a_thousand(tmp_path: Path) -> None:
+    first, second = (RunFileWriter.new(tmp_path, SECOND) for _ in range(2))
+    for file in (first, second):
+        file.finish(RunStatus.STOPPED, "")
+    stem = first.path.stem
+    assert second.path.name == f"{stem}-2.h5"
+    for number in range(3, 1000):
+        (tmp_path / f"{stem}-{number}.h5").touch()
+    with pytest.raises(StorageError, match="holds a thousand runs of this second; choose another folder"):
+        RunFileWriter.new(tmp_path, SECOND)
+    (tmp_path / f"{stem}-999.h5").unlink()
+    last = RunFileWriter.new(tmp_path, SECOND)
+    last.finish(RunStatus.STOPPED, "")
+    assert last.path.name == f"{stem}-999.h5"
+
+
+def test_a_file_that_a_killed_program_left_is_read_while_another_program_locks_it(tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    file = new(tmp_path)
+    left = shutil.copy(file.path, tmp_path / "left.h5")
+    file.finish(RunStatus.COMPLETED, "")
+    with left.open("rb") as locked:
+        fcntl.flock(locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with Run(left) as run:
+            assert run.status is RunStatus.RUNNING
+
+
+def test_a_point_belongs_to_the_first_entry_unless_another_is_named(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    assert [file.append_point(Spot(100.0, 1e-6)), file.append_point(Spot(200.0, 2e-6), 3)] == [0, 1]
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run:
+        assert run.points()["entry"].tolist() == [0, 3]
+        assert run.point_count == 2
+
+
+def test_a_table_of_points_without_columns_has_no_points(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r+") as stored:
+        for name in list(stored["entry/points"]):
+            del stored[f"entry/points/{name}"]
+    with Run(file.path) as run:
+        assert run.point_count == 0
+
+
+def test_a_file_that_leads_out_of_itself_says_so_and_is_closed(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r+") as stored:
+        stored["entry/away"] = h5py.ExternalLink("other.h5", "/x")
+    for _ in range(2):
+        with pytest.raises(RunReadError, match=r"is not read: .*which no run file has; take another copy of it"):
+            Run(file.path)
+    with h5py.File(file.path, "r+"):  # not while a reader still has it open
+        pass
