@@ -35,7 +35,7 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import SettlingDetector, SineFit, fit_frequency, fit_sine
+from protocols.signals import MaxMin, SettlingDetector, SineFit, estimate_max_min, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
@@ -49,10 +49,10 @@ class SinePoint:
     """One frequency of a sine dwell. Uncertainties are standard and statistical; the sensor's gain is common to all."""
 
     frequency: FittedFrequency
-    peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement: the paper's amplitude"]
-    peak_to_peak_errors: Annotated[
-        float, Unit("m"), "standard uncertainty of max - min: noise widens it, sampling narrows it"
+    peak_to_peak: Annotated[
+        float, Unit("m"), "max - min of the displacement, corrected for noise and sampling: the paper's amplitude"
     ]
+    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of max - min"]
     fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental by least-squares sine fit"]
     fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the fundamental"]
     phase: Annotated[float, Unit("rad"), "phase of the fundamental against the recorded drive, sensor delay removed"]
@@ -81,7 +81,7 @@ class _RecordingFit:
     components: np.ndarray
     driven: SineFit
     moved: SineFit
-    peak_to_peak: float
+    extremes: MaxMin
     samples: int
 
 
@@ -119,14 +119,11 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     harmonics[: len(components)] = np.abs(components)
     return SinePoint(
         frequency=frequency,
-        peak_to_peak=float(np.mean([one.peak_to_peak for one in each])),
-        # The extremes of n noisy samples lie up to sigma sqrt(2 ln n) outside on either side, and up to half a
-        # sample next to the true extremes; both taken as rectangular. Averaging reduces neither.
-        peak_to_peak_errors=2
-        * math.hypot(
-            noise * math.sqrt(2 * math.log(each[-1].samples)), fundamental * (1 - math.cos(math.pi * frequency / rate))
-        )
-        / math.sqrt(3),
+        peak_to_peak=float(np.mean([one.extremes.value for one in each])),
+        peak_to_peak_errors=math.hypot(
+            math.sqrt(sum(one.extremes.scatter**2 for one in each)) / len(each),
+            max(one.extremes.systematic for one in each),
+        ),
         fundamental=fundamental,
         fundamental_errors=error,
         phase=float(np.angle(np.exp(1j * turn))),
@@ -154,7 +151,7 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
         components=moved.components * np.exp(-1j * orders * np.angle(driven.fundamental)),
         driven=driven,
         moved=moved,
-        peak_to_peak=float(np.ptp(recording.displacement_m)),
+        extremes=estimate_max_min(recording.displacement_m, rate, frequency),
         samples=len(recording.displacement_m),
     )
 

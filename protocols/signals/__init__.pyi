@@ -1,5 +1,7 @@
 from .creep import fit_creep as fit_creep
 from .decay import fit_decay as fit_decay
+from .extremes import MaxMin as MaxMin
+from .extremes import estimate_max_min as estimate_max_min
 from .levels import DetectedRamp as DetectedRamp
 from .levels import LevelEstimate as LevelEstimate
 from .levels import combine_errors as combine_errors

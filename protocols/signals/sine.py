@@ -86,6 +86,15 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
     )
 
 
+def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Array]:
+    """Return the straight line and the periodic waveform of a fit at its samples, (count,) each."""
+    line, waveform = np.empty(count), np.empty(count)
+    for part, basis in _basis_chunks(count, rate_hz, fit.frequency_hz, len(fit.components)):
+        line[part] = fit.offset + fit.drift_per_s * (count - 1) / (2 * rate_hz) * basis[1]
+        waveform[part] = fit.components.real @ basis[2::2] + fit.components.imag @ basis[3::2]
+    return line, waveform
+
+
 def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
     """The frequency of a sine near `frequency_hz` (IEEE Std 1057, four-parameter fit), in hertz.
 

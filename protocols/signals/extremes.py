@@ -1,0 +1,108 @@
+"""Max - min of a periodic response, corrected for the bias of noise and sampling.
+
+The largest of n noisy samples lies above the largest value of the waveform, and the samples miss the waveform's own extremes.
+Both are computed from the waveform fitted with many harmonics and from the distribution of what that fit leaves, whatever
+its shape: the distribution of the maximum of independent values is the product of theirs.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Array
+from protocols.signals.sine import SineFit, fit_sine, fitted_samples
+
+WAVEFORM_ORDERS = 24
+"""Harmonics of the waveform; what lies above counts as noise."""
+
+WAVEFORM_STEPS = 4096
+"""Steps of a cycle at which the waveform's own extremes are looked for."""
+
+DISTRIBUTION_STEPS = 512
+"""Steps of the noise distribution over its range."""
+
+BIAS_UNCERTAINTY = 0.05
+"""Standard uncertainty of the bias as a share of it: the tails of the noise are known from one recording."""
+
+MIN_ORDERS = 4
+"""With fewer harmonics below the sample rate, what the fit leaves may be harmonics: then the bias is anything up to itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class MaxMin:
+    """Max - min of the waveform of a recording, in the unit of the samples.
+
+    Attributes:
+        value: of the samples without drift, less the bias.
+        scatter: standard uncertainty by noise, which averaging of recordings reduces.
+        systematic: standard uncertainty by the resolution of the samples and of the bias, which is common to recordings.
+        bias: expected max - min of the samples less that of the waveform: positive by noise, negative by sampling.
+    """
+
+    value: float
+    scatter: float
+    systematic: float
+    bias: float
+
+    @property
+    def standard_error(self) -> float:
+        """Standard uncertainty of the value."""
+        return float(np.hypot(self.scatter, self.systematic))
+
+
+def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> MaxMin:
+    """Estimate max - min of a periodic response as it is without noise and between the samples.
+
+    Args:
+        samples: (N,), evenly spaced, about whole cycles.
+        rate_hz: samples per second.
+        frequency_hz: of the fundamental, as fitted.
+
+    Raises:
+        ValueError: fewer samples than unknowns of the fit.
+    """
+    orders = max(min(WAVEFORM_ORDERS, len(samples) // 8 - 1), 1)
+    fit = fit_sine(samples, rate_hz, frequency_hz, orders)
+    line, waveform = fitted_samples(fit, len(samples), rate_hz)
+    moved = samples - line
+    left = np.sort(moved - waveform)
+    (highest, high_error), (lowest, low_error) = (
+        _expected_maximum(waveform, left),
+        _expected_maximum(-waveform, -left[::-1]),
+    )
+    bias = highest + lowest - float(np.ptp(_one_cycle(fit)))
+    # Coarse steps are no independent noise: the extremes may lie up to half a step off, or be widened by it.
+    resolution = _smallest_step(samples) / np.sqrt(3)
+    share = BIAS_UNCERTAINTY if len(fit.components) >= MIN_ORDERS else 1 / np.sqrt(3)
+    systematic = float(np.hypot(resolution, share * bias))
+    return MaxMin(float(np.ptp(moved)) - bias, float(np.hypot(high_error, low_error)), systematic, bias)
+
+
+def _smallest_step(samples: Array) -> float:
+    """Return the smallest difference between samples that differ: the resolution of digitized ones."""
+    steps = np.diff(np.sort(samples))
+    return float(steps[steps > 0].min(initial=np.ptp(samples)))
+
+
+def _one_cycle(fit: SineFit) -> Array:
+    turn = 2j * np.pi * np.arange(WAVEFORM_STEPS) / WAVEFORM_STEPS
+    orders = np.arange(1, len(fit.components) + 1)
+    return np.asarray((fit.components @ np.exp(np.multiply.outer(orders, turn))).imag)
+
+
+def _expected_maximum(waveform: Array, noise: Array) -> tuple[float, float]:
+    """Return mean and standard deviation of the largest of all `waveform` + noise; `noise` is a sorted sample of it."""
+    top, spread = float(waveform.max()), float(noise[-1] - noise[0])
+    if spread <= 0:
+        return top + float(noise[-1]), 0.0
+    step = spread / DISTRIBUTION_STEPS
+    below = np.rint((top - waveform[waveform > top - spread]) / step).astype(int)
+    counts = np.bincount(below, minlength=DISTRIBUTION_STEPS + 1).astype(float)
+    levels = noise[0] + step * np.arange(2 * DISTRIBUTION_STEPS + 1)
+    # The smallest value is one of the sample, so that no logarithm is infinite.
+    log_share = np.log(np.maximum(np.searchsorted(noise, levels, side="right"), 1) / noise.size)
+    share = np.exp(np.correlate(log_share, counts, mode="valid"))  # that no sample lies above top + level
+    weights = np.diff(share, prepend=0.0)
+    middles = levels[: DISTRIBUTION_STEPS + 1] - 0.5 * step
+    mean = float(weights @ middles / weights.sum())
+    return top + mean, float(np.sqrt(weights @ (middles - mean) ** 2 / weights.sum()))
