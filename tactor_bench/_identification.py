@@ -98,6 +98,7 @@ def identify(
     *,
     method: Method = "joint",
     free: Sequence[str] | None = None,
+    also: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     robust: bool = False,
@@ -109,6 +110,7 @@ def identify(
         runs: run files of one specimen: paths, opened runs, or entries of `runs(...)`.
         method: `joint` fits all runs at once, weighted by their errors; `chain` goes step by step as the paper did.
         free: names of the free parameters, for example `["k2", "mu", "m_add", "c0"]`; default: what the runs determine.
+        also: names that are free in addition, for example `["mass_fraction"]`, the share of the added masses that acts.
         fixed: values to hold, by name, SI.
         priors: value and standard uncertainty, by name, SI, of what ruler, caliper or scale say; these parameters become free
             within that, and their uncertainty is in all errors: `{"h_Al": (0.20e-3, 0.01e-3)}`.
@@ -119,7 +121,7 @@ def identify(
         RunReadError: a file is not a run.
         ObservationError: the runs do not belong together, or contain nothing about the model.
         IdentificationError, ChainError, ParameterError: why it cannot be identified so; all three are ValueErrors.
-        ValueError: free, fixed, priors or robust with the chain, whose steps are the paper's.
+        ValueError: free, also, fixed, priors or robust with the chain, whose steps are the paper's.
 
     Example:
         >>> found = identify(runs("runs", specimen="T7"))  # doctest: +SKIP
@@ -130,11 +132,14 @@ def identify(
     paths = [source.path if isinstance(source, MeasuredRun | CatalogueEntry) else Path(source) for source in sources]
     if not paths:
         raise ValueError("there are no runs to identify; give at least one")
-    if method == "chain" and (free or fixed or priors or robust):
-        raise ValueError("free, fixed, priors and robust are for the joint fit; the chain's steps are the paper's")
+    if method == "chain" and (free or also or fixed or priors or robust):
+        raise ValueError(
+            "free, also, fixed, priors and robust are for the joint fit; the chain's steps are the paper's"
+        )
     known = dict(priors or {})
     setting = FitOptions(
         free=None if free is None else (*free, *(name for name in known if name not in free)),
+        also=tuple(also),
         fixed=dict(fixed or {}),
         priors=known,
         loss="cauchy" if robust else "linear",

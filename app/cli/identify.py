@@ -50,6 +50,12 @@ class AcceptCommand:
         metavar="NAMES",
         help="free parameters, e.g. k2,mu,m_add,c0 (default: those that the runs determine)",
     )
+    also: str = option(
+        "--also",
+        default="",
+        metavar="NAMES",
+        help="parameters that are free in addition, e.g. mass_fraction, the share of the added masses that acts",
+    )
     fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a fixed value, in SI units or with a unit")
     priors: Sequence[str] = repeated(
         "--prior",
@@ -97,9 +103,9 @@ class AcceptCommand:
 
     @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, ValueError)
     def execute(self) -> int:
-        if self.method == "chain" and (self.free or self.fixed or self.priors or self.robust):
+        if self.method == "chain" and (self.free or self.also or self.fixed or self.priors or self.robust):
             raise UsageError(
-                "--free, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
+                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
             )
         if self.method == "chain" and (self.profile or self.next is not None):
             raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
@@ -112,6 +118,7 @@ class AcceptCommand:
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         setting = FitOptions(
             free=(*free, *(name for name in priors if name not in free)) if free else None,
+            also=tuple(name.strip() for name in self.also.split(",") if name.strip()),
             fixed=fixed,
             priors=priors,
             loss="cauchy" if self.robust else "linear",

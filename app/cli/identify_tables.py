@@ -13,6 +13,7 @@ from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
     ExpectedPrecision,
+    Explanation,
     JointFit,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -33,7 +34,20 @@ MAX_FINDINGS = 10
 
 
 def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
-    """Yield the table of the first discrepancies between runs and model, if there are any."""
+    """Yield the tables of causes of a misfit, and of the first discrepancies between runs and model, if there are any."""
+    if adequacy.diagnosis is not None and (found := adequacy.diagnosis.explanations):
+        likeliest = adequacy.diagnosis.likeliest
+        yield Table(
+            "causes",
+            f"What may be the cause: {adequacy.diagnosis.tried} were compared",
+            (
+                Column("cause", "", [e.cause.title for e in found]),
+                Column("words", "", [e.cause_words for e in found], "meaning"),
+                Column("chi_square", "", [e.chi_square for e in found], "chi-square with it", format_spec=".5g"),
+                Column("degrees_of_freedom", "", [e.degrees_of_freedom for e in found], "degrees of freedom"),
+                Column("likely", "", ["yes" if e in likeliest else "no" for e in found], "likely"),
+            ),
+        )
     if not adequacy.findings:
         return
     first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
@@ -46,6 +60,16 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
             Column("words", "", [f.words for f in first], "what is seen"),
             Column("probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"),
         ),
+    )
+
+
+def also_hint(likeliest: Sequence[Explanation]) -> str:
+    """Return how to repeat the fit with the likeliest cause; empty if it is no parameter."""
+    first = likeliest[0].cause
+    if first.kind != "parameter":
+        return ""
+    return (
+        f"the fit with it: identify --also {first.name}; with what is known of it: --prior '{first.name}=VALUE+-ERROR'"
     )
 
 
@@ -225,6 +249,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
             "adequacy": identification.adequacy.message,
             "every_finding": [to_jsonable(finding) for finding in identification.adequacy.findings],
         }
+        if identification.adequacy.diagnosis is not None and identification.adequacy.diagnosis.likeliest:
+            notes += [hint] if (hint := also_hint(identification.adequacy.diagnosis.likeliest)) else []
     notes += identification.notes
     fixed = {name: value for name, value in identification.fixed.items() if value is not None}
     more |= {

@@ -141,7 +141,7 @@ def identify_observations(
         observations,
         estimates,
         fit.covariance_of(estimates),
-        _fixed_parameters(options.base_values(), estimates),
+        _fixed_parameters(_base_values(fit), estimates),
         fit.verdict,
         misfits=fit.residuals,
         unidentified=tuple(c.description for c in fit.unidentified_combinations),
@@ -152,6 +152,12 @@ def identify_observations(
         shapes=options.n,
         budget=uncertainty_budget(fit),
     )
+
+
+def _base_values(fit: JointFit) -> dict[str, float | None]:
+    """Return the values of the parameters without a fit; where the mass put in is known, m_add is what acts of it."""
+    base = fit.options.base_values()
+    return base | {"m_add": fit.values["m_add"]} if fit.values["mass_put_in"] else base
 
 
 def _fixed_parameters(

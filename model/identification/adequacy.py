@@ -11,10 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
-from model import Array, Mask, beam_from_values
+from model import Array, Mask
+from model.identification.attribution.diagnosis import diagnose, fit_subspace
+from model.identification.attribution.explanation import Diagnosis
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,
+    beam_under,
     equation_factors,
     skin_from_values,
     specimen_harmonic,
@@ -53,13 +56,18 @@ class Adequacy:
     findings: tuple[Finding, ...]
     """The most significant first, unexplained patterns last."""
     test_count: int
+    diagnosis: Diagnosis | None = None
+    """Of a model that is not adequate: causes that explain the misfit."""
 
 
-def assess_adequacy(fit: JointFit) -> Adequacy:
-    """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit."""
+def assess_adequacy(fit: JointFit, attribute: bool = True) -> Adequacy:
+    """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit.
+
+    `attribute` fits the likeliest causes where the model is not adequate, which takes some times as long as the fit.
+    """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, discrepancies = _fit_subspace(fit), possible_discrepancies(fit)
+    Q, discrepancies = fit_subspace(fit), possible_discrepancies(fit)
     findings, tests = _significant_findings(fit, Q, discrepancies, 1.0)
     left = _residual_error_scale(
         fit, Q, [w for w in discrepancies if any((w.kind, w.runs) == (f.kind, f.runs) for f in findings)]
@@ -68,7 +76,17 @@ def assess_adequacy(fit: JointFit) -> Adequacy:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
         findings, tests = _significant_findings(fit, Q, discrepancies, left)
     adequate = not findings and fit.p_value > MIN_P_VALUE
-    return Adequacy(adequate, _verdict_message(fit, findings, tests), tuple(findings), tests)
+    diagnosis = diagnose(fit) if attribute and not adequate else None
+    return Adequacy(adequate, _verdict_message(fit, findings, tests, diagnosis), tuple(findings), tests, diagnosis)
+
+
+def _cause_message(diagnosis: Diagnosis) -> str:
+    """Return the likeliest cause as text, and those that the runs do not tell from it."""
+    first, *others = diagnosis.likeliest
+    text = f"the model is wrong for these runs, most likely because {first.words}"
+    if others:
+        text += "; these runs do not tell this from: " + "; or ".join(e.words for e in others[:2])
+    return text
 
 
 def _significant_findings(
@@ -101,8 +119,11 @@ def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discr
     return float(np.sqrt(rest @ rest / freedom))
 
 
-def _verdict_message(fit: JointFit, findings: list[Finding], tests: int) -> str:
+def _verdict_message(fit: JointFit, findings: list[Finding], tests: int, diagnosis: Diagnosis | None) -> str:
     chi = f"chi-square {fit.chi_square:.0f} for {fit.degrees_of_freedom} degrees of freedom, {format_p_value(fit.p_value, 2)}"
+    if diagnosis is not None and diagnosis.likeliest:
+        seen = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:2])
+        return f"{_cause_message(diagnosis)}{f'. Without it: {seen}' if seen else ''}. {chi}"
     if findings:
         first = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:3])
         more = f"; and {len(findings) - 3} more" if len(findings) > 3 else ""
@@ -114,13 +135,6 @@ def _verdict_message(fit: JointFit, findings: list[Finding], tests: int) -> str:
             f"looked for: the errors are too small, or points are wrong, most of all in {worst.label}. {chi}"
         )
     return f"the misfit is noise: none of {tests} tests for a wrong model is significant. {chi}"
-
-
-def _fit_subspace(fit: JointFit) -> Array:
-    """Orthonormal basis (rows, k) of the fit's degrees of freedom."""
-    J = fit.jacobian * fit.parameter_scale * fit.used_rows[:, None]
-    U, s, _ = np.linalg.svd(J, full_matrices=False)
-    return np.asarray(U[:, s > 1e-7 * s[0]])
 
 
 def _score_tests(
@@ -195,7 +209,7 @@ def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
 
 def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: Mask) -> Array:
     v: Values = fit.values
-    factors = equation_factors(beam_from_values(v, run.added_mass_kg), skin_from_values(run, v), 1)
+    factors = equation_factors(beam_under(run, v), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]
     return np.asarray(np.abs(per_volt * H) * np.abs(specimen_harmonic(run, fit.options.amplifier, k)[here]))

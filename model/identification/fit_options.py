@@ -31,6 +31,7 @@ class FitOptions:
         tactor, membrane, contact_length: values of the parameters that are not free.
         free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for, and those
             with a prior.
+        also: names that are free in addition.
         fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
         tied: name -> (other, factor): the parameter is always that many times the other.
         priors: name -> (value, standard error): prior knowledge of a free parameter, e.g. from a calliper.
@@ -44,6 +45,7 @@ class FitOptions:
     membrane: Membrane = field(default_factory=Membrane)
     contact_length: float | None = None
     free: tuple[str, ...] | None = None
+    also: tuple[str, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     tied: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -75,10 +77,15 @@ class FitOptions:
         if self.free is None:
             free = tuple(name for name in free if name not in self.fixed and name not in self.tied)
             free += tuple(name for name in self.priors if name not in free)
+            if self._mass_put_in_known:
+                free = tuple(name for name in free if name != "m_add")
+        free += tuple(name for name in self.also if name not in free)
         free = known.validate_names(free, observations)
         for name in free:
             if name in self.fixed or name in self.tied:
                 raise ParameterError(f"{name} is both free and {'fixed' if name in self.fixed else 'tied'}: choose one")
+            if name == "m_add" and self._mass_put_in_known:
+                raise ParameterError("m_add follows from mass_put_in, which is given: free mass_fraction instead")
             if name in observations.shared_errors:
                 raise ParameterError(f"{name} is a shared error; it is always free, within its standard error")
         for name, (other, factor) in self.tied.items():
@@ -96,3 +103,8 @@ class FitOptions:
             if name in free:
                 known.parameter_spec(name).check(self.start[name])
         return free
+
+    @property
+    def _mass_put_in_known(self) -> bool:
+        """Whether the mass in the cylinder is stated, so that m_add is what acts of it."""
+        return self.fixed.get("mass_put_in", 0.0) > 0 or "mass_put_in" in self.priors

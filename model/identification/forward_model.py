@@ -13,6 +13,7 @@ import numpy as np
 from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values, parameter_specs, point_stiffness, sag
 from model.beam import matrices, modal_form, receptance
 from model.identification import parameters as known
+from model.identification.nonidealities import DEFAULTS, acting_mass, acting_masses, with_acting_mass
 from model.identification.observations import (
     ErrorTarget,
     FrequencyResponseObservation,
@@ -44,6 +45,11 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
         if np.any(np.asarray(delta) < 0):  # an error of an elongation of 0: the tangent goes on below
             k_s = np.where(np.asarray(delta) < 0, 2 * point_stiffness(*membrane, 0.0) / length - k_s, k_s)
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
+
+
+def beam_under(run: FrequencyResponseObservation, v: Values) -> Beam:
+    """The letters of Eqs. (1)-(6) under a run: with m_add, or with what acts of the mass that was put in."""
+    return beam_from_values(v, None if run.added_mass_kg is None else acting_mass(v, run.added_mass_kg))
 
 
 def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
@@ -187,10 +193,10 @@ class ForwardModel:
         return [fundamentals.get(run.label) or self._predict_run(run, at) for run in self.observations.runs]
 
     def _all_values(self, columns: Array) -> Values:
-        v = self._fixed | dict(zip(self.names, columns, strict=True))
+        v = DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
         for name, (other, factor) in self._tied.items():
             v[name] = factor * v[other]
-        return v
+        return with_acting_mass(v)
 
     def _predict_run(self, run: Observation, differences: FiniteDifferences) -> Prediction:
         gain = 1 + differences.shared_error(run, "displacement")
@@ -235,7 +241,8 @@ class ForwardModel:
 
     def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
         mass_kg = np.asarray(run.mass_kg)[run.usable]
-        mass = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
+        put_in = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
+        mass = np.broadcast_to(acting_masses(differences.values, put_in), put_in.shape)
         stacked, slopes = differences.stack(
             [
                 equation_factors(beam_from_values(differences.values, each), (0.0, 0.0), differences.set_count)
@@ -264,10 +271,7 @@ class ForwardModel:
             return {}
         v = differences.values
         stacked, slopes = differences.stack(
-            [
-                equation_factors(beam_from_values(v, r.added_mass_kg), skin_from_values(r, v), differences.set_count)
-                for r in runs
-            ]
+            [equation_factors(beam_under(r, v), skin_from_values(r, v), differences.set_count) for r in runs]
         )
         sizes = [int(r.usable.sum()) for r in runs]
         of = np.repeat(np.arange(len(runs)), sizes)
@@ -322,7 +326,7 @@ class ForwardModel:
     ) -> Array:
         """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, vectorized over sets."""
         v = differences.values
-        beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_from_values(v, run.added_mass_kg)))
+        beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_under(run, v)))
         m = matrices(beam, *skin_from_values(run, v), self.n)
         form = modal_form(m.M, m.C, m.K, m.B, 2 * m.B_F)
         k = np.arange(harmonic_orders(f) + 1)

@@ -14,6 +14,7 @@ import numpy as np
 from model import Array, Skin, Tactor, parameter_specs
 from model.identification.fit_result import JointFit
 from model.identification.forward_model import skin_from_values
+from model.identification.nonidealities import acting_mass
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -201,10 +202,10 @@ def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
                 parts[run.label] = p * ratio(tactor, np.zeros(1), None).real / CLAMP_FLEXIBILITY
             case MassResonanceObservation():
                 peaks = zip(run.mass_kg[run.usable], p, strict=True)
-                shifts = [_peak_shift(replace(tactor, m_add=m), f, spring) for m, f in peaks]
+                shifts = [_peak_shift(replace(tactor, m_add=max(acting_mass(v, m), 0.0)), f, spring) for m, f in peaks]
                 parts[run.label] = p * np.array(shifts) / CLAMP_FLEXIBILITY
             case FrequencyResponseObservation():
-                t = tactor if run.added_mass_kg is None else replace(tactor, m_add=run.added_mass_kg)
+                t = tactor if run.added_mass_kg is None else replace(tactor, m_add=acting_mass(v, run.added_mass_kg))
                 skin = None if run.elongation_m is None else Skin(*(float(x) for x in skin_from_values(run, v)))
                 r = ratio(t, run.frequency_hz[run.usable], skin) / CLAMP_FLEXIBILITY
                 parts[run.label] = p * (r if np.iscomplexobj(p) else r.real)

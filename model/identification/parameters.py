@@ -6,6 +6,7 @@ from dataclasses import asdict
 from annotated_types import Interval
 
 from model import C_S, CONTACT_LENGTH, K_S, Membrane, ParameterError, ParameterSpec, Tactor, parameter_specs, skin
+from model.identification.nonidealities import NONIDEALITIES
 from model.identification.observations import (
     SHARED_ERROR_UNITS,
     FrequencyResponseObservation,
@@ -20,7 +21,8 @@ ASYMMETRY = ParameterSpec(
     "asymmetry", "1", Interval(gt=-1, lt=1), "share by which loads deflect more on the MFC side, less on the other", 0.0
 )
 SPECIMEN_PARAMETERS = {
-    q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), CONTACT_LENGTH, ASYMMETRY)
+    q.name: q
+    for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), CONTACT_LENGTH, ASYMMETRY, *NONIDEALITIES.values())
 }
 
 
@@ -101,6 +103,8 @@ def start_value(name: str, base: Mapping[str, float | None]) -> float:
     if name in base:
         value = base[name]  # None: the contact length that follows the geometry
         return float((base["L"] or 0) - (base["L2"] or 0) if value is None else value)
+    if name in NONIDEALITIES:
+        return float(NONIDEALITIES[name].default or 0.0)
     elongation = parse_elongation(name)
     if elongation is None:
         return 0.0

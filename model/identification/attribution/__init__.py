@@ -1,0 +1,1 @@
+"""Attribution: which cause outside the model explains the misfit of a joint fit."""

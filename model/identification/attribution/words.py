@@ -1,0 +1,96 @@
+"""Sentences of a diagnosis: a cause with value, error and sign, and what it changes."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from model.identification import parameters as known
+from model.identification.attribution.causes import Cause
+from model.identification.attribution.explanation import Explanation
+from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
+from model.identification.observations import (
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    Observation,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+)
+
+UNITS = {"1": (100.0, "%"), "kg": (1e3, "g"), "m": (1e3, "mm"), "s": (1e6, "us"), "N": (1e3, "mN"), "Pa": (1e-6, "MPa")}
+WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
+
+PARAMETER_WORDS = {
+    "mass_fraction": "the masses put in the cylinder act as {value} of what they weigh",
+    "mass_offset": "{size} <more|less> than stated acts with every added mass: cylinder and glue, or the balance",
+    "asymmetry": "loads deflect the MFC side {size} <more|less> than the mean of both sides, the aluminium side <less|more>",
+    "h_Al": "the bare plate bends as with h_Al = {value}, not {held} (h_Al, b_Al or E_Al)",
+    "contact_length": "the skin acts over a contact_length of {value}, not {held} (or b_m differs)",
+}
+"""With {value}, {size} (of the difference to what was held) and {held}; <one|other> for a positive and a negative difference."""
+
+
+def number(value: float, error: float | None, unit: str, signed: bool = True) -> str:
+    """Return a value with its error in the unit in which people say it, e.g. `70.3 +- 0.3 %`."""
+    factor, shown = UNITS.get(unit, (1.0, unit))
+    value = factor * (value if signed else abs(value))
+    if error is None or not (np.isfinite(error) and error > 0):
+        return f"{value:.4g} {shown}".strip()
+    digits = int(np.clip(1 - np.floor(np.log10(factor * error)), 0, 8))
+    if factor * error >= 10 or abs(value) >= 1e5:
+        return f"{value:.4g} +- {factor * error:.2g} {shown}".strip()
+    return f"{value:.{digits}f} +- {factor * error:.{digits}f} {shown}".strip()
+
+
+def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
+    """Return what a cause of this size means; the words have the sign of the difference."""
+    match cause.kind:
+        case "scale":
+            return f"{cause.name} reads {number(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
+        case "point":
+            return _point_words(fit, cause)
+    spec = known.SPECIMEN_PARAMETERS[cause.name]
+    held = known.start_value(cause.name, fit.options.base_values())
+    words = PARAMETER_WORDS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
+    words = WORD_PAIR.sub(lambda found: found[1 if size >= held else 2], words)
+    return words.format(
+        value=number(size, error, spec.unit),
+        size=number(size - held, error, spec.unit, False),
+        held=number(held, None, spec.unit),
+    )
+
+
+def _point_words(fit: JointFit, cause: Cause) -> str:
+    run = cause.run(fit)
+    part = fit.run_slices[fit.observations.runs.index(run)]
+    rows = fit.weighted_residuals[part].reshape(-1, int(run.usable.sum()))
+    place = int(run.usable[: cause.point].sum())
+    away = float(np.linalg.norm(rows[:, place]))
+    return f"point {cause.point + 1} of {cause.name}{_where(run, cause.point)} alone is wrong, by {away:.2g} standard errors"
+
+
+def _where(run: Observation, point: int) -> str:
+    match run:
+        case StaticLoadingObservation():
+            return f" ({run.load_n[point]:.3g} N)"
+        case MassResonanceObservation():
+            return f" ({1e3 * run.mass_kg[point]:.4g} g)"
+        case VoltageStepsObservation():
+            return f" ({run.input_v[point]:.3g} V)"
+        case FrequencyResponseObservation():
+            return f" ({run.frequency_hz[point]:.4g} Hz)"
+    return ""
+
+
+def with_words(fit: JointFit, explanation: Explanation) -> Explanation:
+    """Return the explanation with its words: the cause, and what the fit is with it."""
+    cause = cause_words(fit, explanation.cause, explanation.size, explanation.standard_error)
+    freedom = explanation.degrees_of_freedom
+    with_it = f"chi-square {fit.cost:.0f} becomes {explanation.chi_square:.0f} for {freedom} degrees of freedom"
+    if explanation.p_value < MIN_P_VALUE:
+        with_it += f", {format_p_value(explanation.p_value)}: it is not the only one"
+    if explanation.shifts:
+        with_it += "; " + ", ".join(
+            f"{s.name} {s.before:.3g} becomes {s.after:.3g} +- {s.standard_error:.1g}" for s in explanation.shifts
+        )
+    return replace(explanation, cause_words=cause, words=f"{cause} ({with_it})")
