@@ -60,11 +60,10 @@ class Cause:
 
     def extend(self, fit: JointFit) -> tuple[ObservationSet, FitOptions]:
         """Return the observations and options of a fit with this cause, which begins where `fit` ended."""
-        start = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-        options = replace(fit.options, free=fit.free_parameters, start=start, also=())
+        options = free_as_well(fit, (self.name,) if self.kind == "parameter" else ())
         match self.kind:
             case "parameter":
-                return fit.observations, replace(options, also=(self.name,), priors=self._priors(fit))
+                return fit.observations, replace(options, priors=self._priors(fit))
             case "scale":
                 error = SharedError(self.title, "displacement", WIDE_GAIN_ERROR)
                 run = self.run(fit)
@@ -84,6 +83,15 @@ class Cause:
         return next(run for run in fit.observations.runs if run.label == self.name)
 
 
+def free_as_well(fit: JointFit, names: tuple[str, ...]) -> FitOptions:
+    """Return the options of a fit with these parameters free in addition, which begins where `fit` ended."""
+    base = fit.options.base_values()
+    start = {name: known.start_value(name, base) for name in names}
+    start |= dict(zip(fit.names, fit.theta.tolist(), strict=True))
+    fixed = {name: value for name, value in fit.options.fixed.items() if name not in names}
+    return replace(fit.options, free=fit.free_parameters, also=names, fixed=fixed, start=start)
+
+
 def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
     """Return every parameter that is held and every run whose scale may be wrong; points are found by their residuals."""
     base = fit.options.base_values()
@@ -96,7 +104,7 @@ def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
         and name not in fit.options.tied
         and name not in NO_CAUSES
         and SAME_EFFECT.get(name) is None
-        and not (name == "m_add" and base.get("mass_put_in"))
+        and not (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names))
     ]
     runs = [r for r in fit.observations.runs if not isinstance(r, MassResonanceObservation | MembraneSagObservation)]
     scales = [Cause("scale", run.label) for run in runs] if len(fit.observations.runs) > 1 else []

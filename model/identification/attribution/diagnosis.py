@@ -5,13 +5,12 @@ ranked by the probability of so large an improvement by chance, times the number
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
 
 from model import Array, ParameterError
-from model.identification.attribution.causes import Cause, possible_causes
+from model.identification.attribution.causes import Cause, free_as_well, possible_causes
 from model.identification.attribution.explanation import Diagnosis, Explanation, ParameterShift
 from model.identification.attribution.words import with_words
 from model.identification.fit_options import IdentificationError
@@ -64,10 +63,7 @@ def effects(fit: JointFit) -> dict[Cause, Array]:
     """Return what each possible cause but a point adds to the weighted residuals, (rows,), per unit of its size."""
     causes = possible_causes(fit)
     names = tuple(c.name for c in causes if c.kind == "parameter")
-    start = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    problem = LeastSquaresProblem(
-        fit.observations, replace(fit.options, free=fit.free_parameters, also=names, start=start)
-    )
+    problem = LeastSquaresProblem(fit.observations, free_as_well(fit, names))
     _, J = problem.evaluate(problem.start)
     out = {c: J[:, problem.names.index(c.name)] for c in causes if c.kind == "parameter"}
     predictions = problem.forward_model.predict(problem.start)

@@ -59,6 +59,14 @@ def test_a_mass_that_is_known_is_told_from_what_acts_of_it() -> None:
         joint_fit(data, FitOptions(free=("k2", "m_add"), fixed={"mass_put_in": 11e-3}))
 
 
+def test_a_value_that_the_user_fixed_is_a_possible_cause() -> None:
+    fit = joint_fit(measure(Laboratory(), 1, SMALL), FitOptions(fixed={"c0": 130.0}))
+    diagnosis = assess_adequacy(fit).diagnosis
+    assert diagnosis is not None
+    assert diagnosis.likeliest[0].cause_words.startswith("c0 (structural damping per length) is 1")
+    assert diagnosis.likeliest[0].cause_words.endswith(", not 130 kg/(m s)")
+
+
 @pytest.mark.deep
 @pytest.mark.parametrize("small", [FULL, SMALL])
 @pytest.mark.parametrize(
