@@ -2,12 +2,13 @@
 
     python docs/make_double_faults.py [--jobs N] [--source NAME] [--drive NAME] [--only FAULT] [--missing]
 
-With `--source`, `--drive`, `--only` or `--missing` the other cells are kept as they are. All of them take about an hour on two cores.
+With `--source`, `--drive`, `--only` or `--missing` the other cells are kept as they are. All of them take about two hours on two cores.
 """
 
 import argparse
 import concurrent.futures
 import multiprocessing
+import os
 import re
 import sys
 import tempfile
@@ -43,10 +44,15 @@ amplifier's input, over the whole run, decides what a cell says, and the text of
 - **-**: not measured.
 - *next start*: reported by the next start of the program, in seconds after it was started, before it asked the operator anything.
 
-Times are wall time, on two cores with a load average of 18 to 28; a computer with less other work is faster. The slow wire has a
+Times are wall time, on two cores with a load average of {{low}} to {{high}}; a computer with less other work is faster. The slow wire has a
 round trip of {2 * SLOW_WIRE_S:g} s. The watchdog tries for {WATCHDOG_PATIENCE_S:g} s (`patience_s`; the default is 30 s). A ramp has a slope of 1 V/s here. The limits that
 hold are in [safety](safety.md).
 """
+
+CELLS_PER_POOL = 40
+"""Cells after which new processes take over: each simulated bench leaves its history behind."""
+
+LOAD = re.compile(r"load average of (\d+) to (\d+)")
 
 Key = tuple[str, str, tuple[str, str]]
 
@@ -73,20 +79,25 @@ def main() -> int:
         and (source, drive, pair) not in done
     ]
     chosen.sort(key=lambda key: DRIVES.index(key[1]))
+    loads = _read_loads()
     context = multiprocessing.get_context("spawn")  # each cell has threads, servers and clocks of its own
-    with concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=context, max_tasks_per_child=40) as pool:
-        running = {pool.submit(run_cell, key): key for key in chosen}
-        for done in concurrent.futures.as_completed(running):
-            key = running[done]
-            try:
-                cells[key] = done.result()
-            except NotLiveError as error:
-                print(*key, f"was not measured: {error}", flush=True)
-                continue
-            except Exception as error:  # noqa: BLE001 - the other cells are of use all the same
-                cells[key] = f"FAULT: {type(error).__name__}: {' '.join(str(error).split())[-300:]}".replace("|", "/")
-            print(*key, cells[key], flush=True)
-            _write_page(cells)
+    for first in range(0, len(chosen), CELLS_PER_POOL):
+        with concurrent.futures.ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+            running = {pool.submit(run_cell, key): key for key in chosen[first : first + CELLS_PER_POOL]}
+            for ended in concurrent.futures.as_completed(running):
+                key = running[ended]
+                try:
+                    cells[key] = ended.result()
+                except NotLiveError as error:
+                    print(*key, f"was not measured: {error}", flush=True)
+                    continue
+                except Exception as error:  # noqa: BLE001 - the other cells are of use all the same
+                    cells[key] = f"FAULT: {type(error).__name__}: {' '.join(str(error).split())[-300:]}".replace(
+                        "|", "/"
+                    )
+                print(*key, cells[key], flush=True)
+                loads.append(round(os.getloadavg()[0]))
+                _write_page(cells, loads)
     bad = {key: words for key, words in cells.items() if "FAULT" in words}
     print(
         f"{len(bad)} of {len(cells)} cells are at fault", *(f"{key}: {words}" for key, words in bad.items()), sep="\n"
@@ -119,8 +130,14 @@ def _read_page() -> dict[Key, str]:
 NOT_RUN = "-"
 
 
-def _write_page(cells: dict[Key, str]) -> None:
-    lines = [HEAD]
+def _read_loads() -> list[int]:
+    """Return the load averages that the page states."""
+    found = LOAD.search(PAGE.read_text("utf-8")) if PAGE.exists() else None
+    return [int(load) for load in found.groups()] if found else []
+
+
+def _write_page(cells: dict[Key, str], loads: list[int]) -> None:
+    lines = [HEAD.format(low=min(loads), high=max(loads))]
     for source, kind in SOURCES.items():
         lines += [f"## {kind.title} ({source})", ""]
         lines += [

@@ -3,9 +3,16 @@
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
+
+import nidaqmx
 
 from drivers.errors import LinkError
 from drivers.interfaces import Identity
+from drivers.nidaq import analog_output
+from drivers.nidaq.analog_input import NiConnection
+from drivers.nidaq.analog_output import NiAnalogOutput
+from sim_hardware.service.served_bench import ServedBench
 
 
 class RecordingSource:
@@ -55,3 +62,29 @@ class RecordingSource:
 
     def close(self) -> None:
         pass
+
+
+class _LocalCard(NiConnection):
+    """A card of this computer as NI's driver shows it to a process, in front of a simulated card of another one.
+
+    Tasks have no names here and nobody else finds them; they end when the test calls `end_tasks_of_dead_process`.
+    """
+
+    def new_task(self, role: str) -> Any:
+        del role
+        return nidaqmx.Task(grpc_options=nidaqmx.GrpcSessionOptions(self._rpc, ""))
+
+    def clear_abandoned(self, *roles: str) -> None: ...
+
+
+class LocalCardOutput(NiAnalogOutput):
+    """The analogue output of such a card."""
+
+    def __init__(self, **options: Any) -> None:
+        with patch.object(analog_output, "NiConnection", _LocalCard):
+            super().__init__(**options)
+
+
+def end_tasks_of_dead_process(served: ServedBench) -> None:
+    """Stop all tasks of a card, as NI's driver does with those of a process that died; outputs stay where they are."""
+    served.card._tasks.stop_all()

@@ -1,5 +1,6 @@
 """Run files at their edges: names of one second, locks of other programs, empty tables, results that cannot be stored."""
 
+import re
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -10,7 +11,7 @@ import pytest
 
 from protocols.base import RunStatus
 from protocols.runfile.errors import StorageError
-from protocols.runfile.open import RunReadError
+from protocols.runfile.open import RunReadError, translate_read_errors
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from tests.protocols.test_runfile import HEADER, Spot, new
@@ -76,3 +77,32 @@ def test_a_file_that_leads_out_of_itself_says_so_and_is_closed(tmp_path: Path) -
             Run(file.path)
     with h5py.File(file.path, "r+"):  # not while a reader still has it open
         pass
+
+
+def test_a_file_that_this_program_has_open_with_locks_is_read(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r"), Run(file.path) as run:
+        assert run.status is RunStatus.COMPLETED
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(ValueError("no such row\nat 3"), "no such row"), (KeyError(), "KeyError")]
+)
+def test_the_reason_of_damage_is_one_line(error: Exception, words: str) -> None:
+    with pytest.raises(RunReadError) as told, translate_read_errors(Path("a.h5")):
+        raise error
+    assert str(told.value) == f"a.h5 is damaged inside ({words}); take another copy of it"
+
+
+def test_damage_of_a_growing_file_is_not_read_again_for_ever(tmp_path: Path) -> None:
+    """HDF5 reads what does not fit its checksum again, as a part that is being written, up to a hundred times."""
+    file = new(tmp_path)
+    left = tmp_path / "left.h5"
+    content = bytearray(file.path.read_bytes())
+    file.finish(RunStatus.COMPLETED, "")
+    for at in (each.start() for each in re.finditer(b"OHDR", bytes(content))):
+        content[at + 8] ^= 0x10
+    left.write_bytes(content)
+    with pytest.raises(RunReadError, match=r"is damaged .*; take another copy of it"):
+        Run(left)
