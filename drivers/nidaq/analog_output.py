@@ -171,6 +171,10 @@ class NiAnalogOutput:
         if isinstance(drive, Hold):
             return
         self._end_hold()
+        if abs(self.idle_level_v() - begins_v) > LEVEL_TOLERANCE_V:
+            raise InstrumentError(
+                f"{self._description}: the level of {begins_v:g} V has returned to rest by itself; run again"
+            )
         rate = self._rate_for(drive)
         task = OutputTask(
             self._connection, self._physical_channel, self._description, rate, sample_count(drive, rate), self._trigger
@@ -204,7 +208,7 @@ class NiAnalogOutput:
     def stop(self) -> None:
         task, drive = self._task, self._drive
         if self._hold is not None:
-            self._end_hold()
+            self._end_hold(to_rest=True)
             return
         if task is None or drive is None or task.is_done():
             self.idle_level_v()
@@ -218,9 +222,10 @@ class NiAnalogOutput:
         self._write_level(level_v)
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
-        self._end_hold()
+        to_level = self._rest_v is not None and abs(level_v - self._rest_v) > LEVEL_TOLERANCE_V
+        self._end_hold(to_rest=not to_level)
         idle_v = self.idle_level_v()
-        if self._rest_v is not None and abs(level_v - self._rest_v) > LEVEL_TOLERANCE_V:
+        if to_level:
             self._start_hold(idle_v, level_v, duration_s)
             if self._hold is not None and self._task is not None:
                 self._await_sample(self._task, self._hold.rise + 1)
@@ -320,15 +325,20 @@ class NiAnalogOutput:
             "program was held up, and returns to rest by itself; close other programs and run again"
         )
 
-    def _end_hold(self) -> None:
-        """Let go of a held level: stay at it, or at rest where its return has begun."""
+    def _end_hold(self, to_rest: bool = False) -> None:
+        """Let go of a held level: stay at it, or at rest where its return has begun.
+
+        With `to_rest` its return is awaited on a wire on which a ramp to rest would begin later.
+        """
         hold, task = self._hold, self._task
         if hold is None or task is None:
             return
         self._await_sample(task, hold.rise + 1)
-        level_v = hold.level_v
-        if not Progress(task, self._clock, self._margin_s).is_released_before(hold.return_sample):
-            self._await_sample(task, hold.return_sample + hold.fall + 1)
+        level_v, returned = hold.level_v, hold.return_sample + hold.fall + 1
+        progress = Progress(task, self._clock, self._margin_s)
+        is_sooner = (returned - progress.generated) / task.rate_hz < RAMP_ROUND_TRIPS * progress.reply_s
+        if (to_rest and is_sooner) or not progress.is_released_before(hold.return_sample):
+            self._await_sample(task, returned)
             level_v = hold.rest_v
         self._release_task()
         self._write_level(level_v)

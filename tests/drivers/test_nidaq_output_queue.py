@@ -97,6 +97,35 @@ def test_a_level_on_a_wire_that_becomes_slow_is_renewed_or_returns_to_rest(reply
 
 
 @pytest.mark.deep
+def test_a_held_level_is_at_rest_by_itself_before_a_slow_wire_has_sent_a_ramp() -> None:
+    with slow() as (source, bench, library):
+        source.ramp_to(4.0, 0.4)
+        begin_s = bench.clock.now()
+        library.reply_s = 0.6
+        source.stop()
+        source.ramp_to(2.5, 0.4)
+        t = np.arange(begin_s, bench.clock.now(), 1e-3)
+        at_rest_s = t[np.abs(bench.history.volts(t) - 2.5) > 0.01][-1] - begin_s
+        assert 5.0 < at_rest_s < 5.5
+
+
+@pytest.mark.deep
+def test_a_drive_from_a_level_that_has_returned_to_rest_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with slow() as (source, bench, _):
+        source.ramp_to(4.0, 0.4)
+        ending = source._end_hold
+
+        def late() -> None:
+            bench.clock.sleep(6.0)
+            ending()
+
+        monkeypatch.setattr(source, "_end_hold", late)
+        with pytest.raises(InstrumentError, match="the level of 4 V has returned to rest by itself"):
+            source.start_drive(Steps((4.0, 3.0, 2.5), 0.5, 0.2))
+        monkeypatch.undo()
+
+
+@pytest.mark.deep
 @pytest.mark.parametrize("reply_s", [0.1, 0.6])
 def test_a_drive_is_stopped_without_a_jump_on_a_wire_that_became_slow(reply_s: float) -> None:
     with slow() as (source, bench, library):
