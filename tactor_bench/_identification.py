@@ -10,6 +10,8 @@ from app.identification import (
     IdentificationResult,
     Method,
     ObservationError,
+    SheetChoice,
+    SheetError,
     accept_identification,
     amplifier_of,
     calibrations,
@@ -27,6 +29,7 @@ __all__ = [
     "Identification",
     "IdentificationError",
     "ObservationError",
+    "SheetError",
     "calibration",
     "identify",
 ]
@@ -103,6 +106,7 @@ def identify(
     priors: Mapping[str, tuple[float, float]] | None = None,
     robust: bool = False,
     shapes: int | None = None,
+    sheet: str | Path | None = None,
 ) -> Identification:
     """Identify the parameters of a specimen from any runs of it, as `tactor-bench identify`.
 
@@ -116,9 +120,12 @@ def identify(
             within that, and their uncertainty is in all errors: `{"h_Al": (0.20e-3, 0.01e-3)}`.
         robust: a Cauchy loss, which is robust against outliers, instead of least squares.
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
+        sheet: specimen sheet with dimensions and masses; default: the one beside the runs, or else the paper's Table I with the
+            uncertainties of ruler and caliper; "none" holds them at Table I as if exact.
 
     Raises:
         RunReadError: a file is not a run.
+        SheetError: the specimen sheet is invalid.
         ObservationError: the runs do not belong together, or contain nothing about the model.
         IdentificationError, ChainError, ParameterError: why it cannot be identified so; all three are ValueErrors.
         ValueError: free, also, fixed, priors or robust with the chain, whose steps are the paper's.
@@ -145,7 +152,8 @@ def identify(
         loss="cauchy" if robust else "linear",
         amplifier=amplifier_of(paths),
     )
-    return Identification(identify_runs(paths, method, setting, shapes), paths)
+    chosen: SheetChoice = None if sheet is None else "none" if sheet == "none" else Path(sheet)
+    return Identification(identify_runs(paths, method, setting, shapes, sheet=chosen), paths)
 
 
 def calibration(specimen: str, folder: str | Path = "runs", version: int | None = None) -> Calibration:

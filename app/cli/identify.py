@@ -13,7 +13,7 @@ from app.cli.identify_tables import (
 )
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common import Column, Table, UnitError, UsageError, path_argument, to_number, track, usage_errors
+from app.common import Column, Table, UnitError, UsageError, path_argument, read_stated, to_number, track, usage_errors
 from app.config import ConfigError
 from app.identification import (
     CalibrationError,
@@ -22,6 +22,7 @@ from app.identification import (
     IdentificationResult,
     Method,
     ObservationError,
+    SheetError,
     accept_identification,
     amplifier_of,
     calibrations,
@@ -63,6 +64,13 @@ class AcceptCommand:
         "what ruler, caliper or scale say of a parameter that is held otherwise, with its standard uncertainty, e.g. "
         "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; it becomes free within that, and its uncertainty is in all errors",
     )
+    sheet: str = option(
+        "--sheet",
+        default="",
+        metavar="FILE|none",
+        help="the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
+        "ruler and caliper); 'none' holds them at Table I as if exact",
+    )
     profile: Sequence[str] = repeated(
         "--profile",
         "NAME",
@@ -101,7 +109,7 @@ class AcceptCommand:
     json: bool = switch("--json", JSON_OBJECT)
     accept: bool = True
 
-    @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, ValueError)
+    @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
     def execute(self) -> int:
         if self.method == "chain" and (self.free or self.also or self.fixed or self.priors or self.robust):
             raise UsageError(
@@ -133,6 +141,7 @@ class AcceptCommand:
             self.shapes,
             open_run=corrected.open if corrected else Run,
             track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
+            sheet="none" if self.sheet == "none" else Path(self.sheet) if self.sheet else None,
         )
         result = identification_command_result(found)
         if found.joint_fit is not None:
@@ -188,24 +197,11 @@ def _parse_fixed(text: str) -> tuple[str, float]:
 
 
 def _parse_prior(text: str) -> tuple[str, tuple[float, float]]:
-    name, equals, stated = text.partition("=")
-    value, plus_minus, error = stated.replace("±", "+-").partition("+-")
-    name, value, error = name.strip(), value.strip(), error.strip()
-    if not (equals and plus_minus and value and error):
-        raise UsageError(f"--prior {text}: write NAME=VALUE+-ERROR, for example --prior 'h_Al=0.20 mm +- 0.01 mm'")
+    name, _, stated = text.partition("=")
     try:
-        quantity = parameter_spec(name)
-        unit = quantity.unit or "1"
-        number = float(quantity.check(to_number(value, unit)))
-        if error.endswith("%"):
-            size = abs(number) * to_number(error.removesuffix("%"), "1") / 100
-        else:
-            size = to_number(error, unit)
+        return name.strip(), read_stated(stated, parameter_spec(name.strip()))
     except (UnitError, ParameterError) as problem:
         raise UsageError(f"--prior {text}: {problem}") from None
-    if not 0 < size < float("inf"):
-        raise UsageError(f"--prior {text}: the uncertainty must be positive; --fix holds a value that is exact")
-    return name, (number, size)
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.cli.output import CommandResult
 from app.common import Column, Table, display_unit, track
-from app.identification import IdentificationResult, budget_record, budget_tables
+from app.identification import IdentificationResult, budget_record, budget_tables, sheet_unit
 from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
@@ -186,7 +186,7 @@ def held_parameters(identification: IdentificationResult) -> str:
     names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
     shown = []
     for name in names:
-        value = identification.fixed.get(name)
+        value = None if name in identification.known else identification.fixed.get(name)
         if value is not None:
             unit = parameter_spec(name).unit
             factor, text = display_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
@@ -194,6 +194,19 @@ def held_parameters(identification: IdentificationResult) -> str:
     if not shown:
         return ""
     return f"{HELD_TEXT} (--prior gives a value its uncertainty): {', '.join(shown)}."
+
+
+def dimensions_line(identification: IdentificationResult) -> str:
+    """Return what the dimensions and masses of a fit are from, with their uncertainties, as text."""
+    sheet = identification.sheet
+    if sheet is None:
+        return ""
+    stated = []
+    for name, (value, uncertainty) in identification.known.items():
+        factor, unit = sheet_unit(name)
+        stated.append(f"{name} {format_with_uncertainty(factor * value, factor * uncertainty)} {unit}".strip())
+    remedy = "" if sheet.path else f"; 'tactor-bench specimen new {identification.specimen}' writes one"
+    return f"{sheet.description}{remedy}{': ' if stated else ''}{', '.join(stated)}."
 
 
 def identification_command_result(identification: IdentificationResult) -> CommandResult:
@@ -232,8 +245,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
+    heading = [text for text in (dimensions_line(identification), held_parameters(identification)) if text]
     notes = [
-        *([text] if (text := held_parameters(identification)) else []),
         f"{identification.verdict}.",
         *(f"not identifiable from these runs: {text}" for text in identification.unidentified),
     ]
@@ -241,7 +254,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     if identification.adequacy is not None:
         tables += adequacy_tables(identification.adequacy)
         notes.insert(
-            1 if notes[0].startswith(HELD_TEXT) else 0,
+            0,
             f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.",
         )
         more = {
@@ -257,11 +270,13 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         "method": identification.method,
         "simulated": identification.observations.simulated,
         "unidentified": list(identification.unidentified),
+        "covariance_names": [e.name for e in identification.estimates],
         "covariance": np.asarray(identification.covariance).tolist(),
         "verdict": identification.verdict,
         "budget": budget_record(identification.budget),
+        "dimensions": "" if identification.sheet is None else identification.sheet.description,
     }
-    return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more)
+    return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more, heading=tuple(heading))
 
 
 def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[str, float] | None = None) -> Table:

@@ -35,6 +35,8 @@ class CommandResult:
     figures: tuple[PaperFigure, ...] = ()
     log_scale: bool = False
     extra: Mapping[str, Any] = field(default_factory=dict)
+    heading: tuple[str, ...] = ()
+    """Lines before the tables."""
 
 
 def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) -> int:
@@ -54,6 +56,10 @@ def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) 
     if as_json:
         print_json(result_record(result))
         return ExitCode.DONE
+    for line in result.heading:
+        print_line(line)
+    if result.heading:
+        print_line("")
     for table in result.tables:
         print_table(table)
     for note in result.notes:

@@ -43,6 +43,7 @@ from .units import UnitError as UnitError
 from .units import description_of as description_of
 from .units import display_unit as display_unit
 from .units import read_number as read_number
+from .units import read_stated as read_stated
 from .units import read_value as read_value
 from .units import to_number as to_number
 from .units import unit_of as unit_of

@@ -130,6 +130,23 @@ def read_number(text: str, quantity: ParameterSpec) -> float:
     return float(quantity.check(number))
 
 
+def read_stated(text: str, quantity: ParameterSpec) -> tuple[float, float]:
+    """Return value and standard uncertainty, SI, of `22.1 mm +- 0.05 mm` or `22.1 mm +- 1 %`.
+
+    Raises:
+        UnitError, ParameterError: it is not a value with its uncertainty, or out of range.
+    """
+    value, plus_minus, error = (part.strip() for part in text.replace("±", "+-").partition("+-"))
+    if not (plus_minus and value and error):
+        raise UnitError("write NAME=VALUE+-ERROR, for example 'h_Al=0.20 mm +- 0.01 mm'")
+    unit = quantity.unit or "1"
+    number = float(quantity.check(to_number(value, unit)))
+    size = abs(number) * to_number(error[:-1], "1") / 100 if error.endswith("%") else to_number(error, unit)
+    if not 0 < size < float("inf"):
+        raise UnitError("the uncertainty must be positive; no instrument is exact")
+    return number, size
+
+
 def unit_of(model: "type[BaseModel]", name: str) -> str | None:
     """Return the unit of a field, None if it has none (a text, a switch)."""
     return next((m.unit for m in model.model_fields[name].metadata if isinstance(m, Unit)), None)

@@ -54,7 +54,7 @@ def accept_identification(
         AcceptanceError: nothing was identified, or a reason is needed.
         CalibrationError: the file cannot be read or written.
     """
-    if not identification.estimates:
+    if all(each.name in identification.known for each in identification.estimates):
         raise AcceptanceError(
             f"nothing is accepted: these runs identify no parameter of {identification.specimen}; add runs, "
             "or fix parameters with --fix. Without --accept the command names what to measure next"

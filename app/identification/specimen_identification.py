@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.identification.observations import read_observations, shape_count_of_file
+from app.identification.sheet_file import load_sheet, read_sheet
+from app.identification.specimen_sheet import SpecimenSheet
 from model import Array, EstimatedQuantity, Membrane, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
@@ -26,6 +28,10 @@ from model.identification import (
 from protocols.runfile.reader import Run
 
 Method = Literal["chain", "joint"]
+SheetChoice = Path | Literal["none"] | None
+"""A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as if exact."""
+
+CHAIN_SHEET_NOTE = "the chain takes dimensions and masses as exact: their uncertainties are in none of its errors; the joint fit's have them"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +59,8 @@ class IdentificationResult:
     """Number of shape functions of the fit; curves of it should use the same number."""
     budget: UncertaintyBudget | None = None
     """Of a joint fit: the sources of the uncertainties of its estimates."""
+    sheet: SpecimenSheet | None = None
+    """What dimensions and masses are from; None where the options alone say it."""
 
     @property
     def known(self) -> Mapping[str, tuple[float, float]]:
@@ -87,17 +95,22 @@ def identify(
     n: int | None = None,
     open_run: Callable[[Path], Run] = Run,
     track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
+    sheet: SheetChoice = None,
 ) -> IdentificationResult:
     """Identify the specimen of these runs; `open_run` may correct them; `n` shapes, default: `shape_count_of_file`.
 
     Raises:
+        SheetError: the specimen sheet is invalid.
         ObservationError: the runs do not belong together, or have no usable points.
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
     """
     paths = tuple(paths)
     specimen, campaign, left_out = read_observations(track(paths), open_run)
     options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
-    return identify_observations(specimen, campaign, method, options, left_out)
+    known = (
+        None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
+    )
+    return identify_observations(specimen, campaign, method, options, left_out, sheet=known)
 
 
 def identify_observations(
@@ -107,14 +120,19 @@ def identify_observations(
     options: FitOptions,
     exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
+    sheet: SpecimenSheet | None = None,
 ) -> IdentificationResult:
     """Identify from observations already read; `exclusions` are messages that are added to the notes.
+
+    With a `sheet`, dimensions and masses are those of it, free within their uncertainties; else those of the options.
 
     Of the options the chain uses start values, amplifier and number of shapes only.
 
     Raises:
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
     """
+    if sheet is not None:
+        options = sheet.fit_options(options, observations)
     if method == "chain":
         chosen = PaperChainOptions(
             tactor=options.tactor, membrane=options.membrane, amplifier=options.amplifier, n=options.n
@@ -130,8 +148,13 @@ def identify_observations(
             _fixed_parameters(default_values(options.tactor, options.membrane, None), estimates),
             "the paper's chain: every step takes the results of those before it; errors are carried through all steps",
             validation=found.validation,
-            notes=(*exclusions, *(step.summary for step in found.steps)),
+            notes=(
+                *exclusions,
+                *([] if sheet is None else [CHAIN_SHEET_NOTE]),
+                *(step.summary for step in found.steps),
+            ),
             shapes=options.n,
+            sheet=sheet,
         )
     fit = joint_fit(observations, options, progress)
     estimates = fit.estimates()
@@ -151,6 +174,7 @@ def identify_observations(
         adequacy=assess_adequacy(fit),
         shapes=options.n,
         budget=uncertainty_budget(fit),
+        sheet=sheet,
     )
 
 

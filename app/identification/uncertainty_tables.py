@@ -5,6 +5,7 @@ from typing import Any
 
 from app.common import Column, Table
 from app.identification.specimen_identification import IdentificationResult
+from app.identification.specimen_sheet import sheet_unit
 from model.identification import UncertaintyBudget, parameter_spec
 from protocols.base import format_with_uncertainty
 
@@ -36,9 +37,9 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
             "Known beforehand, and with the runs",
             (
                 Column("name", "", names, "parameter"),
-                Column("before", "", [format_with_uncertainty(*known[n], unit="1") for n in names]),
-                Column("after", "", [format_with_uncertainty(found[n].value, found[n].standard_error) for n in names]),
-                Column("unit", "", [found[n].unit for n in names]),
+                Column("before", "", [_format(n, *known[n]) for n in names]),
+                Column("after", "", [_format(n, found[n].value, found[n].standard_error) for n in names]),
+                Column("shown_unit", "", [sheet_unit(n)[1] for n in names], "unit"),
                 Column(
                     "moved",
                     "",
@@ -50,8 +51,14 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("known_uncertainty", "", [known[n][1] for n in names], displayed=False),
                 Column("value", "", [found[n].value for n in names], displayed=False),
                 Column("standard_error", "", [found[n].standard_error for n in names], displayed=False),
+                Column("unit", "", [found[n].unit for n in names], displayed=False),
             ),
         )
+
+
+def _format(name: str, value: float, uncertainty: float) -> str:
+    factor, _ = sheet_unit(name)
+    return format_with_uncertainty(factor * value, factor * uncertainty)
 
 
 def _relative(identification: IdentificationResult, at: int, uncertainty: float) -> float | None:

@@ -74,7 +74,8 @@ def rank_candidates(
     J = fit.jacobian * fit.parameter_scale
     now = _standard_errors(J.T @ J)[: len(own)]
     if parameter is None:
-        parameter = own[int(now.argmax())]
+        sought = [i for i, name in enumerate(own) if name not in fit.options.priors] or range(len(own))
+        parameter = own[max(sought, key=lambda i: float(now[i]))]
     if parameter not in own:
         raise ParameterError(f"{parameter} was not free in this fit: choose from {', '.join(own)}")
     at = own.index(parameter)

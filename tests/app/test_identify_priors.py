@@ -60,7 +60,7 @@ def k2_of(result: dict[str, Any]) -> tuple[float, float]:
 def test_half_a_millimetre_on_the_ruler_is_inside_the_interval(
     tables: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    free = ["--free", "k2,mu,m_add,c0", "--json"]
+    free = ["--free", "k2,mu,m_add,c0", "--sheet", "none", "--json"]
     assert main(["identify", *tables, *free]) == 0
     held = k2_of(json.loads(capsys.readouterr().out))
     assert main(["identify", *tables, *free, "--prior", "L=22 mm +- 0.5 mm"]) == 0
@@ -79,7 +79,7 @@ def test_half_a_millimetre_on_the_ruler_is_inside_the_interval(
 
 
 def test_held_values_are_named_first(tables: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["identify", *tables, "--prior", "h_Al=0.20 mm ± 2 %"]) == 0
+    assert main(["identify", *tables, "--sheet", "none", "--prior", "h_Al=0.20 mm ± 2 %"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert (
         "held, as if exact (--prior gives a value its uncertainty): L 22 mm, L1 8 mm, L2 15 mm, b_Al 20 mm, rho1 0.0113 kg/m"

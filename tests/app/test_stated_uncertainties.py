@@ -50,7 +50,10 @@ def test_a_stated_uncertainty_of_an_input_is_stored_and_enters_the_fit(case: str
     without = imported(tmp_path, text)
     path = imported(tmp_path, text, "--uncertainty", stated)
     assert (points(path)[column] > 0).all()
-    found = [{e.name: e for e in identify([each]).estimates}[parameter].standard_error for each in (without, path)]
+    found = [
+        {e.name: e for e in identify([each], sheet="none").estimates}[parameter].standard_error
+        for each in (without, path)
+    ]
     assert found[1] > 1.5 * found[0]
     _, campaign, _ = read_observations([path])
     assert len(campaign.shared_errors) == different  # one for each mass, weight or level, not for each row

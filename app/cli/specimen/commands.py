@@ -1,0 +1,236 @@
+"""The command `specimen`: sheets with the measured dimensions and masses of specimens."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+from app.cli.model_options import USUAL_RANGES
+from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, switch
+from app.cli.output import CommandResult, render
+from app.common import (
+    Column,
+    ExitCode,
+    Table,
+    UnitError,
+    UsageError,
+    print_line,
+    print_message,
+    read_stated,
+    usage_errors,
+)
+from app.identification import (
+    TABLE_ONE,
+    SheetEntry,
+    SheetError,
+    SpecimenSheet,
+    edit_sheet,
+    load_sheet,
+    sheet_path,
+    sheet_template,
+    sheet_unit,
+)
+from model import ParameterError
+from model.identification import parameter_spec
+from protocols.base import format_with_uncertainty
+
+TEXT_FIELDS = ("serial", "photograph", "notes")
+FAR_FROM_TABLE = 0.5
+"""Relative difference from Table I that is questioned: another tactor, or another unit."""
+
+
+@dataclass(frozen=True)
+class ShowSheetCommand:
+    """Print the sheet of a specimen: what its fits take as known."""
+
+    specimen: str = option()
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+    @usage_errors(SheetError)
+    def execute(self) -> int:
+        return render(sheet_result(load_sheet(self.folder, self.specimen)), self.json)
+
+
+def sheet_result(sheet: SpecimenSheet) -> CommandResult:
+    """Return a sheet as a table, with serial number, photograph and notes."""
+    entries = list(sheet.values.values())
+    scale = {e.name: sheet_unit(e.name) for e in entries}
+    table = Table(
+        "sheet",
+        f"Specimen {sheet.specimen}: dimensions and masses, with standard uncertainties",
+        (
+            Column("name", "", [e.name for e in entries], "parameter"),
+            Column("stated", "", [_format(e) for e in entries], "value"),
+            Column("shown_unit", "", [scale[e.name][1] for e in entries], "unit"),
+            Column("instrument", "", [e.instrument if e.measured else "" for e in entries]),
+            Column("date", "", [e.date for e in entries]),
+            Column("source", "", ["sheet" if e.measured else f"Table I: {e.instrument}" for e in entries]),
+            Column("meaning", "", [parameter_spec(e.name).description for e in entries]),
+            Column("value", "", [e.value for e in entries], displayed=False),
+            Column("uncertainty", "", [e.uncertainty for e in entries], displayed=False),
+            Column("unit", "", [parameter_spec(e.name).unit for e in entries], displayed=False),
+        ),
+    )
+    texts = {name: getattr(sheet, name) for name in TEXT_FIELDS}
+    notes = [f"{name}: {text}" for name, text in {**texts, **sheet.descriptions}.items() if text]
+    extra = {**texts, "descriptions": dict(sheet.descriptions), "file": str(sheet.path) if sheet.path else None}
+    return CommandResult("specimen show", {}, (table,), (*notes, f"{sheet.description}."), extra=extra)
+
+
+def _format(entry: SheetEntry) -> str:
+    factor, _ = sheet_unit(entry.name)
+    return format_with_uncertainty(factor * entry.value, factor * entry.uncertainty)
+
+
+@dataclass(frozen=True)
+class NewSheetCommand:
+    """Write the commented sheet of a specimen beside its runs."""
+
+    specimen: str = option()
+    folder: Path = folder_option()
+
+    def execute(self) -> int:
+        path = sheet_path(self.folder, self.specimen)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                file.write(sheet_template(self.specimen))
+        except FileExistsError:
+            raise UsageError(f"{path} is there already and is not overwritten; 'specimen set' changes it") from None
+        except OSError as error:
+            raise UsageError(f"{path} cannot be written: {error.strerror or error}") from None
+        print_message(f"{path}: no value is in use yet. Fill it in, or use 'tactor-bench specimen set'")
+        return ExitCode.DONE
+
+
+@dataclass(frozen=True)
+class SetSheetCommand:
+    """Set values, serial number, photograph or notes in the sheet of a specimen; a new sheet is written if it has none."""
+
+    specimen: str = option()
+    settings: Sequence[str] = option(
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, photograph=FILE or notes=TEXT",
+    )
+    instrument: str = option(
+        "--instrument", default="", help="what the values were measured with, e.g. 'caliper 150 mm'"
+    )
+    date: str = option("--date", default="", metavar="YYYY-MM-DD", help="day of the measurement (default: today)")
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+    @usage_errors(SheetError)
+    def execute(self) -> int:
+        entries, texts = {}, {}
+        day = self._day()
+        for setting in self.settings:
+            name, equals, stated = (part.strip() for part in setting.partition("="))
+            if not equals:
+                raise UsageError(f"{setting}: write NAME=VALUE, for example 'L=22.1 mm +- 0.05 mm'")
+            if name in TEXT_FIELDS:
+                texts[name] = stated
+            else:
+                try:
+                    value, uncertainty = read_stated(stated, parameter_spec(name))
+                except (UnitError, ParameterError) as problem:
+                    raise UsageError(f"{setting}: {problem}") from None
+                entries[name] = SheetEntry(name, value, uncertainty, self.instrument, day)
+        path = sheet_path(self.folder, self.specimen)
+        if not path.exists():
+            NewSheetCommand(self.specimen, self.folder).execute()
+        load_sheet(self.folder, self.specimen)  # refused if it is of another specimen
+        sheet = edit_sheet(path, entries, texts)
+        print_message(f"wrote {path}")
+        return render(sheet_result(sheet), self.json)
+
+    def _day(self) -> str:
+        if not self.date:
+            return datetime.now(UTC).date().isoformat()
+        try:
+            return date.fromisoformat(self.date).isoformat()
+        except ValueError:
+            raise UsageError(f"--date {self.date}: write a day as YYYY-MM-DD, for example 2026-11-20") from None
+
+
+@dataclass(frozen=True)
+class CheckSheetCommand:
+    """Check the sheet of a specimen; the exit code is 1 if something is to be questioned."""
+
+    specimen: str = option()
+    folder: Path = folder_option()
+
+    @usage_errors(SheetError)
+    def execute(self) -> int:
+        sheet = load_sheet(self.folder, self.specimen)
+        if sheet.path is None:
+            raise UsageError(
+                f"there is no {sheet_path(self.folder, self.specimen)}; 'tactor-bench specimen new {self.specimen}' writes one"
+            )
+        questions = list(questionable(sheet))
+        for question in questions:
+            print_line(question)
+        print_line(f"{sheet.description}." if questions else f"{sheet.description}; nothing to question.")
+        return ExitCode.FAILED if questions else ExitCode.DONE
+
+
+def questionable(sheet: SpecimenSheet) -> Iterator[str]:
+    """Yield what is implausible in a sheet: sizes, uncertainties, dates, and a photograph that is not there."""
+    today = datetime.now(UTC).date().isoformat()
+    for e in sheet.entries.values():
+        factor, unit = sheet_unit(e.name)
+        low, high = USUAL_RANGES.get(e.name, (0.0, float("inf")))
+        if e.value and not low <= abs(e.value) <= high:
+            yield f"{e.name} is {factor * e.value:.4g} {unit}, usually {factor * low:g} to {factor * high:g} {unit}: is the unit right?"
+        elif e.name in TABLE_ONE and abs(e.value / _table_value(e.name) - 1) > FAR_FROM_TABLE:
+            yield f"{e.name} is {factor * e.value:.4g} {unit}, the paper's is {factor * _table_value(e.name):.4g} {unit}: is it right?"
+        if e.value and e.uncertainty > 0.3 * abs(e.value):
+            yield f"{e.name}: the uncertainty is {100 * e.uncertainty / abs(e.value):.0f} % of the value: is its unit right?"
+        if not e.instrument:
+            yield f"{e.name}: the instrument is missing"
+        if not e.date:
+            yield f"{e.name}: the date is missing"
+        elif e.date > today:
+            yield f"{e.name}: the date {e.date} is in the future"
+    if sheet.photograph and sheet.path and not (sheet.path.parent / sheet.photograph).exists():
+        yield f"there is no photograph {sheet.path.parent / sheet.photograph}"
+    if sheet.missing:
+        yield f"not measured, so Table I is used: {', '.join(sheet.missing)}"
+
+
+def _table_value(name: str) -> float:
+    return float(parameter_spec(name).default or 0.0)
+
+
+COMMANDS: Mapping[str, CommandGroup] = {
+    "specimen": CommandGroup(
+        "Specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
+        "file beside its runs. They enter every fit with their uncertainties; what a sheet does not have is the paper's Table I with the "
+        "uncertainties of ruler and caliper.",
+        "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
+        "what",
+        "WHAT",
+        {
+            "new": (
+                "write a commented sheet, with no value in use",
+                CommandSyntax(NewSheetCommand, example="example: specimen new T7"),
+            ),
+            "set": (
+                "set values with their uncertainties, serial number, photograph or notes",
+                CommandSyntax(
+                    SetSheetCommand,
+                    example="example: specimen set T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",
+                ),
+            ),
+            "show": (
+                "the values that the fits of a specimen take as known",
+                CommandSyntax(ShowSheetCommand, example="example: specimen show T7"),
+            ),
+            "check": (
+                "question implausible and missing values; exit code 1 if there are any",
+                CommandSyntax(CheckSheetCommand, example="example: specimen check T7"),
+            ),
+        },
+    )
+}

@@ -1,0 +1,272 @@
+"""Specimen sheet files: TOML with comments, beside the runs, read and edited line by line."""
+
+import re
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from app.common import MAX_TOML_BYTES, UnitError, parse_toml, to_number, truncate_text, write_atomic
+from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, sheet_unit
+from app.identification.table_one import TABLE_ONE
+from model import ParameterError
+from model.identification import parameter_spec
+from protocols.runfile.names import other_specimen_message, safe_name
+
+SUFFIX = ".specimen.toml"
+TEXTS = ("serial", "photograph", "notes")
+ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")
+HEAD = """# Specimen sheet: what is known of it beforehand. Every value enters the fits of its runs with its uncertainty.
+# Uncertainties are standard uncertainties (k = 1): half a graduation, or limits of error, divided by the root of 3.
+# A line that begins with # is not used: the fits take the paper's Table I there, with the uncertainty of ruler, caliper or scale.
+# Set a value here, or by 'tactor-bench specimen set SPECIMEN L="22.1 mm +- 0.05 mm" --instrument caliper'.
+
+specimen = {name}
+serial = ""
+photograph = ""      # path of a file, from the folder of this sheet
+notes = ""
+"""
+
+
+class SheetError(Exception):
+    """A specimen sheet cannot be read or written; the message gives file, entry and remedy."""
+
+
+def sheet_path(folder: Path, specimen: str) -> Path:
+    """Return the path of a specimen's sheet."""
+    return folder / f"{safe_name(specimen)}{SUFFIX}"
+
+
+def load_sheet(folder: Path | None, specimen: str) -> SpecimenSheet:
+    """Return the sheet of a specimen; that of Table I without a file.
+
+    Raises:
+        SheetError: the file cannot be read, or is of another specimen.
+    """
+    if folder is None or not specimen:
+        return SpecimenSheet(specimen)
+    path = sheet_path(folder, specimen)
+    if not path.exists():
+        return SpecimenSheet(specimen)
+    sheet = read_sheet(path)
+    if sheet.specimen != specimen:
+        raise SheetError(other_specimen_message(path, SUFFIX, sheet.specimen, specimen))
+    return sheet
+
+
+def read_sheet(path: Path) -> SpecimenSheet:
+    """Read a sheet.
+
+    Raises:
+        SheetError: it cannot be read, or an entry is invalid.
+    """
+    try:
+        if not path.is_file():
+            raise SheetError(f"{path} is no file; give the specimen sheet, a TOML file")
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_TOML_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise SheetError(f"the specimen sheet {path} cannot be read: {reason}") from error
+    if len(text) > MAX_TOML_BYTES:
+        raise SheetError(f"{path} is longer than {MAX_TOML_BYTES / 1e6:g} MB and no specimen sheet")
+    return parse_sheet(text, path)
+
+
+def parse_sheet(text: str, path: Path) -> SpecimenSheet:
+    """Return the sheet in a TOML text.
+
+    Raises:
+        SheetError: it is not TOML, or an entry is invalid.
+    """
+    try:
+        tables = parse_toml(text)
+    except ValueError as error:
+        raise SheetError(f"{path} is not valid TOML: {error}") from error
+    if unknown := sorted(set(tables) - {"specimen", *TEXTS, *GROUPS}):
+        raise SheetError(
+            f"{path}: unknown {truncate_text(', '.join(unknown))}; a specimen sheet has specimen, {', '.join(TEXTS)}, and the tables "
+            f"{', '.join(f'[{group}]' for group in GROUPS)}"
+        )
+    for name in ("specimen", *TEXTS):
+        if not isinstance(tables.get(name, ""), str):
+            raise SheetError(f"{path}: {name} must be a text in quotation marks")
+    if not tables.get("specimen"):
+        raise SheetError(f'{path}: the name of the specimen is missing; write specimen = "T7"')
+    entries: dict[str, SheetEntry] = {}
+    descriptions = {}
+    for group in GROUPS:
+        table = tables.get(group, {})
+        if not isinstance(table, dict):
+            raise SheetError(f"{path}: {group} must be a table, [{group}]")
+        for name, given in table.items():
+            if name == "description":
+                if not isinstance(given, str):
+                    raise SheetError(f"{path}: description in [{group}] must be a text in quotation marks")
+                descriptions[group] = given
+            elif name in entries:
+                raise SheetError(f"{path}: {name} is in two tables; remove one")
+            else:
+                entries[name] = _read_entry(f"{path}, [{group}] {name}", name, given)
+    sheet = SpecimenSheet(
+        tables["specimen"], entries, **{name: tables.get(name, "") for name in TEXTS}, descriptions=descriptions, path=path
+    )  # fmt: skip
+    try:
+        sheet.tactor, sheet.membrane  # noqa: B018 - raises for lengths in the wrong order
+    except ParameterError as error:
+        raise SheetError(f"{path}: {error}") from None
+    return sheet
+
+
+def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
+    example = f'{name} = {{ value = "22.1 mm", uncertainty = "0.05 mm", instrument = "caliper", date = 2026-11-20 }}'
+    if not isinstance(given, dict):
+        raise SheetError(f"{where}: a value needs its uncertainty: {example}")
+    if unknown := sorted(set(given) - set(ENTRY_KEYS)):
+        raise SheetError(f"{where}: unknown {truncate_text(', '.join(unknown))}; an entry has {', '.join(ENTRY_KEYS)}")
+    try:
+        spec = parameter_spec(name)
+        if "mass" in given:
+            if spec.unit != "kg/m":
+                raise SheetError(f"{where}: a mass over a length is a linear density (rho1, rho2), not {name}")
+            mass, u_mass, length, u_length = (
+                _number(where, key, given, unit)
+                for key, unit in (("mass", "kg"), ("mass_uncertainty", "kg"), ("length", "m"), ("length_uncertainty", "m"))
+            )  # fmt: skip
+            if not (mass > 0 and length > 0):
+                raise SheetError(f"{where}: mass and length must be greater than 0")
+            value = mass / length
+            uncertainty = value * ((u_mass / mass) ** 2 + (u_length / length) ** 2) ** 0.5
+        else:
+            value = _number(where, "value", given, spec.unit)
+            uncertainty = _number(where, "uncertainty", given, spec.unit, abs(value))
+        spec.check(value)
+    except ParameterError as error:
+        raise SheetError(f"{where}: {error}") from None
+    if not 0 < uncertainty < float("inf"):
+        raise SheetError(f"{where}: the uncertainty must be greater than 0; no instrument is exact")
+    return SheetEntry(name, value, uncertainty, _text(where, "instrument", given), _date(where, given))
+
+
+def _number(where: str, key: str, given: Mapping[str, Any], unit: str, whole: float | None = None) -> float:
+    """Return a number of an entry in SI; `whole` is what a percentage is of."""
+    if key not in given:
+        raise SheetError(f"{where}: {key} is missing")
+    text = given[key]
+    if isinstance(text, bool) or not isinstance(text, str | int | float):
+        raise SheetError(f"{where}: {key} must be a number with its unit, in quotation marks")
+    try:
+        if whole is not None and str(text).strip().endswith("%"):
+            return whole * to_number(str(text).strip().removesuffix("%"), "1") / 100
+        return to_number(str(text).strip(), unit or "1")
+    except UnitError as error:
+        raise SheetError(f"{where}: {key}: {error}") from None
+
+
+def _text(where: str, key: str, given: Mapping[str, Any]) -> str:
+    text = given.get(key, "")
+    if not isinstance(text, str):
+        raise SheetError(f"{where}: {key} must be a text in quotation marks")
+    return text
+
+
+def _date(where: str, given: Mapping[str, Any]) -> str:
+    day = given.get("date", "")
+    if isinstance(day, date):
+        return day.isoformat()[:10]
+    try:
+        return date.fromisoformat(day).isoformat() if day else ""
+    except (TypeError, ValueError):
+        raise SheetError(
+            f"{where}: date must be a day, for example 2026-11-20, not {truncate_text(repr(day))}"
+        ) from None
+
+
+def sheet_template(specimen: str) -> str:
+    """Return a commented sheet with Table I's values, none of them in use."""
+    lines = [HEAD.format(name=_quote(specimen))]
+    for group, names in GROUPS.items():
+        lines.append(f'[{group}]\ndescription = ""')
+        for name in names:
+            entry = SheetEntry(
+                name, PAPER_VALUES[name], float(TABLE_ONE[name].uncertainty or 0), TABLE_ONE[name].instrument
+            )
+            lines += [
+                f"# {parameter_spec(name).description}; Table I: {TABLE_ONE[name].source}",
+                f"#{format_entry(entry)}",
+            ]
+        if group == "masses":
+            lines.append(
+                "# or as weighed: rho1 = { mass = \"0.588 g\", mass_uncertainty = \"0.01 g\", length = \"52 mm\", length_uncertainty = \"0.3 mm\" }"
+            )  # fmt: skip
+        lines.append("")
+    return "\n".join(lines)
+
+
+def format_entry(entry: SheetEntry) -> str:
+    """Format an entry as a line of the file."""
+    factor, unit = sheet_unit(entry.name)
+    value, uncertainty = (f"{factor * x:.9g} {unit}".strip() for x in (entry.value, entry.uncertainty))
+    day = f", date = {entry.date}" if entry.date else ""
+    return f"{entry.name} = {{ value = {_quote(value)}, uncertainty = {_quote(uncertainty)}, instrument = {_quote(entry.instrument)}{day} }}"
+
+
+def _quote(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+
+
+def edit_sheet(path: Path, entries: Mapping[str, SheetEntry], texts: Mapping[str, str]) -> SpecimenSheet:
+    """Set entries and texts in a sheet, which keeps its other lines and comments, and return it.
+
+    Raises:
+        SheetError: the file cannot be read or written, or a line cannot be replaced.
+    """
+    before = read_sheet(path)
+    text = path.read_text("utf-8")
+    for name, value in texts.items():
+        text = _replace_line(text, "", name, f"{name} = {_quote(value)}")
+    for entry in entries.values():
+        text = _replace_line(text, group_of(entry.name), entry.name, format_entry(entry))
+    after = parse_sheet(text, path)
+    expected = {**before.entries, **entries}
+    got = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in after.entries.values()}
+    wanted = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in expected.values()}
+    if got != wanted or any(getattr(after, name) != value for name, value in texts.items()):
+        raise SheetError(f"{path} is written in a way that cannot be edited by command; edit it by hand")
+    try:
+        write_atomic(path, text)
+    except OSError as error:
+        raise SheetError(f"{path} cannot be written: {error.strerror or error}") from error
+    return after
+
+
+def group_of(name: str) -> str:
+    """Return the table of a sheet that a value belongs to."""
+    known = {each: group for group, names in GROUPS.items() for each in names}
+    return known.get(name, "masses" if name.startswith("m_add") or "mass" in name else "clamp")
+
+
+def _replace_line(text: str, group: str, name: str, line: str) -> str:
+    """Replace the line of a key in a table, or its commented one; append it to the table, or a table to the text."""
+    lines, table = text.split("\n"), ""
+    headers = {"": -1}
+    found: dict[bool, int] = {}
+    for i, each in enumerate(lines):
+        if header := re.match(r"\s*\[([^\[\]]+)\]\s*(#.*)?$", each):
+            table = header[1].strip()
+            headers.setdefault(table, i)
+        elif (
+            table in ("", *GROUPS)
+            and (key := re.match(rf"\s*(#?)\s*{re.escape(name)}\s*=", each))
+            and (table == group or not key[1])
+        ):
+            found.setdefault(bool(key[1]), i)
+    at = found.get(False, found.get(True))
+    if at is not None:
+        lines[at] = line
+    elif group in headers:
+        lines.insert(headers[group] + 1, line)
+    else:
+        lines += [f"[{group}]", line, ""]
+    return "\n".join(lines)

@@ -1,0 +1,130 @@
+"""Specimen sheet: measured dimensions and masses of one specimen, with uncertainty, instrument and date.
+
+What the sheet does not have is the paper's Table I with the uncertainties of ruler, caliper and scale. Both enter a fit as
+free parameters with priors.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+from app.common import pluralize
+from app.identification.table_one import TABLE_ONE
+from model import Membrane, Tactor, parameter_specs
+from model.identification import FitOptions, MembraneSagObservation, ObservationSet, parameter_spec
+
+PAPER_VALUES: Mapping[str, float] = asdict(Tactor()) | asdict(Membrane())
+MEMBRANE_NAMES = frozenset(q.name for q in parameter_specs(Membrane))
+GROUPS: dict[str, tuple[str, ...]] = {
+    "plate": ("L", "L1", "L2", "b_Al", "h_Al", "E_Al"),
+    "masses": ("rho1", "rho2"),
+    "clamp": (),
+    "membrane": ("L_m", "b_m", "h_m"),
+}
+"""Tables of a sheet with the values that Table I has; any other parameter of a fit may be added to each."""
+DIMENSIONS = tuple(name for names in GROUPS.values() for name in names)
+NO_SHEET = "none"
+"""In place of a file: no sheet and no uncertainties, as if Table I were exact."""
+
+
+@dataclass(frozen=True, slots=True)
+class SheetEntry:
+    """One value of a sheet, SI, with its standard uncertainty."""
+
+    name: str
+    value: float
+    uncertainty: float
+    instrument: str = ""
+    date: str = ""
+    """ISO 8601; empty if not stated."""
+    measured: bool = True
+    """False where it is Table I's, since the sheet has no value."""
+
+
+@dataclass(frozen=True)
+class SpecimenSheet:
+    """The sheet of one specimen; without a file (`path` None) all of it is Table I's."""
+
+    specimen: str = ""
+    entries: Mapping[str, SheetEntry] = field(default_factory=dict)
+    serial: str = ""
+    photograph: str = ""
+    notes: str = ""
+    descriptions: Mapping[str, str] = field(default_factory=dict)
+    """Texts on plate, masses, clamp and membrane, by group."""
+    path: Path | None = None
+
+    @cached_property
+    def values(self) -> dict[str, SheetEntry]:
+        """Every value that a fit takes as known: those of the sheet, and Table I's where it has none."""
+        paper = {
+            name: SheetEntry(name, PAPER_VALUES[name], float(TABLE_ONE[name].uncertainty or 0.0), TABLE_ONE[name].description, "", False)
+            for name in DIMENSIONS
+        }  # fmt: skip
+        return paper | dict(self.entries)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Dimensions that the sheet does not have."""
+        return tuple(name for name in DIMENSIONS if name not in self.entries)
+
+    @property
+    def description(self) -> str:
+        """Return what the dimensions are from, as text."""
+        table = "the paper's Table I with the uncertainties of ruler, caliper and scale"
+        if self.path is None:
+            return f"no specimen sheet: dimensions are those of {table}"
+        measured = f"specimen sheet {self.path.name}: {pluralize(len(self.entries), 'measured value')}"
+        return f"{measured}; {', '.join(self.missing)} from {table}" if self.missing else measured
+
+    @property
+    def tactor(self) -> Tactor:
+        """Table I's tactor with the values of the sheet."""
+        return Tactor(**self._values_of(Tactor))
+
+    @property
+    def membrane(self) -> Membrane:
+        """Table I's membrane with the values of the sheet."""
+        return Membrane(**self._values_of(Membrane))
+
+    def _values_of(self, kind: type) -> dict[str, float]:
+        return {q.name: self.entries[q.name].value for q in parameter_specs(kind) if q.name in self.entries}
+
+    def fit_options(self, options: FitOptions, observations: ObservationSet) -> FitOptions:
+        """Return the options with the sheet's values, free within their uncertainties where a run depends on them.
+
+        Values that the options fix, tie, free or know otherwise are left as they are.
+        """
+        names = self._names_for(observations)
+        own = {*options.fixed, *options.tied, *options.priors, *(options.free or ())}
+        priors = {
+            e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names and e.name not in own
+        }
+        free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))
+        return replace(
+            options,
+            tactor=replace(options.tactor, **self._values_of(Tactor)),
+            membrane=replace(options.membrane, **self._values_of(Membrane)),
+            free=free,
+            priors={**priors, **options.priors},
+        )
+
+    def _names_for(self, observations: ObservationSet) -> frozenset[str]:
+        """Return the values that these runs depend on."""
+        sag_only = all(isinstance(run, MembraneSagObservation) for run in observations.runs)
+        on_membrane = any(
+            getattr(run, "elongation_m", None) is not None
+            or (isinstance(run, MembraneSagObservation) and run.geometry is None)
+            for run in observations.runs
+        )
+        return frozenset(name for name in self.values if (on_membrane if name in MEMBRANE_NAMES else not sag_only))
+
+
+def sheet_unit(name: str) -> tuple[float, str]:
+    """Return factor and unit in which a sheet states a value: lengths in mm, masses in g, moduli in GPa or MPa."""
+    unit = parameter_spec(name).unit
+    by_unit = {"m": (1e3, "mm"), "kg": (1e3, "g"), "kg/m": (1e3, "g/m")}
+    if unit == "Pa":
+        return (1e-9, "GPa") if name == "E_Al" else (1e-6, "MPa")
+    return by_unit.get(unit, (1.0, "" if unit == "1" else unit))

@@ -1,0 +1,185 @@
+"""Specimen sheets: values with uncertainty, instrument and date, which enter every fit; Table I where there are none."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tactor_bench as tb
+from app.cli.main import main
+from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_path, sheet_template
+from app.identification.specimen_sheet import DIMENSIONS, SpecimenSheet
+from app.identification.table_one import TABLE_ONE
+from model.identification.fit_options import FitOptions
+from model.identification.observations import MembraneSagObservation, ObservationSet, StaticLoadingObservation
+from model.parameter_spec import parameter_specs
+from model.parameters import Membrane, Tactor
+from tests.helpers.importing import brought
+
+STATIC = "load [N],deflection [um],u_deflection [um]\n" + "".join(
+    f"{n},{137.9 * n * (1 + e):.4f},0.1\n"
+    for n, e in ((0.2, 1e-3), (0.5, -5e-4), (1.0, 2e-4), (2.0, -2e-4), (5.0, 1e-4))
+)
+
+
+@pytest.fixture
+def static(tmp_path: Path) -> Path:
+    (tmp_path / "s.csv").write_text(STATIC)
+    return brought(tmp_path / "s.csv", "--specimen", "T7")
+
+
+def loading() -> ObservationSet:
+    return ObservationSet((StaticLoadingObservation("static", np.ones(2), np.ones(2), np.ones(2)),))
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_every_parameter_of_table_one_has_its_source() -> None:
+    assert set(TABLE_ONE) == {q.name for kind in (Tactor, Membrane) for q in parameter_specs(kind)}
+    known = {name for name, source in TABLE_ONE.items() if source.uncertainty}
+    assert known == set(DIMENSIONS)
+    for name, source in TABLE_ONE.items():
+        assert source.source.startswith("identified from") == (name not in known)
+
+
+def test_a_template_uses_no_value_and_every_line_of_it_is_valid() -> None:
+    path = Path("T7.specimen.toml")
+    text = sheet_template('T"7')
+    empty = parse_sheet(text, path)
+    assert (empty.specimen, empty.entries) == ('T"7', {})
+    lines = [
+        line.removeprefix("#") if "= {" in line and not line.startswith("# ") else line for line in text.splitlines()
+    ]
+    full = parse_sheet("\n".join(lines), path)
+    assert set(full.entries) == set(DIMENSIONS)
+    assert asdict(full.tactor) == pytest.approx(asdict(Tactor()))
+    assert asdict(full.membrane) == pytest.approx(asdict(Membrane()))
+    assert {e.name: e.uncertainty for e in full.values.values()} == pytest.approx(
+        {name: TABLE_ONE[name].uncertainty for name in DIMENSIONS}
+    )
+
+
+def test_values_are_set_by_command_and_other_lines_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = ("--folder", str(tmp_path))
+    path = sheet_path(tmp_path, "T7")
+    assert main(["specimen", "new", "T7", *folder]) == 0
+    path.write_text(path.read_text("utf-8") + "\n# my own remark\n", "utf-8")
+    given = ("L=22.1 mm ± 0.05 mm", "h_Al=0.203 mm +- 2 %", "serial=MFC-042")
+    by = ("--instrument", 'caliper "A"', "--date", "2026-11-20")
+    result = answer(capsys, "specimen", "set", "T7", *given, *by, *folder)
+    at = result["sheet"]["name"].index("h_Al")
+    assert result["sheet"]["value"][at] == pytest.approx(0.203e-3)
+    assert result["sheet"]["uncertainty"][at] == pytest.approx(0.00406e-3)
+    assert (result["sheet"]["instrument"][at], result["sheet"]["date"][at]) == ('caliper "A"', "2026-11-20")
+    assert result["serial"] == "MFC-042"
+    assert "# my own remark" in path.read_text("utf-8")
+    assert main(["specimen", "set", "T7", "L=22.2 mm +- 0.1 mm", *folder]) == 0
+    sheet = load_sheet(tmp_path, "T7")
+    assert (sheet.values["L"].value, sheet.serial) == (pytest.approx(22.2e-3), "MFC-042")
+    assert not sheet.values["L1"].measured
+    before = path.read_bytes()
+    for wrong, says in (
+        ("L1=30 mm +- 1 mm", "must be less than L2"),
+        ("L1=8 mm", "write NAME=VALUE+-ERROR"),
+        ("L1=8 g +- 1 g", "not a quantity in m"),
+        ("L1=8 mm +- 0 mm", "the uncertainty must be positive"),
+        ("colour=8 mm +- 1 mm", "colour is not an identifiable parameter"),
+    ):
+        assert main(["specimen", "set", "T7", wrong, *folder]) == 2
+        assert says in capsys.readouterr().err
+    assert path.read_bytes() == before
+    assert main(["specimen", "new", "T7", *folder]) == 2
+    assert "is not overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("L = 22e-3", "a value needs its uncertainty"),
+        ('L = { value = "22 mm" }', "uncertainty is missing"),
+        ('L = { value = "22 mm", uncertainty = "0 mm" }', "no instrument is exact"),
+        ('L = { value = "22 mm", uncertainty = "1 mm", by = "me" }', "unknown by"),
+        ('L = { value = "22 mm", uncertainty = "1 mm", date = "yesterday" }', "date must be a day"),
+        ('L = { value = "22 mm", uncertainty = "1 mm", instrument = 3 }', "instrument must be a text"),
+        ('L = { mass = "1 g", mass_uncertainty = "1 mg", length = "1 mm", length_uncertainty = "1 um" }', "linear density"),
+        ('width = { value = "22 mm", uncertainty = "1 mm" }', "not an identifiable parameter"),
+        ("[plates]", "unknown plates"),
+        ("serial 4", "not valid TOML"),
+    ],
+)  # fmt: skip
+def test_a_wrong_entry_is_a_sentence(line: str, says: str) -> None:
+    with pytest.raises(SheetError, match=says):
+        parse_sheet(f'specimen = "T7"\n[plate]\n{line}\n', Path("T7.specimen.toml"))
+
+
+def test_a_linear_density_as_weighed() -> None:
+    entry = 'rho1 = { mass = "0.588 g", mass_uncertainty = "5 mg", length = "52 mm", length_uncertainty = "0.26 mm" }'
+    sheet = parse_sheet(f'specimen = "T7"\n[masses]\n{entry}\n', Path("T7.specimen.toml"))
+    rho1 = sheet.values["rho1"]
+    assert rho1.value == pytest.approx(0.588e-3 / 52e-3)
+    assert rho1.uncertainty / rho1.value == pytest.approx(np.hypot(5 / 588, 0.26 / 52))
+
+
+def test_a_sheet_enters_the_options_of_a_fit_as_priors() -> None:
+    entry = 'L = { value = "22.4 mm", uncertainty = "0.1 mm" }'
+    sheet = parse_sheet(f'specimen = "T7"\n[plate]\n{entry}\n', Path("T7.specimen.toml"))
+    options = sheet.fit_options(FitOptions(free=("k2", "h_Al"), fixed={"rho1": 1e-2}), loading())
+    assert options.tactor.L == 22.4e-3
+    assert options.priors["L"] == (22.4e-3, 0.1e-3)
+    assert set(options.priors) == {"L", "L1", "L2", "b_Al", "E_Al", "rho2"}  # no membrane in a load test
+    assert options.free is not None
+    assert set(options.free) == {"k2", "h_Al", *options.priors}
+    hanging = MembraneSagObservation("sag", np.ones(1), np.ones(1), geometry=Membrane())
+    assert not SpecimenSheet().fit_options(FitOptions(), ObservationSet((hanging,))).priors  # a strip of its own
+
+
+@pytest.mark.deep
+def test_identify_states_where_its_dimensions_are_from(
+    static: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    capsys.readouterr()
+    assert main(["identify", str(static)]) == 0
+    first = capsys.readouterr().out.splitlines()[:2]
+    assert first[0].startswith(
+        "no specimen sheet: dimensions are those of the paper's Table I with the uncertainties of ruler"
+    )
+    assert "'tactor-bench specimen new T7' writes one: L 22.00 ± 0.30 mm, L1 8.00 ± 0.30 mm" in first[0]
+    assert first[1].startswith("held, as if exact")
+    table = answer(capsys, "identify", str(static))
+    folder = ("--folder", str(static.parent))
+    given = ("L=22 mm +- 0.02 mm", "L1=8 mm +- 0.02 mm", "L2=15 mm +- 0.1 mm", "h_Al=0.2 mm +- 0.5 %")
+    assert main(["specimen", "set", "T7", *given, *folder]) == 0
+    better = answer(capsys, "identify", str(static))
+    exact = answer(capsys, "identify", str(static), "--sheet", "none")
+    errors = [each["parameters"]["relative"][0] for each in (table, better, exact)]
+    assert 0.05 < errors[0] < 0.15
+    assert errors[0] > 5 * errors[1] > 25 * errors[2]
+    assert better["dimensions"].startswith("specimen sheet T7.specimen.toml: 4 measured values; b_Al, ")
+    assert exact["dimensions"] == ""
+    shares = table["uncertainties"]["shares"][0]
+    assert shares.index("h_Al") < shares.index("L ")
+    assert tb.identify(static, sheet="none").estimates["k2"].standard_error == exact["parameters"]["standard_error"][0]
+
+
+def test_what_is_implausible_in_a_sheet_is_questioned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = ("--folder", str(tmp_path))
+    assert main(["specimen", "check", "T7", *folder]) == 2
+    assert "'tactor-bench specimen new T7' writes one" in capsys.readouterr().err
+    day = ("--date", "2096-01-01")
+    assert main(["specimen", "set", "T7", "h_Al=20 mm +- 0.1 mm", "photograph=t7.jpg", *day, *folder]) == 0
+    capsys.readouterr()
+    assert main(["specimen", "check", "T7", *folder]) == 1
+    said = capsys.readouterr().out
+    for question in (
+        "h_Al is 20 mm, usually",
+        "the instrument is missing",
+        "is in the future",
+        "there is no photograph",
+    ):
+        assert question in said
