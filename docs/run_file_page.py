@@ -62,6 +62,7 @@ ESTIMATE = {
 FURTHER = {
     "/entry/curves/NAME_NUMBER": "curves of a protocol, such as a response or a loop: NXdata with `title`, and its columns with units",
     "/entry/earlier": "external link to the run that this one continues; the program itself does not follow it",
+    "/entry/requested": "requested values of the parameters that were adapted to the source (JSON); absent if none was",
     "/entry/imported": "imported runs only (JSON): source files with SHA-256, columns and units, cautions",
     "/entry/repaired": "time at which a crashed run was repaired; only such runs have it",
     "/entry/trace/CHANNEL...": "each further input of the card, with the same datasets as `drive`",

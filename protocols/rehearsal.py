@@ -10,7 +10,9 @@ from pathlib import Path
 
 from drivers import BenchError, Drive, DriveRejectedError, HvAmplifier, LaserSensor, Meter
 from model import Tactor
+from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import MAX_RECORDING_SCANS, PlanEntry, Protocol, recording_too_long_message
+from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import RESERVE_BYTES
 
 BYTES_PER_SAMPLE = 2
@@ -46,6 +48,7 @@ def rehearse(
     tactor: Tactor | None = None,
     meters: Mapping[str, Meter] | None = None,
     folder: Path | None = None,
+    adapt: bool = True,
 ) -> Rehearsal:
     """Check every drive of a protocol against the guard and the source; return the run's requirements.
 
@@ -57,19 +60,23 @@ def rehearse(
         tactor: model of the specimen.
         meters: of the bench; None where they are not known yet.
         folder: where the run file will be; None where that is not known yet.
+        adapt: whether the protocol is adapted to the source before, as a new run does.
 
     Raises:
         DriveRefused: a drive is not admissible, or the bench's source cannot play it.
         CannotRun: a meter is missing, the disk is too full, or an entry is too long for the computer's memory.
     """
     rest_v = amplifier.map.rest_v
+    adapted = adapt_to_source(protocol, amplifier) if adapt else AdaptedProtocol(protocol)
+    protocol = adapted.protocol
     plan = protocol.plan(rest_v)
     drives = [(entry, drive) for entry in plan for drive in entry.drives]
     for entry, drive in drives:
         try:
             amplifier.check_drive_limits(drive)
         except DriveRejectedError as refusal:
-            raise DriveRejectedError(f"{entry.label}: {refusal}") from None
+            instead = _substitutes_text(protocol, amplifier) if amplifier.reason_unsupported(drive) else ""
+            raise DriveRejectedError(f"{entry.label}: {refusal}{instead}") from None
     if meters is not None:
         _check_meters(protocol, meters)
     longest = max(plan, key=lambda entry: entry.expected_s, default=None)
@@ -82,7 +89,7 @@ def rehearse(
     if folder is not None:
         check_disk_space(file_bytes, folder)
     moments = [_highest_slew(drives, amplifier), *_highest_current(drives, amplifier)]
-    cautions = []
+    cautions = [adapted.message] if adapted.message else []
     if drives and not amplifier.limits.has_current_limit:
         cautions.append(
             "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
@@ -130,6 +137,17 @@ def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
             f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
             f"[meters.{missing[0]}] to the bench file"
         )
+
+
+def _substitutes_text(protocol: Protocol, amplifier: HvAmplifier) -> str:
+    """Return the protocols to run in its place on this source, as a sentence; empty if there is none."""
+    rest_v, playable = amplifier.map.rest_v, []
+    for name in protocol.substitutes:
+        adapted = adapt_to_source(PROTOCOLS[name].model_validate({}), amplifier).protocol
+        drives = [drive for entry in adapted.plan(rest_v) for drive in entry.drives]
+        if not any(map(amplifier.reason_unsupported, drives)):
+            playable.append(name)
+    return f". On this source, run {' or '.join(playable)} instead" if playable else ""
 
 
 PlannedDrives = Sequence[tuple[PlanEntry, Drive]]

@@ -28,6 +28,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "broken_on_purpose": [broken._asdict() for broken in injected_faults(run)],
         "verdict": to_jsonable(run.verdict),
         "parameters": run.parameters,
+        **({"requested": run.requested} if run.requested else {}),
         "points": run.points(),
         "units": run.units(),
         "estimates": [

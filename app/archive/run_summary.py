@@ -63,6 +63,7 @@ class RunSummary(NamedTuple):
     """Entries of the plan that have a point."""
     seconds: float = 0.0
     parameters_json: str = "{}"
+    requested_json: str = "{}"
     estimates_json: str = "[]"
     verdict: str = str(Outcome.NOT_JUDGED)
     """The outcome of the verdict."""
@@ -101,6 +102,11 @@ class RunSummary(NamedTuple):
     def parameters(self) -> dict[str, Any]:
         """The protocol's parameters by name, SI."""
         return dict(json.loads(self.parameters_json))
+
+    @property
+    def requested_parameters(self) -> dict[str, Any]:
+        """The parameters as they were requested, before they were adapted to the source."""
+        return {**self.parameters, **json.loads(self.requested_json)}
 
     @property
     def outcome(self) -> Outcome:
@@ -231,6 +237,7 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                     entries=run.entry_count,
                     seconds=run.trace.duration_s,
                     parameters_json=json.dumps(run.parameters),
+                    requested_json=json.dumps(run.requested),
                     estimates_json=json.dumps([asdict(estimate) for estimate in estimates]),
                     verdict=str(verdict.outcome),
                     verdict_reasons="; ".join(verdict.reasons),

@@ -255,7 +255,7 @@ class Campaign:
             and run.simulated == self.simulated
             and run.start_time >= item.since
             and run.name not in item.rejected
-            and all(run.parameters.get(name) == value for name, value in settings.items())
+            and all(run.requested_parameters.get(name) == value for name, value in settings.items())
         ]
 
     def _change(self, name: str, **values: Any) -> None:

@@ -120,9 +120,11 @@ def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -
 
 @dataclass(frozen=True, slots=True)
 class CampaignRehearsal:
-    """Rehearsals of the items of a campaign, with totals."""
+    """Rehearsals of the items of a campaign, with totals of those that the bench can measure."""
 
     items: tuple[tuple[CampaignItem, Rehearsal], ...]
+    refusals: tuple[tuple[CampaignItem, str], ...]
+    """Items that the bench cannot measure, each with the reason."""
     duration_s: float
     prompts: int
     highest_specimen_v: float
@@ -137,10 +139,11 @@ def rehearse_campaign(
     """Rehearse the remaining items of a campaign, or `states`.
 
     Raises:
-        BenchError: an item cannot be measured on this bench; the message names it.
+        BenchError: the disk has no space for the files.
         CampaignError: an item's protocol is unknown, or rejects its settings.
     """
     rehearsals: list[tuple[CampaignItem, Rehearsal]] = []
+    refusals: list[tuple[CampaignItem, str]] = []
     for line in campaign.item_states() if states is None else states:
         if line.next_action is NextAction.NONE:
             continue
@@ -148,7 +151,8 @@ def rehearse_campaign(
         try:
             one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
         except BenchError as error:
-            raise type(error)(f"{line.item.name}: {error}") from None
+            refusals.append((line.item, str(error)))
+            continue
         # High voltage is switched off and on once more around manual preparation.
         hands = protocol.high_voltage and any(prompt.hands_on for prompt in line.item.prepare)
         rehearsals.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
@@ -156,6 +160,7 @@ def rehearse_campaign(
     check_disk_space(file_bytes, campaign.path.parent)
     return CampaignRehearsal(
         items=tuple(rehearsals),
+        refusals=tuple(refusals),
         duration_s=sum(one.duration_s for _, one in rehearsals),
         prompts=sum(one.prompts for _, one in rehearsals),
         highest_specimen_v=max((one.highest_specimen_v for _, one in rehearsals), default=0.0),

@@ -118,7 +118,9 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
     refusal = ""
     if bench is not None:
         try:
-            rehearsals = {item.name: one for item, one in rehearse_campaign(campaign, bench, states=lines).items}
+            rehearsed = rehearse_campaign(campaign, bench, states=lines)
+            rehearsals = {item.name: one for item, one in rehearsed.items}
+            refusal = next((f"{item.name}: {reason}" for item, reason in rehearsed.refusals), "")
         except (BenchError, CampaignError) as error:
             refusal = str(error)
     rows = tuple(

@@ -128,10 +128,11 @@ def _rehearse(campaign_: Campaign, options: CampaignCommand) -> int:
         rehearsal = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
     if options.json:
         items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
-        print_json({**asdict(rehearsal), "items": items})
+        refusals = [{"item": item.name, "reason": reason} for item, reason in rehearsal.refusals]
+        print_json({**asdict(rehearsal), "items": items, "refusals": refusals})
     else:
         print_line(_rehearsal_text(rehearsal))
-    return ExitCode.DONE
+    return ExitCode.USAGE if rehearsal.refusals else ExitCode.DONE
 
 
 def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
@@ -142,6 +143,7 @@ def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
             f"{item.name:10} {format_duration(one.duration_s):>12}  {one.entries:4} points  {one.prompts:4} prompts  {volts:>18}  "
             f"{format_bytes(one.file_bytes):>7}  closest to a limit: {one.worst}"
         )
+    lines += [f"{item.name:10} {'refused':>12}  {reason}" for item, reason in rehearsal.refusals]
     volts = f"{rehearsal.lowest_specimen_v:+.0f} ... {rehearsal.highest_specimen_v:+.0f} V on the specimen"
     lines.append(
         f"together {format_duration(rehearsal.duration_s)}, {rehearsal.prompts} prompts, {volts}, {format_bytes(rehearsal.file_bytes)}"

@@ -104,7 +104,7 @@ class HvAmplifier:
                 f"{name} refused: it needs {1e3 * current_a:.3g} mA into {1e9 * self.limits.specimen_capacitance_f:.3g} nF, "
                 f"and the amplifier gives {1e3 * self.limits.current_limit_a:.3g} mA; lower its frequency or amplitude"
             )
-        if isinstance(self._source, DriveChecker) and (why := self._source.reason_unsupported(drive)):
+        if why := self.reason_unsupported(drive):
             raise DriveRejectedError(f"{name} refused: {why}")
         if not isinstance(drive, Hold):  # start_drive ramps to a held level and back
             for end, volts in zip(("starts", "ends"), drive.end_levels_v, strict=True):
@@ -113,6 +113,10 @@ class HvAmplifier:
                         f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit ±{self.limits.step_v:g} V); "
                         f"make it start and end at {rest:g} V"
                     )
+
+    def reason_unsupported(self, drive: Drive) -> str:
+        """Return why the source cannot play a drive, with the remedy; empty if it can."""
+        return self._source.reason_unsupported(drive) if isinstance(self._source, DriveChecker) else ""
 
     def peak_current_a(self, drive: Drive) -> float:
         """Return the peak charging current of a drive in amperes: capacitance times slope at the electrodes."""

@@ -46,6 +46,9 @@ SLOW_WIRE_ROUND_TRIPS = 7
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
 """Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
 
+BURST_END_MARGIN_S = 0.1
+"""How much later than by the computer's clock a burst may end."""
+
 INTERPOLATED_STEP_FRACTION = 0.1
 """Largest step from point to point, relative to the span, of a waveform that a filter smooths."""
 
@@ -252,6 +255,8 @@ class BurstGenerator(ABC):
         if amplitude is None:
             way.raise_first_error()  # neither read nor set: a step could increase it
             return
+        if self._burst_has_ended() and amplitude <= self.IDLE_AMPLITUDE_VPP * (1 + 1e-6):
+            return  # under a held level an abort may play the idle amplitude once more, beyond the amplifier's range
         # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
         steps = max(math.ceil((amplitude - self.IDLE_AMPLITUDE_VPP) / 2 / self._step_v), 0)
         for i in range(1, steps + 1):
@@ -267,6 +272,10 @@ class BurstGenerator(ABC):
             self._check_readback(
                 left, self.IDLE_AMPLITUDE_VPP, self.IDLE_AMPLITUDE_VPP, "the amplitude in volts peak to peak"
             )
+
+    def _burst_has_ended(self) -> bool:
+        """Whether the burst that was started here last is certainly over; False if another program may have started one."""
+        return self._burst_end_s is not None and self._clock.now() > self._burst_end_s + BURST_END_MARGIN_S
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         way = self._ramp_down(best_effort=self._rest_v in (None, level_v))

@@ -160,6 +160,12 @@ class DcSupply:
                 raise InstrumentError(self.reason_unsupported(drive))
 
     def reason_unsupported(self, drive: Drive) -> str:
+        steepest = self._step_v / STEP_PERIOD_S
+        if isinstance(drive, Steps) and drive.slew_v_per_s > steepest * (1 + 1e-9):
+            return (
+                f"{self._name} follows {steepest:.3g} V/s at most, not {drive.slew_v_per_s:.4g} V/s; lengthen the rise of the "
+                "steps, or use a generator or the card's output. Nothing was sent"
+            )
         if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
             return ""
         return (

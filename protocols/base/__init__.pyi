@@ -33,6 +33,7 @@ from .operator import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE
 from .operator import Operator as Operator
 from .protocol import Protocol as Protocol
 from .protocol import extend_plan as extend_plan
+from .protocol import first_adapted as first_adapted
 from .quality import Quality as Quality
 from .quality import point_quality as point_quality
 from .quality import usable_mask as usable_mask

@@ -6,11 +6,12 @@ crash and repeating a point therefore work the same way for all protocols.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from drivers import Drive
 from drivers.deprecated import renamed
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
 from protocols.base.reference import ReferenceModel
@@ -36,6 +37,8 @@ class Protocol(BaseModel, ABC):
     """Abort levels whose cause the protocol itself finds and reports: beyond them it is only warned."""
     passes_or_fails: ClassVar[bool] = False
     """Whether a failed check means that the run did not pass; its checks then count also for a run that is not judged."""
+    substitutes: ClassVar[tuple[str, ...]] = ()
+    """Names of protocols that measure the same where the source cannot play this one."""
     restore: ClassVar[Prompt | None] = None
     """Prompt of the next run of another protocol, where this one leaves something else than the tactor under the sensor."""
 
@@ -49,6 +52,13 @@ class Protocol(BaseModel, ABC):
     @abstractmethod
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         """Return all entries known in advance, in order; the same for the same parameters."""
+
+    def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
+        """Return the protocol with other parameters where the source cannot play its drives; itself if nothing helps. Pure.
+
+        `reason_unsupported` gives why the source cannot play a drive, empty if it can.
+        """
+        return self
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
         """Return further entries once all so far are measured; none ends the run. Pure."""
@@ -104,6 +114,27 @@ class Protocol(BaseModel, ABC):
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """Return what is identified from all points; empty if they do not suffice."""
+
+
+P = TypeVar("P", bound=Protocol)
+
+
+def first_adapted(
+    candidates: Iterable[Mapping[str, Any]], protocol: P, rest_v: float, reason_unsupported: Callable[[Drive], str]
+) -> P:
+    """Return the protocol with the first of the parameter changes whose drives the source can play; itself if none helps.
+
+    The protocol as it is comes first; changes that it rejects are passed over.
+    """
+    for changes in ({}, *candidates):
+        try:
+            changed = type(protocol)(**{**protocol.model_dump(), **changes}) if changes else protocol
+        except ValidationError:
+            continue
+        drives = {drive for entry in changed.plan(rest_v) for drive in entry.drives}
+        if not any(map(reason_unsupported, drives)):
+            return changed
+    return protocol
 
 
 def extend_plan(

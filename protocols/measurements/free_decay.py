@@ -5,7 +5,7 @@ error enters the result.
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import model_validator
 
-from drivers import Steps
+from drivers import Drive, Steps
 from protocols.base import (
     CheckResult,
     CurveColumn,
@@ -25,6 +25,7 @@ from protocols.base import (
     Recording,
     ResultCurve,
     Step,
+    first_adapted,
     format_with_uncertainty,
 )
 from protocols.measurements.fields import (
@@ -95,6 +96,11 @@ class FreeDecay(Protocol):
         if self.dwell_s < SKIPPED_AFTER_EDGE_S + 2 / self.low_hz:
             raise ValueError(f"dwell_s must hold two periods of low_hz, {SKIPPED_AFTER_EDGE_S + 2 / self.low_hz:.3g} s")
         return self
+
+    def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
+        """Follow each edge for a shorter time where the source's memory is small."""
+        changes = [{"dwell_s": round(self.dwell_s * 0.9**k, 4)} for k in range(1, 20)]
+        return first_adapted(changes, self, rest_v, reason_unsupported)
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drive = Steps((rest_v, rest_v + self.step_v, rest_v), self.dwell_s, self.rise_s)

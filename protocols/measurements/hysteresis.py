@@ -5,7 +5,7 @@ loop widths at several frequencies separates them: the width at frequency zero i
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers import Sine
+from drivers import Drive, Sine
 from model import Array
 from protocols.base import (
     CheckResult,
@@ -90,6 +90,7 @@ class Hysteresis(Protocol):
     title: ClassVar[str] = "Hysteresis"
     point_type: ClassVar[type] = LoopPoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "share")
+    substitutes: ClassVar[tuple[str, ...]] = ("voltage-steps",)
 
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=0.01, le=100)], ...],
@@ -111,6 +112,11 @@ class Hysteresis(Protocol):
                 f"at least {needed:g} Hz is needed"
             )
         return self
+
+    def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
+        """Leave out the rates that the source cannot play, where enough are left to tell hysteresis from damping."""
+        played = tuple(f for f in self.frequencies_hz if not reason_unsupported(self._drive(f, rest_v)))
+        return self.model_copy(update={"frequencies_hz": played}) if len(set(played)) >= MIN_FREQUENCIES else self
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         return tuple(

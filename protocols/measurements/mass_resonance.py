@@ -2,21 +2,22 @@
 
 A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the
 same sweep rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece
-(`piece_s` = `sweep_s`).
+(`piece_s` = `sweep_s`). Where the memory is too small for pieces, sines at single frequencies take the sweep's place, closer
+together within the peak (`method` = `dwell`).
 """
 
 import contextlib
 import itertools
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers import LinearSweep
+from drivers import Drive, LinearSweep, Sine
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -27,9 +28,12 @@ from protocols.base import (
     Record,
     Recording,
     ResultCurve,
+    Settle,
     Step,
+    first_adapted,
     format_with_uncertainty,
 )
+from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.measurements.result_checks import (
@@ -47,6 +51,17 @@ OVERLAP_LINES = 6
 """Lines by which a piece extends beyond its share on either side: its begin and end disturb the outermost ones."""
 
 DRIVE_TOLERANCE = 0.05
+
+SWEEP = "sweep"
+
+SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.002, 1.5
+"""Relative change between windows that counts as settled under a sine, and how long it is waited for."""
+
+DWELL_RECORD_S, DWELL_CYCLES, DWELL_MARGIN_S = 0.3, 20, 1.0
+"""Shortest recording of a sine, its fewest cycles, and how much longer than needed a sine lasts."""
+
+DWELL_S, MAX_DWELLS = 1.2, 120
+"""Typical duration of one frequency, and the most frequencies of a mass."""
 
 EDGE_MARGIN = 0.1
 """A peak this near to the band's edge, as a share of its frequency, is reported."""
@@ -104,6 +119,12 @@ class MassResonance(Protocol):
         Interval(ge=1, le=3600),
         "longest piece, limited by the generator's memory (docs/generators.md)",
     ] = 20.0
+    method: Annotated[
+        Literal["sweep", "dwell"], "a sweep, or sines at single frequencies where the memory holds no piece of it"
+    ] = "sweep"
+    dwells: Annotated[int, Unit("1"), Interval(ge=8, le=200), "single frequencies over the band, before the peak's"] = (
+        16
+    )
     peak_to_peak_v: DriveVpp = 5.0
     low_hz: Annotated[
         float, Unit("Hz"), Interval(ge=1, le=2000), "lower end of the band that is searched for the peak"
@@ -124,20 +145,33 @@ class MassResonance(Protocol):
             raise ValueError(f"sample_rate_hz must be at least four times stop_hz, {4 * self.stop_hz:g} Hz")
         if len(set(self.masses_kg)) != len(self.masses_kg):
             raise ValueError("masses_kg names a mass twice")
-        if self._resolution_hz > 0.1 * self.low_hz:
+        if self.method == SWEEP and self._resolution_hz > 0.1 * self.low_hz:
             raise ValueError(
                 f"pieces of {self._piece_duration_s:.3g} s give lines of {self._resolution_hz:.3g} Hz, too coarse for a peak at "
                 f"{self.low_hz:g} Hz; sweep longer, or in longer pieces"
             )
         return self
 
+    def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
+        """Play shorter pieces where the source's memory is small, or single frequencies."""
+        counts = (math.ceil(self._piece_count * 1.2**k) for k in range(1, 40))
+        changes: list[dict[str, Any]] = [{"piece_s": self.sweep_s / count} for count in counts]
+        return first_adapted([*changes, {"method": "dwell"}], self, rest_v, reason_unsupported)
+
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
-        drives = self._drives(rest_v)
-        seconds = sum(drive.duration_s + RINGDOWN_S + 0.5 for drive in drives)
-        lines = f"lines of {self._resolution_hz:.2g} Hz"
+        drives: tuple[Drive, ...]
+        if self.method == SWEEP:
+            drives = self._sweeps(rest_v)
+            seconds = sum(drive.duration_s + RINGDOWN_S + 0.5 for drive in drives)
+            how = f"{self.sweep_s:g} s, lines of {self._resolution_hz:.2g} Hz"
+        else:
+            frequencies = coarse_frequencies(self.start_hz, self.stop_hz, self.dwells)
+            drives = tuple(self._sine(f, rest_v) for f in frequencies)
+            seconds = DWELL_S * (len(drives) + 2 * LINES_IN_PEAK)
+            how = f"{self.dwells} frequencies and those of the peak"
         return tuple(
             PlanEntry(
-                f"{1e3 * mass:g} g, {self.sweep_s:g} s, {lines}",
+                f"{1e3 * mass:g} g, {how}",
                 drives,
                 seconds,
                 (mass,),
@@ -152,8 +186,20 @@ class MassResonance(Protocol):
         )
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        for drive in entry.drives:
-            yield Record(drive.duration_s + RINGDOWN_S, drive)
+        if self.method == SWEEP:
+            for drive in entry.drives:
+                yield Record(drive.duration_s + RINGDOWN_S, drive)
+            return
+        recordings: list[Recording] = []
+        left = [drive for drive in entry.drives if isinstance(drive, Sine)]
+        while left and len(recordings) < MAX_DWELLS:
+            for sine in left:
+                yield Settle(sine, self._window_s(sine.frequency_hz), SETTLE_TOLERANCE, SETTLE_LIMIT_S)
+                recordings.append((yield Record(self._dwell_record_s(sine.frequency_hz))))
+            response = dwelt_response(recordings)
+            inside = response.within(self.low_hz, self.high_hz)
+            more = next_frequencies(inside.frequency_hz.tolist(), inside.modulus.tolist())
+            left = [self._sine(f, rest_v) for f in more]
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         return tuple(
@@ -190,7 +236,11 @@ class MassResonance(Protocol):
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
         mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
         spectrum = math.nan, math.nan
-        with contextlib.suppress(ValueError):  # a spectrum without a peak of its own, beside a response that has one
+        with contextlib.suppress(
+            ValueError
+        ):  # single frequencies have none, nor has a spectrum without a peak of its own, beside a response that has one
+            if self.method != SWEEP:
+                raise ValueError("single frequencies make no spectrum")
             found = joined_spectrum_peak(
                 [recording.displacement_m for recording in recordings],
                 recordings[0].rate_hz,
@@ -249,7 +299,17 @@ class MassResonance(Protocol):
         edges = np.linspace(self.start_hz, self.stop_hz, self._piece_count + 1).tolist()
         return tuple(itertools.pairwise(edges))
 
-    def _drives(self, rest_v: float) -> tuple[LinearSweep, ...]:
+    def _window_s(self, frequency_hz: float) -> float:
+        return max(2, math.ceil(0.04 * frequency_hz)) / frequency_hz
+
+    def _dwell_record_s(self, frequency_hz: float) -> float:
+        return max(DWELL_CYCLES, math.ceil(DWELL_RECORD_S * frequency_hz)) / frequency_hz
+
+    def _sine(self, frequency_hz: float, rest_v: float) -> Sine:
+        longest_s = SETTLE_LIMIT_S + self._dwell_record_s(frequency_hz) + DWELL_MARGIN_S
+        return Sine(frequency_hz, self.peak_to_peak_v / 2, rest_v, math.ceil(longest_s * frequency_hz))
+
+    def _sweeps(self, rest_v: float) -> tuple[LinearSweep, ...]:
         pace_hz_per_s = (self.stop_hz - self.start_hz) / self.sweep_s
         beyond = OVERLAP_LINES * self._resolution_hz / 2
         drives = []
@@ -263,6 +323,8 @@ class MassResonance(Protocol):
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
         from protocols.signals import concatenate_responses, estimate_swept_response
 
+        if self.method != SWEEP:
+            return dwelt_response(recordings)
         found = []
         for recording, (low, high) in zip(recordings, self._piece_bands_hz, strict=True):
             drive = recording.drive

@@ -6,7 +6,7 @@ becomes periodic, is recorded but not used; the spread of the others gives the s
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import model_validator
 
-from drivers import PeriodicSweep
+from drivers import Drive, PeriodicSweep
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -27,6 +27,7 @@ from protocols.base import (
     ReferenceModel,
     ResultCurve,
     Step,
+    first_adapted,
     format_with_uncertainty,
 )
 from protocols.measurements.fields import (
@@ -56,6 +57,12 @@ DRIVE_MARGIN_S = 0.5
 """How much longer than the recording the drive lasts: until it has started, and until the card has delivered."""
 
 DRIVE_TOLERANCE = 0.05
+
+MIN_LINES = 16
+"""Fewest lines in the band of a sweep that is made faster for a small waveform memory."""
+
+FASTER = tuple(1.1**k for k in range(1, 50))
+"""Factors by which a sweep is made faster, tried in turn."""
 
 REFERENCE_LINES = 201
 """Lines at which the reference's response is evaluated to find its highest."""
@@ -102,6 +109,7 @@ class Sweep(Protocol):
     title: ClassVar[str] = "Sweep"
     point_type: ClassVar[type] = SweepPoint
     axes: ClassVar[tuple[str, str]] = ("repeat", "resonance")
+    substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
     stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
@@ -127,6 +135,14 @@ class Sweep(Protocol):
         if abs(samples - round(samples)) > 1e-6:
             raise ValueError(f"two sweeps of {self.sweep_s:g} s are {samples:g} samples: it must be a whole number")
         return self
+
+    def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
+        """Sweep faster where the source's memory is small, as many more times."""
+        most = self.sweep_s * (self.stop_hz - self.start_hz) / MIN_LINES
+        rate = 2 * self.sample_rate_hz
+        faster = [math.floor(self.sweep_s * rate / divisor) / rate for divisor in FASTER if divisor <= most]
+        changes = [{"sweep_s": s, "periods": math.ceil(self.periods * self.sweep_s / s)} for s in faster]
+        return first_adapted(changes, self, rest_v, reason_unsupported)
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drive = self._drive(rest_v)

@@ -55,6 +55,8 @@ class RunMetadata:
     """Further inputs, in the order of a block's rows from the third on."""
     reference: Mapping[str, Any] = field(default_factory=dict)
     """Model of the free specimen that the verdict compares with; empty for an imported run."""
+    requested: Mapping[str, Any] = field(default_factory=dict)
+    """Requested values of the parameters that were adapted to the source; empty if none was."""
     started_at: datetime | None = None
     """Time of the measurement, if not now."""
 
@@ -129,6 +131,7 @@ def _create_datasets(
         "configuration": json.dumps(to_jsonable(metadata.bench), allow_nan=False),
         "software": json.dumps(software_versions()),
         "host": socket.gethostname(),
+        **({"requested": json.dumps(metadata.requested)} if metadata.requested else {}),
         **({"reference": json.dumps(to_jsonable(metadata.reference))} if metadata.reference else {}),
     }.items():
         entry.create_dataset(name, data=value)

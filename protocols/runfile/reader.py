@@ -205,6 +205,11 @@ class Run(Closeable):
         return read_object(self._entry, "parameters")
 
     @property
+    def requested(self) -> dict[str, Any]:
+        """The requested values of the parameters that were adapted to the source; empty if none was."""
+        return read_object(self._entry, "requested") if "requested" in self._entry else {}
+
+    @property
     def configuration(self) -> dict[str, Any]:
         """The bench file's tables at the time of the run."""
         return read_object(self._entry, "configuration")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from drivers import ArmedBench, Bench, BenchError, LiveWarning
+from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import (
     BenchArmed,
     EventBus,
@@ -42,9 +43,12 @@ PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
 """Imported before the card runs: importing at the first fit would delay the run by a second or two."""
 
 
-def run_metadata(request: RunRequest, bench: Bench, reference: ReferenceModel) -> RunMetadata:
+def run_metadata(
+    request: RunRequest, bench: Bench, reference: ReferenceModel, adapted: AdaptedProtocol | None = None
+) -> RunMetadata:
     """Return the metadata that the run file has before the run begins."""
-    protocol = request.protocol
+    adapted = adapted or AdaptedProtocol(request.protocol)
+    protocol = adapted.protocol
     return RunMetadata(
         protocol=protocol.name,
         title=protocol.title,
@@ -56,6 +60,7 @@ def run_metadata(request: RunRequest, bench: Bench, reference: ReferenceModel) -
         simulated=bench.simulated,
         specimen=request.specimen,
         channels=bench.channels,
+        requested=adapted.requested,
         resumed_from=request.resume.path if request.resume else None,
         reference=reference.as_record(),
     )
@@ -86,11 +91,15 @@ class Runner:
         Raises:
             StorageError: the file cannot be created.
         """
-        self._protocol, self._bench, self._preparation = request.protocol, bench, request.prepare
+        # A resumed run has the parameters of its file.
+        self._adapted = (
+            AdaptedProtocol(request.protocol) if request.resume else adapt_to_source(request.protocol, bench.amplifier)
+        )
+        self._protocol, self._bench, self._preparation = self._adapted.protocol, bench, request.prepare
         self._resume_state = request.resume.resume_state if request.resume else ResumeState()
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
-        self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench, reference))
+        self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench, reference, self._adapted))
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
         self._calibration_warning = bench.sensor.expiry_warning(datetime.now(UTC).date())
@@ -148,7 +157,11 @@ class Runner:
 
     def _start(self) -> None:
         rehearsal = rehearse(
-            self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._run_file.path.parent
+            self._protocol,
+            self._bench.amplifier,
+            meters=self._bench.meters,
+            folder=self._run_file.path.parent,
+            adapt=False,
         )
         self._plan_progress.build_plan()
         path = str(self._run_file.path)
@@ -161,6 +174,7 @@ class Runner:
             bench.watchdog.inactive_reason,
             bench.suspend_warning,
             self._calibration_warning,
+            self._adapted.message,
             self._resume_state.message,
             self._unattended_message(),
         ):

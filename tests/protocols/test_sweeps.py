@@ -195,16 +195,13 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
     assert told == [0, 0, 1]  # carried over; measured again to detect drift; measured
 
 
-@pytest.mark.parametrize(
-    ("model", "fits"), [("33511B", True), ("33220A", False), ("DG812", False), ("SDG2042X", False), ("AFG1022", False)]
-)
-def test_sweep_too_long_for_generator_is_rejected_before_arming(model: str, fits: bool) -> None:
-    with laboratory(simulated(generator={"model": model})) as lab:
-        if fits:
-            assert rehearse(MassResonance(), lab.bench.amplifier).duration_s > 9 * 300
-        else:
-            with pytest.raises(DriveRejectedError, match=r"holds \d+|limit 9 s"):
-                rehearse(MassResonance(), lab.bench.amplifier)
+@pytest.mark.parametrize("model", ["33220A", "DG812", "SDG2042X", "AFG1022"])
+def test_sweep_too_long_for_generator_is_rejected_before_arming_where_it_may_not_be_adapted(model: str) -> None:
+    with (
+        laboratory(simulated(generator={"model": model})) as lab,
+        pytest.raises(DriveRejectedError, match=r"holds \d+"),
+    ):
+        rehearse(MassResonance(), lab.bench.amplifier, adapt=False)
 
 
 @pytest.mark.one_in(5)

@@ -1,0 +1,77 @@
+"""Frequency response from sines at single frequencies, and the frequencies that resolve its peak."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from model import Complex
+from protocols.base import Recording
+from protocols.signals import FrequencyResponse, fit_frequency, fit_sine
+
+HARMONIC_COUNT = 8
+"""Components fitted to the displacement: the amplifier's harmonics are not to disturb the fundamental."""
+
+LINES_IN_PEAK = 13
+"""Frequencies wanted within the half-power width, to which the peak is fitted."""
+
+FINEST = 1e-3
+"""Smallest distance of two frequencies, as a share of them."""
+
+
+def coarse_frequencies(low_hz: float, high_hz: float, count: int) -> tuple[float, ...]:
+    """Return frequencies at equal ratios over a band."""
+    return tuple(round(f, 2) for f in np.geomspace(low_hz, high_hz, count).tolist())
+
+
+def next_frequencies(frequencies_hz: Sequence[float], responses: Sequence[float]) -> tuple[float, ...]:
+    """Return the middles of the gaps within the half-power width of the largest response; none once enough lie within."""
+    order = np.argsort(frequencies_hz)
+    f, height = np.asarray(frequencies_hz)[order], np.asarray(responses)[order]
+    top = int(height.argmax())
+    below = height < height[top] / math.sqrt(2)
+    before, after = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
+    first, last = (int(before[-1]) if before.size else 0), (top + int(after[0]) if after.size else f.size - 1)
+    if last - first - 1 >= LINES_IN_PEAK:
+        return ()
+    gaps = zip(f[first:last].tolist(), f[first + 1 : last + 1].tolist(), strict=True)
+    return tuple(round(0.5 * (low + high), 3) for low, high in gaps if high - low > 2 * FINEST * high)
+
+
+def dwelt_response(recordings: Sequence[Recording]) -> FrequencyResponse:
+    """Return the response at the frequency of each recording's sine, against the recorded drive, delay removed.
+
+    The coherence is that of one average with this standard error.
+
+    Raises:
+        ValueError: fewer than two recordings, or one is too short.
+    """
+    lines = sorted((_line(recording) for recording in recordings), key=lambda line: line[0])
+    if len(lines) < 2:
+        raise ValueError(f"{len(lines)} frequency gives no response: at least two are needed")
+    f, real, imaginary, errors = (np.array(column) for column in zip(*lines, strict=True))
+    response: Complex = real + 1j * imaginary
+    with np.errstate(divide="ignore"):
+        noise_share = 2 * (errors / np.abs(response)) ** 2
+    return FrequencyResponse(
+        frequency_hz=f,
+        response=response,
+        standard_error=errors,
+        coherence=1 / (1 + noise_share),
+        degrees_of_freedom=float(min(recording.drive_v.size for recording in recordings)),
+        resolution_hz=float(np.diff(f).min()),
+        correlation=0.0,
+    )
+
+
+def _line(recording: Recording) -> tuple[float, float, float, float]:
+    """Frequency in hertz, real and imaginary part of the response and their standard error."""
+    rate = recording.rate_hz
+    frequency = fit_frequency(recording.drive_v, rate, getattr(recording.drive, "frequency_hz", math.nan))
+    driven = fit_sine(recording.drive_v, rate, frequency)
+    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONIC_COUNT)
+    turned = np.exp(2j * np.pi * frequency * recording.sensor_delay_s)
+    response = complex(moved.fundamental / driven.fundamental * turned)
+    drive_v = abs(driven.fundamental)
+    error = math.hypot(moved.standard_error / drive_v, abs(response) * driven.standard_error / drive_v)
+    return frequency, response.real, response.imag, error
