@@ -56,12 +56,15 @@ BEGIN, END = "<!-- assumptions: written by docs/make_reference.py from the code 
 
 def with_assumptions(text: str) -> str:
     """Return the page on generators with its table of assumptions."""
-    lines = ["| driver | models | property | value assumed | evidence |", "|---|---|---|---|---|"]
+    lines = [
+        "| driver | models | property | value assumed | evidence | measured by `commission` |",
+        "|---|---|---|---|---|---|",
+    ]
     for each in assumptions():
         evidence = cell(each.evidence) or "*unproven*"
-        hidden = "" if each.shows_at_output else " (cannot be seen at the output)"
+        checks = "; ".join(each.checks) or "-"
         lines.append(
-            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)}{hidden} | {evidence} |"
+            f"| `{each.driver}` | {each.models} | {cell(each.quantity)} | {cell(each.value)} | {evidence} | {checks} |"
         )
     before, _, rest = text.partition(BEGIN)
     return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{rest.partition(END)[2]}"])

@@ -1,6 +1,7 @@
-"""The commands `check`, `devices`, `bench new` and `faults`."""
+"""The commands `check`, `devices`, `commission`, `bench new` and `faults`."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.text import Text
 from app.cli.headless import make_protocol, run_headless, run_request, select_bench
 from app.cli.options import (
     JSON_PLAIN,
+    BenchSelection,
     CommandGroup,
     CommandSyntax,
     ProtocolOptions,
@@ -22,10 +24,21 @@ from app.cli.options import (
     switch,
 )
 from app.cli.output import print_json
+from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
-from drivers import REST_REPEATABILITY_V
-from protocols.base import CheckResult, Outcome, PointMeasured, RestMeasured, RunEnded, Verdict, checks_by_remedy
+from drivers import REST_REPEATABILITY_V, BenchError
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    CheckResult,
+    Outcome,
+    PointMeasured,
+    RestMeasured,
+    RunEnded,
+    Verdict,
+    checks_by_remedy,
+)
+from protocols.commissioning.verdict import OutputVerdict
 from protocols.measurements.wiring_check import WiringCheck
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
@@ -100,6 +113,79 @@ def _check_table(checks: Sequence[CheckResult]) -> Table:
         word = Text("pass", "green") if row.passed else Text("FAIL", "bold red")
         table.add_row(word, row.name, row.figure, row.limits, row.unit)
     return table
+
+
+@dataclass(frozen=True)
+class CommissionCommand(BenchSelection):
+    """Commission the source; the exit code is 0 if everything that shows at the output is as the driver assumes."""
+
+    json: bool = switch("--json", "the record as one JSON object on standard output, SI units")
+
+    def execute(self) -> int:
+        from app.session.commissioning import commission
+        from app.session.commissioning_record import make_record
+
+        bench = select_bench(self)
+        if not bench.config.simulated and not operator_reachable():
+            raise UsageError(
+                f"commissioning on {bench.config.name} needs an operator who switches high voltage off, and standard input is "
+                "not a terminal. Nothing was moved. Start it at a terminal"
+            )
+        try:
+            done = commission(
+                bench.config, bench.speed, _wait_for_high_voltage_off, lambda name: print_message(f"{name} ...")
+            )
+        except BenchError as error:
+            raise UsageError(f"not commissioned, and no record is stored: {error}") from None
+        record = make_record(done.identity, bench.config.simulated, done.rate_hz, done.result)
+        if self.json:
+            print_json({**record, "file": str(done.path)})
+        else:
+            _print_commissioning(record, done.path)
+        return ExitCode.DONE if record["verdict"] == OutputVerdict.PASS else ExitCode.FAILED
+
+
+def _wait_for_high_voltage_off() -> None:
+    print_message(
+        f"{DISABLE_HIGH_VOLTAGE.text}. The amplifier's input stays connected to the generator and to the card. "
+        "Press Enter when high voltage is off; Ctrl-C ends this here"
+    )
+    if not sys.stdin.readline():
+        raise UsageError(
+            "standard input has ended, so nobody has confirmed that high voltage is off; nothing was moved"
+        )
+
+
+def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
+    """Print one page: measured checks, assumptions, times, and where the record is."""
+    console = Console(markup=False, highlight=False)
+    styles = {OutputVerdict.PASS: "green", OutputVerdict.DIFFERS: "yellow", OutputVerdict.DANGEROUS: "bold red"}
+    firmware = f", firmware {record['firmware']}" if record["firmware"] else ""
+    who = f"{record['maker']} {record['model']} #{record['serial']}{firmware}"
+    checks = Table(title=f"Commissioning of {who}: {record['verdict']}", title_justify="left")
+    for head in ("", "measured at the output", "figure", "limits", "unit", "worst"):
+        checks.add_column(head, justify="right" if head in ("figure", "limits") else "left", overflow="fold")
+    for check in record["checks"]:
+        limits = [f"{limit:g}" for limit in (check["low"], check["high"]) if limit is not None]
+        figure = "-" if check["value"] is None else f"{check['value']:.4g}"
+        verdict = Text(check["verdict"], styles.get(check["verdict"], ""))
+        checks.add_row(verdict, check["name"], figure, " to ".join(limits), check["unit"], check["detail"])
+    console.print(checks)
+    table = Table(title="Assumptions of the driver", title_justify="left")
+    for head in ("", "property", "value assumed"):
+        table.add_column(head, overflow="fold")
+    for each in record["assumptions"]:
+        table.add_row(Text(each["verdict"], styles.get(each["verdict"], "")), each["property"], each["value"])
+    console.print(table if record["assumptions"] else "No table of assumptions: the driver is not of this program.")
+    for error in record["errors"]:
+        print_message(error)
+    times = record["times"]
+    if times["stop_s"] is not None:
+        console.print(f"Stop takes {times['stop_s']:.2f} s until the instrument reports rest")
+    if times["start_s"] is not None:
+        console.print(f"A drive begins {1e3 * times['start_s']:.1f} ms after its trigger")
+    exempt = ". The simulated bench needs no commissioning" if record["simulated"] else ""
+    console.print(f"Record and traces: {path}{exempt}", soft_wrap=True)
 
 
 @dataclass(frozen=True)
@@ -185,6 +271,13 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
         "The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with "
         "its limits. Exit code 0 all passed, 1 something did not or the run failed, 3 UNSAFE, 4 no result.",
         "example: tactor-bench check --bench bench1.toml --set level_v='50 mV'",
+    ),
+    "commission": CommandSyntax(
+        CommissionCommand,
+        "Commission the source: with high voltage off, exercise what the driver assumes of this instrument and measure it at "
+        "the amplifier's input. Prints pass, differs or dangerous for each property and stores a record by make, model, "
+        "serial number and firmware. Exit code 0 all passed, 1 something differs, 2 it could not be set up.",
+        "example: tactor-bench commission --bench bench1.toml",
     ),
     "devices": CommandSyntax(
         DevicesCommand,

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from app.cli.options import BenchOptions
+from app.cli.options import BenchOptions, BenchSelection
 from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, print_message
 from app.config import BenchConfig
@@ -69,7 +69,7 @@ class SelectedBench:
     speed: float | None
 
 
-def select_bench(options: BenchOptions) -> SelectedBench:
+def select_bench(options: BenchSelection) -> SelectedBench:
     """Return the bench of the options.
 
     Raises:

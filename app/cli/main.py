@@ -28,6 +28,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "show": ("app.cli.run", "show the contents of a run file"),
     "judge": ("app.cli.run_files", "verdict on runs from their points: for runs of earlier versions and imports"),
     "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
+    "commission": ("app.cli.bench", "measure what the driver assumes of the source, with high voltage off"),
     "devices": ("app.cli.bench", "list the connected VISA instruments, NI cards and serial ports"),
     "bench": ("app.cli.bench", "write a first bench file"),
     "faults": ("app.cli.bench", "list the faults that can be injected into a simulated bench"),

@@ -116,8 +116,8 @@ JSON_PLAIN = "as one JSON object on standard output"
 
 
 @dataclass(frozen=True)
-class BenchOptions:
-    """Options that choose the bench, the specimen and the folder of run files."""
+class BenchSelection:
+    """Options that choose the bench."""
 
     bench: str = option(
         "--bench",
@@ -135,6 +135,12 @@ class BenchOptions:
     seed: int | None = option(
         "--seed", inherited=True, type=seed_argument, help="simulated bench only: seed of its noise"
     )
+
+
+@dataclass(frozen=True)
+class BenchOptions(BenchSelection):
+    """Options that choose the bench, the specimen and the folder of run files."""
+
     out: Path | None = option(
         "--out",
         inherited=True,

@@ -77,7 +77,12 @@ class BenchConfig(ConfigTable):
     def _check_source_kind(self) -> "BenchConfig":
         check_channels(self.channels, (self.card.drive_channel, self.card.displacement_channel))
         if self.simulated:
-            speed = self.simulation_parameters.speed  # raises ValueError if the table is malformed
+            simulation = self.simulation_parameters  # raises ValueError if the table is malformed
+            if simulation.generator.traits:
+                from sim_hardware.generators.traits import draw_traits
+
+                draw_traits(simulation.generator.model, simulation.seed, simulation.generator.traits)
+            speed = simulation.speed
             if not 1 <= speed <= MAX_SPEED:
                 raise ValueError(f"simulation.speed must be from 1 to {MAX_SPEED:g}, not {speed:g}")
             return self

@@ -20,6 +20,7 @@ from drivers import (
     HvAmplifier,
     Identity,
     InstrumentError,
+    Link,
     Meter,
     NoWatchdog,
     Source,
@@ -53,14 +54,28 @@ class BenchConnection:
     control: BenchControls | None = None
 
 
+LinkWrapper = Callable[[Link, Clock], Link]
+"""Wraps the link to the source, for a front end that observes its messages."""
+
+
+def _unwrapped(link: Link, _: Clock) -> Link:
+    return link
+
+
 @contextmanager
-def connect(config: BenchConfig, speed: float | None = None, block_s: float = BLOCK_S) -> Iterator[BenchConnection]:
+def connect(
+    config: BenchConfig,
+    speed: float | None = None,
+    block_s: float = BLOCK_S,
+    wrap_link: LinkWrapper = _unwrapped,
+) -> Iterator[BenchConnection]:
     """Open the instruments of a bench and close them at the end; the source stays at rest.
 
     Args:
         config: the bench file.
         speed: of a simulated bench, times real; None is the virtual clock, in this process.
         block_s: bench time of a block on the virtual clock.
+        wrap_link: wraps the link to the source.
 
     Raises:
         BenchError: an instrument does not answer.
@@ -69,7 +84,7 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
         if not config.simulated:
             suspend_warning = stack.enter_context(suspend_inhibited())
             connection = _open_instruments(
-                config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server
+                config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server, wrap_link
             )
             connection.bench.suspend_warning = suspend_warning
             yield connection
@@ -86,7 +101,13 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
             else:
                 further = [each.channel for each in config.channels]
                 server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
-            source = open_source(config, virtual.clock, virtual.link, server, stack)
+            source = open_source(
+                config,
+                virtual.clock,
+                lambda timeout_s: wrap_link(virtual.link(timeout_s), virtual.clock),
+                server,
+                stack,
+            )
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
@@ -98,7 +119,13 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
 
             process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
             connection = _open_instruments(
-                config, stack, HeartbeatClock(speed), process.resource, process.server, process.laser_reading_m
+                config,
+                stack,
+                HeartbeatClock(speed),
+                process.resource,
+                process.server,
+                wrap_link,
+                process.laser_reading_m,
             )
             yield BenchConnection(
                 connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
@@ -111,6 +138,7 @@ def _open_instruments(
     clock: HeartbeatClock,
     resource: str,
     server: str,
+    wrap_link: LinkWrapper,
     read_displacement: ReadDisplacement | None = None,
 ) -> BenchConnection:
     """Open the instruments: the same code for a real bench and a served simulated one.
@@ -123,7 +151,9 @@ def _open_instruments(
 
     locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
     try:
-        connection = _open_locked_instruments(config, stack, clock, resource, server, read_displacement, locks)
+        connection = _open_locked_instruments(
+            config, stack, clock, resource, server, wrap_link, read_displacement, locks
+        )
     except InstrumentError as error:
         if locks.left_by:
             raise UnsafeError(
@@ -141,6 +171,7 @@ def _open_locked_instruments(
     clock: HeartbeatClock,
     resource: str,
     server: str,
+    wrap_link: LinkWrapper,
     read_displacement: ReadDisplacement | None,
     locks: "InstrumentLocks",
 ) -> BenchConnection:
@@ -148,7 +179,11 @@ def _open_locked_instruments(
 
     card = f"{server or 'this computer'}/{config.card.device}"
     locks.lock_address("the card", card)
-    open_link = partial(VisaLink, resource, backend=_backend(config), baud=config.source_connection.baud)
+
+    def open_link(timeout_s: float) -> Link:
+        wire = VisaLink(resource, timeout_s, backend=_backend(config), baud=config.source_connection.baud)
+        return wrap_link(wire, clock)
+
     try:
         digitizer = open_digitizer(config, clock, server, stack)
     except InstrumentError as error:

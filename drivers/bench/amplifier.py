@@ -236,10 +236,14 @@ class HvAmplifier:
                 raise failure
             self._drive_end_s = 0.0
 
-    def reconnect_and_force_rest(self) -> None:
-        """Reconnect a failed link and force rest over it."""
+    def reconnect(self) -> None:
+        """Connect to the source anew; changes no output setting. Raises InstrumentError if it does not answer."""
         with self._watchdog.allow_silence():
             self._source.reconnect()
+
+    def reconnect_and_force_rest(self) -> None:
+        """Reconnect a failed link and force rest over it."""
+        self.reconnect()
         self.force_rest()
 
     def close(self) -> None:

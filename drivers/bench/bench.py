@@ -167,6 +167,38 @@ class Bench:
                 if failure is None and lost is not None:
                     raise lost
 
+    @contextlib.contextmanager
+    def exercised(
+        self, rate_hz: float, block_sink: Callable[[Block], None], switch: HighVoltageSwitch
+    ) -> Iterator[ArmedBench]:
+        """Set the source up with high voltage off and leave it at rest, whatever level the card measures: to commission it.
+
+        Args:
+            rate_hz: scans per second.
+            block_sink: receives every block, in order, before its caller does.
+            switch: disables high voltage before anything is sent to the source; it is never enabled.
+
+        Raises:
+            BenchError: an instrument is absent or rejects a command.
+        """
+        switch.disable()
+        self._high_voltage_enabled = False
+        if not self.amplifier.is_source_at_rest():  # before the card runs: it may take longer than the card's buffer
+            self.amplifier.initialize_at_rest()
+        shutdown = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
+        with self.open_stream(rate_hz) as stream:
+            exercised = ArmedBench(
+                self.amplifier,
+                stream,
+                block_sink,
+                self.watchdog,
+                lambda: shutdown.measure_rest(exercised.discard_block, stream, REST_TIMEOUT_S),
+            )
+            try:
+                yield exercised
+            finally:
+                self.amplifier.force_rest()
+
     def _leave_unmeasured(
         self, shutdown: SafeShutdown, error: Exception, on_warning: Callable[[LiveWarning], None]
     ) -> None:

@@ -1,11 +1,12 @@
 """Assumptions of the generator and supply drivers: what safety or a number depends on, with its evidence.
 
 The table of docs/generators.md is written from here. The values come from the drivers where they have them. An assumption
-without evidence is unproven: measure it on the instrument before high voltage is on.
+without evidence is unproven: `tactor-bench commission` measures those that show at the output, before high voltage is on.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.generators.keysight_33200 import FULL_SCALES, Keysight33200
@@ -22,6 +23,23 @@ GUIDE_33220A = "33220A User's Guide"
 DG1000Z_GUIDE = "DG1000Z Programming Guide"
 
 
+class OutputCheck(StrEnum):
+    """What commissioning measures at the output of a source. The texts are stored in records and never change."""
+
+    REST = "level between bursts"
+    AFTER = "level after a burst"
+    OFFSET = "scale of the offset"
+    POLARITY = "polarity"
+    SCALE = "amplitude of a sine"
+    UNEVEN = "amplitude of an uneven waveform"
+    SHAPE = "form of a waveform"
+    SETTINGS = "output while settings change"
+    AMPLITUDE = "output at a change of amplitude"
+    START = "start of a drive"
+    STOP = "output at Stop"
+    WIRE = "output after the wire is cut"
+
+
 @dataclass(frozen=True, slots=True)
 class Assumption:
     """One property of an instrument that a driver relies on.
@@ -32,7 +50,7 @@ class Assumption:
         quantity: the property.
         value: the value that the driver assumes.
         evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
-        shows_at_output: whether measuring the output can confirm it.
+        checks: what measures it at the output; empty if it cannot be seen there.
     """
 
     driver: str
@@ -40,34 +58,30 @@ class Assumption:
     quantity: str
     value: str
     evidence: str = ""
-    shows_at_output: bool = True
+    checks: tuple[OutputCheck, ...] = ()
+
+    @property
+    def shows_at_output(self) -> bool:
+        """Whether measuring the output can confirm it."""
+        return bool(self.checks)
+
+    def is_about(self, model: str) -> bool:
+        """Whether it is about a model: `DG1000Z` means DG1032Z too, `two channels` a Keysight 33522B."""
+        names = self.models.split(", ")
+        if "two channels" in names:
+            return model.startswith("33") and model[4:5] == "2"
+        return any(model.upper().startswith(name.rstrip("ABCXZ").rstrip("0")) for name in names)
+
+
+def assumptions_about(model: str) -> tuple[Assumption, ...]:
+    """Return the assumptions about a model of a function generator; none about one without a driver of this package."""
+    return tuple(each for each in assumptions() if each.driver != "dc-supply" and each.is_about(model))
 
 
 def assumptions() -> Iterator[Assumption]:
     """Yield the assumptions of all generators and supplies, by driver."""
     for driver, models, kind, how_idle, evidence in IDLE_LEVELS:
-        yield Assumption(driver, models, "level between bursts", f"the offset: {how_idle}", evidence)
-        yield Assumption(driver, models, "level after a burst and after its abort", "as between bursts")
-        yield Assumption(
-            driver, models, "polarity", "not inverted; an inverted one flips about the offset", POLARITY[driver]
-        )
-        yield Assumption(
-            driver,
-            models,
-            "output while a waveform is uploaded and selected",
-            "stays at the offset"
-            if not kind.CAN_FREEZE_RANGE
-            else f"stays within {kind.IDLE_AMPLITUDE_VPP / 2 * 1e3:g} mV of the offset",
-        )
-        yield Assumption(
-            driver,
-            models,
-            "relay at a change of amplitude",
-            "none: the range is held"
-            if kind.CAN_FREEZE_RANGE
-            else "possible: the amplitude is never changed at rest or in a drive",
-            RANGE_HOLD[driver],
-        )
+        yield from _common_assumptions(driver, models, kind, how_idle, evidence)
     yield from KEYSIGHT_33500
     yield from KEYSIGHT_33200
     yield from RIGOL
@@ -75,6 +89,60 @@ def assumptions() -> Iterator[Assumption]:
     yield from TEKTRONIX
     yield from SUPPLIES
 
+
+def _common_assumptions(
+    driver: str, models: str, kind: type[BurstGenerator], how_idle: str, evidence: str
+) -> Iterator[Assumption]:
+    """Yield what every driver of a function generator assumes."""
+    idle = f"the offset: {how_idle}"
+    yield Assumption(driver, models, "level between bursts", idle, evidence, (OutputCheck.REST,))
+    yield Assumption(driver, models, "level after a burst", "as between bursts", checks=(OutputCheck.AFTER,))
+    yield Assumption(
+        driver,
+        models,
+        "polarity",
+        "not inverted; an inverted one flips about the offset",
+        POLARITY[driver],
+        (OutputCheck.POLARITY,),
+    )
+    yield Assumption(
+        driver,
+        models,
+        "volts of the offset",
+        "those of the open output",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    )
+    yield Assumption(
+        driver,
+        models,
+        "volts of an even waveform",
+        "the amplitude, peak to peak at the open output",
+        checks=(OutputCheck.SCALE,),
+    )
+    yield Assumption(driver, models, "trigger", "each starts a drive", checks=(OutputCheck.START,))
+    yield Assumption(driver, models, "start of a burst", "no surge", SURGES.get(driver, ""), (OutputCheck.SHAPE,))
+    within = f"within {kind.IDLE_AMPLITUDE_VPP / 2 * 1e3:g} mV of the offset"
+    yield Assumption(
+        driver,
+        models,
+        "output while a waveform is uploaded and selected",
+        f"stays {within}" if kind.CAN_FREEZE_RANGE else "stays at the offset",
+        checks=(OutputCheck.SETTINGS,),
+    )
+    if kind.CAN_FREEZE_RANGE:
+        held = "none: the range is held"
+        yield Assumption(
+            driver, models, "relay at a change of amplitude", held, RANGE_HOLD[driver], (OutputCheck.AMPLITUDE,)
+        )
+        how = f"plays {within} meanwhile" if driver != "keysight-33500" else f"`ABORt` ends it {within}"
+        yield Assumption(driver, models, "abort in mid-burst", how, checks=(OutputCheck.STOP,))
+    else:
+        never = "possible: the amplitude is never changed at rest or in a drive"
+        yield Assumption(driver, models, "relay at a change of amplitude", never)
+        yield Assumption(driver, models, "Stop in mid-burst", "waits for its end, at rest", checks=(OutputCheck.STOP,))
+
+
+SURGES = {"rigol-dg": f"contradicted by {MENLO} for a DG1000Z at another offset than 0: look at the trace"}
 
 IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
     ("keysight-33500", "33500B, 33600A", Keysight33500, "the first point of the waveform is 0", ""),
@@ -114,8 +182,6 @@ RANGE_HOLD = {
     "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); the gap without it: E1441A guide p. 99",
     "keysight-33200": "E1441A guide p. 99, Picotest G5100A guide p. 166",
     "rigol-dg": f"{DG1000Z_GUIDE} 2-185",
-    "siglent-sdg": "",
-    "tektronix-afg": "",
 }
 
 KEYSIGHT_33500 = (
@@ -125,6 +191,7 @@ KEYSIGHT_33500 = (
         "amplitude of an uneven waveform",
         "its span",
         "Keysight community thread 22573 (33522B)",
+        (OutputCheck.UNEVEN,),
     ),
     Assumption(
         "keysight-33500",
@@ -133,14 +200,14 @@ KEYSIGHT_33500 = (
         f"{Keysight33500.IDLE_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
         "a public 33522A driver: minimum 2 mVpp",
     ),
-    Assumption("keysight-33500", "33500B, 33600A", "filter STEP", "smooths without overshoot"),
-    Assumption("keysight-33500", "33500B, 33600A", "ABORt in mid-cycle", "to the offset within the amplitude"),
+    Assumption(
+        "keysight-33500", "33500B, 33600A", "filter STEP", "smooths without overshoot", checks=(OutputCheck.SHAPE,)
+    ),
     Assumption(
         "keysight-33500",
         "33500B, 33600A",
         "output limits",
         "before or after inversion: not relied on",
-        shows_at_output=False,
     ),
     Assumption(
         "keysight-33500",
@@ -148,12 +215,25 @@ KEYSIGHT_33500 = (
         "combining, coupling, tracking",
         "`COMB:FEED`, `VOLT:COUP`, `FREQ:COUP`, `TRAC`: off",
         "public 33512B adapter and agilent33500 driver (commands); their effect on the output: unproven",
+        (OutputCheck.REST,),
     ),
-    Assumption("keysight-33500", "33500B, 33600A", "gating", "`OUTP:MODE NORM`, where the model knows it"),
+    Assumption(
+        "keysight-33500",
+        "33500B, 33600A",
+        "gating",
+        "`OUTP:MODE NORM`, where the model knows it",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    ),
 )
 
 KEYSIGHT_33200 = (
-    Assumption("keysight-33200", "33210A, 33220A, 33250A", "amplitude of an uneven waveform", "its span"),
+    Assumption(
+        "keysight-33200",
+        "33210A, 33220A, 33250A",
+        "amplitude of an uneven waveform",
+        "its span",
+        checks=(OutputCheck.UNEVEN,),
+    ),
     Assumption(
         "keysight-33200",
         "33210A, 33220A, 33250A",
@@ -168,29 +248,42 @@ KEYSIGHT_33200 = (
         f"±{FULL_SCALES['33250']}",
         "Agilent's Visual Basic sample for the 33250A",
     ),
-    Assumption("keysight-33200", "33210A, 33220A", "converter", "±8191, big-endian", f"{PYMEASURE} (agilent33220A)"),
     Assumption(
         "keysight-33200",
-        "33210A, 33220A, 33250A",
-        "burst mode off and on",
-        "plays at most the idle amplitude meanwhile",
+        "33210A, 33220A",
+        "converter",
+        "±8191, big-endian",
+        f"{PYMEASURE} (agilent33220A)",
+        (OutputCheck.SHAPE,),
     ),
 )
 
 RIGOL = (
+    Assumption("rigol-dg", "DG1000Z", "points of a packet", f"{PACKET_POINTS}, 8 at least", MENLO),
+    Assumption("rigol-dg", "DG800", "points of a packet", f"{PACKET_POINTS}"),
     Assumption(
-        "rigol-dg", "DG1000Z", "points of a packet", f"{PACKET_POINTS}, 8 at least", MENLO, shows_at_output=False
+        "rigol-dg",
+        "DG1000Z, DG800",
+        "trigger source after a burst",
+        "set anew before each",
+        MENLO,
+        (OutputCheck.START,),
     ),
-    Assumption("rigol-dg", "DG800", "points of a packet", f"{PACKET_POINTS}", shows_at_output=False),
-    Assumption("rigol-dg", "DG1000Z, DG800", "trigger source after a burst", "set anew before each", MENLO),
-    Assumption("rigol-dg", "DG800", "points", "unsigned 14-bit, little-endian"),
-    Assumption("rigol-dg", "DG1000Z", "points", "unsigned 14-bit, little-endian", f"{DG1000Z_GUIDE} 2-173"),
+    Assumption("rigol-dg", "DG800", "points", "unsigned 14-bit, little-endian", checks=(OutputCheck.SHAPE,)),
     Assumption(
         "rigol-dg",
         "DG1000Z",
-        "first output at another offset than 0",
-        "no surge",
-        f"contradicted by {MENLO}: look at the trace",
+        "points",
+        "unsigned 14-bit, little-endian",
+        f"{DG1000Z_GUIDE} 2-173",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "rigol-dg",
+        "DG1000Z, DG800",
+        "amplitude of an uneven waveform",
+        "that of the converter's range",
+        checks=(OutputCheck.UNEVEN,),
     ),
     Assumption(
         "rigol-dg",
@@ -198,9 +291,15 @@ RIGOL = (
         "gating, coupling, tracking, sum",
         "`OUTP:MODE`, `COUP`, `TRACK`, `SUM`: off, where the model knows them",
         f"{DG1000Z_GUIDE} (commands); DG800: unproven",
+        (OutputCheck.REST,),
     ),
     Assumption(
-        "rigol-dg", "DG1000Z, DG800", "offset", "`APPL?`, not `VOLT:OFFS?`", "nominal-io/instro (rigol_dg1022z)"
+        "rigol-dg",
+        "DG1000Z, DG800",
+        "offset",
+        "`APPL?`, not `VOLT:OFFS?`",
+        "nominal-io/instro (rigol_dg1022z)",
+        (OutputCheck.REST, OutputCheck.OFFSET),
     ),
 )
 
@@ -211,9 +310,14 @@ SIGLENT = (
         "full-scale code",
         f"{FULL_SCALE}",
         f"{DMM6500}: 0.3309 of AMP where 0.3300 was computed",
+        (OutputCheck.SCALE,),
     ),
     Assumption(
-        "siglent-sdg", "SDG1000X, T3AFG", "full-scale code", f"{FULL_SCALE}; Siglent's application note says 8192"
+        "siglent-sdg",
+        "SDG1000X, T3AFG",
+        "full-scale code",
+        f"{FULL_SCALE}; Siglent's application note says 8192",
+        checks=(OutputCheck.SCALE,),
     ),
     Assumption(
         "siglent-sdg",
@@ -221,7 +325,6 @@ SIGLENT = (
         "end of a waveform's message",
         "the first byte 0x0A: none is sent",
         BENCHCTRL,
-        shows_at_output=False,
     ),
     Assumption(
         "siglent-sdg",
@@ -229,7 +332,6 @@ SIGLENT = (
         "largest upload",
         f"{max_points('SDG2122X')} points, below 65 536 bytes",
         DMM6500,
-        shows_at_output=False,
     ),
     Assumption(
         "siglent-sdg",
@@ -237,17 +339,15 @@ SIGLENT = (
         "largest upload",
         f"{max_points('SDG1032X')} points",
         BENCHCTRL,
-        shows_at_output=False,
     ),
-    Assumption(
-        "siglent-sdg", "SDG1000X, SDG2000X", "uploads over USB", "lost: refused", BENCHCTRL, shows_at_output=False
-    ),
-    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "LAN clients", "one at a time", DMM6500, shows_at_output=False),
+    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "uploads over USB", "lost: refused", BENCHCTRL),
+    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "LAN clients", "one at a time", DMM6500),
     Assumption(
         "siglent-sdg",
         "SDG1000X, SDG2000X",
         "selection of a waveform",
         "restores no other levels than the present ones, or is read back",
+        checks=(OutputCheck.SETTINGS,),
     ),
     Assumption(
         "siglent-sdg",
@@ -255,6 +355,7 @@ SIGLENT = (
         "combining, coupling, modulation, sweep",
         "off",
         f"{BENCHCTRL}; SDG2000X: PG02-E05B",
+        (OutputCheck.REST,),
     ),
     Assumption(
         "siglent-sdg", "SDG1000X, SDG2000X", "over-voltage protection", "`VOLTPRT` may open the relay", "PG02-E05B"
@@ -265,9 +366,21 @@ TEKTRONIX = (
     Assumption(
         "tektronix-afg", "AFG3000", "smallest amplitude used", "100 mVpp into a high-impedance load", TM_DEVICES
     ),
-    Assumption("tektronix-afg", "AFG3000", "channels tied together", "`CONC:STAT` and `COMB:FEED`: off", TM_DEVICES),
     Assumption(
-        "tektronix-afg", "AFG1000", "load", "High Z, set by hand; measured at arming", "asvela/tektronix-func-gen"
+        "tektronix-afg",
+        "AFG3000",
+        "channels tied together",
+        "`CONC:STAT` and `COMB:FEED`: off",
+        TM_DEVICES,
+        (OutputCheck.REST,),
+    ),
+    Assumption(
+        "tektronix-afg",
+        "AFG1000",
+        "load",
+        "High Z, set by hand; measured at arming",
+        "asvela/tektronix-func-gen",
+        (OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SCALE),
     ),
     Assumption("tektronix-afg", "AFG1000", "`DATA:DEF`, `BURS:TDEL`, `FREQ:MODE`", "as on an AFG3000"),
 )

@@ -9,7 +9,7 @@ import hashlib
 import math
 import random
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -27,6 +27,12 @@ SegmentFactory = Callable[[float], Segment]
 
 RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 """Attenuator ranges, peak to peak at the open output; a relay switches between two of them."""
+
+COMBINED_V = 0.7
+"""What another channel adds that cannot be switched off."""
+
+SURGE_S, SURGE_V = 0.5e-3, 0.6
+"""A pulse at the start of a burst."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +65,22 @@ class GeneratorSettings:
     gated: bool = False
     added_v: float = 0.0
 
+    scale: float = 1.0
+    """Factor of the amplitude that no query replies; negative where the output is inverted."""
+    offset_scale: float = 1.0
+    """Factor of the offset that no query replies."""
+    hidden_v: float = 0.0
+    """What another channel adds although no query replies it."""
+
     @property
     def emf_peak_v(self) -> float:
         """Volts of a full-scale point above the offset."""
-        return -self.emf_vpp / 2 if self.inverted else self.emf_vpp / 2
+        return self.scale * (-self.emf_vpp / 2 if self.inverted else self.emf_vpp / 2)
+
+    @property
+    def level_v(self) -> float:
+        """Volts of a point of 0: the offset, and what another channel adds."""
+        return self.offset_scale * self.emf_offset_v + self.added_v + self.hidden_v
 
 
 class SimulatedGenerator:
@@ -92,6 +110,25 @@ class SimulatedGenerator:
         self._carrier: PeriodicSegment | ChirpSegment | None = None
         self.settings = GeneratorSettings()
         self._waveform_cache: dict[tuple[bytes, bool], ArbitraryWaveform] = {}
+        self._deviations: Mapping[str, str] = {}
+        self._triggers = 0
+
+    def deviate(self, deviations: Mapping[str, str]) -> None:
+        """Behave otherwise than documented: options of `sim_hardware.generators.traits.DEVIATIONS` by name."""
+        self._deviations = deviations
+        self.apply_settings(**self._hidden_settings())
+
+    def _hidden_settings(self) -> dict[str, Any]:
+        """Return the settings that no command changes and no query replies."""
+        scale = {"quarter": 0.25, "fourfold": 4.0}.get(self._deviations.get("scale", ""), 1.0)
+        return {
+            "scale": -scale if self._deviates("output-polarity", "inverted") else scale,
+            "offset_scale": 0.94 if self._deviates("offset", "low") else 1.0,
+            "hidden_v": COMBINED_V if self._deviates("combining", "stays") else 0.0,
+        }
+
+    def _deviates(self, name: str, option: str) -> bool:
+        return self._deviations.get(name) == option
 
     def apply_settings(self, **settings: Any) -> None:
         """New settings, all at one instant."""
@@ -110,7 +147,8 @@ class SimulatedGenerator:
         """Factory state: output off, whatever is connected to it."""
 
         def make(t: float) -> Segment:
-            self.settings, self._burst, self._carrier, self._glitch_until = GeneratorSettings(), None, None, -math.inf
+            self.settings = GeneratorSettings(**self._hidden_settings())
+            self._burst, self._carrier, self._glitch_until = None, None, -math.inf
             return self._segment(t)
 
         self._emit(make)
@@ -139,12 +177,19 @@ class SimulatedGenerator:
 
     def trigger(self) -> None:
         """Start the armed burst or sweep."""
+        self._triggers += 1
+        if self._triggers % 2 == 0 and self._deviates("start", "sometimes-lost"):
+            return
 
         def make(t: float) -> Segment:
             self._clock = self._next_clock
             s = self.settings
             if s.burst:
                 self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
+                if self._deviates("after", "zero"):
+                    self._burst = replace(self._burst, idle_v=0.0)
+                if self._deviates("surge", "at-start"):
+                    return RelayGlitchSegment(t + SURGE_S, s.level_v + SURGE_V, self._segment(t))
             elif s.sweep:
                 phase = self._carrier.phase_at(t) if self._carrier else 0.0
                 self._carrier = ChirpSegment(
@@ -153,7 +198,7 @@ class SimulatedGenerator:
                     s.stop_hz * self._clock,
                     s.sweep_s,
                     s.emf_peak_v,
-                    s.emf_offset_v + s.added_v,
+                    s.level_v,
                     phase,
                 )
             return self._segment(t)
@@ -165,6 +210,8 @@ class SimulatedGenerator:
 
         def make(t: float) -> Segment:
             self._burst = None
+            if self._deviates("abort", "drops"):
+                self._glitch_until = t + self._relay_s
             if isinstance(self._carrier, ChirpSegment):
                 self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
             return self._segment(t)
@@ -178,19 +225,25 @@ class SimulatedGenerator:
         start = math.sin(math.radians(s.phase_deg))
         if wave:  # its first point, whatever is drawn between the points
             start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
-        offset_v = s.emf_offset_v + s.added_v
-        idle = 0.0 if s.gated else offset_v + s.emf_peak_v * (start if s.idle is None else s.idle)
+        offset_v = s.level_v
+        start = -1.0 if self._deviates("idle", "bottom") else start if s.idle is None else s.idle
+        idle = 0.0 if s.gated else offset_v + s.emf_peak_v * start
         return PeriodicSegment(origin_s, f, s.emf_peak_v, offset_v, phase_rad, idle, cycles, period_s, wave)
 
     def _carry_over_phase(self, previous: GeneratorSettings, t: float) -> None:
         """Carry phase and remaining cycles through a change of settings."""
         s = self.settings
-        if s.auto_range and _range_index(s.emf_vpp) != _range_index(previous.emf_vpp):
+        auto_range = s.auto_range or self._deviates("range", "switches")
+        if auto_range and _range_index(s.emf_vpp) != _range_index(previous.emf_vpp):
             self._glitch_until = t + self._relay_s
         if {s.function, previous.function} == {"SIN", "ARB"}:
             # Sines and waveforms leave through different filters (33120A guide, theory of operation): relays again.
             self._glitch_until = t + self._relay_s
+        if s.wave is not previous.wave and self._deviates("upload", "drops"):
+            self._glitch_until = t + self._relay_s
         if s.burst != previous.burst:
+            if previous.burst and self._deviates("abort", "drops"):
+                self._glitch_until = t + self._relay_s
             self._burst = None
         if self._burst is not None:
             run = self._burst
@@ -208,7 +261,7 @@ class SimulatedGenerator:
             # The oscillator has been running all the time; its phase is unknown.
             self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
         elif isinstance(self._carrier, ChirpSegment) and s.sweep:
-            self._carrier = replace(self._carrier, amplitude_v=s.emf_peak_v, offset_v=s.emf_offset_v + s.added_v)
+            self._carrier = replace(self._carrier, amplitude_v=s.emf_peak_v, offset_v=s.level_v)
         else:
             self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
 
@@ -221,7 +274,7 @@ class SimulatedGenerator:
         if not (self._powered and s.on):
             return self._open
         if s.function == "DC":
-            return ConstantSegment(s.emf_offset_v + s.added_v)
+            return ConstantSegment(s.level_v)
         if s.burst and s.trigger == "IMM":
             return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
         if s.burst:

@@ -198,6 +198,9 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             turn["frequency_hz"] = self._rate_hz / points.size
         self._load_waveform(points, interpolated=self._interpolated, **turn)
 
+    def _filtered(self, points: Array) -> Array:
+        return _overshooting(points) if self.traits.get("filter") == "rings" else points
+
     def _select_function(self, function: str) -> None:
         super()._select_function(function)
         if function == "ARB":
@@ -210,3 +213,11 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
     def _set_filter(self, a: Arguments) -> None:
         self._interpolated = match_keyword(single_argument(a), "NORMal", "STEP", "OFF") != "OFF"
         self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
+
+
+def _overshooting(points: Array) -> Array:
+    """Return the points with an overshoot of a quarter of each change, that dies out over a hundredth of the period."""
+    decay = np.exp(-np.arange(points.size) / (points.size / 100))
+    changes = np.diff(points, prepend=points[0])
+    rung = points + 0.25 * np.convolve(changes, decay)[: points.size]
+    return np.asarray(rung)

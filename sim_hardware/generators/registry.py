@@ -29,6 +29,7 @@ def make_generator(
     maker = GENERATOR_MAKERS[family]
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"
     traits = draw_traits(parameters.model, seed, parameters.traits)
+    generator.deviate(traits)
     models: dict[str, Callable[..., GeneratorModel]] = {
         "Keysight": SimulatedKeysight33500,
         "Agilent": SimulatedKeysight33200,

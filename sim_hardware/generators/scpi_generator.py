@@ -257,10 +257,15 @@ class SimulatedScpiGenerator:
 
     def _load_waveform(self, points: Array, interpolated: bool = False, **settings: Any) -> None:
         """Play these points from now on, 1 being half of the amplitude."""
-        if self.AMPLITUDE_IS_WAVEFORM_SPAN:
+        if (self.traits.get("uneven") == "otherwise") != self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
+        points = self._filtered(points)
         # Single precision is finer than any converter, and the history keeps every waveform.
         self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
+
+    def _filtered(self, points: Array) -> Array:
+        """Return the points as they leave the filter."""
+        return points
 
 
 def decode_block(argument: str, dtype: str, low: float, high: float) -> Array:

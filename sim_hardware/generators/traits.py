@@ -76,6 +76,95 @@ TRAITS = (
 )
 
 
+DEVIATIONS = (
+    Trait(
+        "idle",
+        ("first-point", "bottom"),
+        ("33", "DG", "SDG", "AFG"),
+        "level between bursts: below the offset by the peak of the amplitude",
+    ),
+    Trait(
+        "after",
+        ("as-between-bursts", "zero"),
+        ("33", "DG", "SDG", "AFG"),
+        "level after a burst: 0 V until the next setting",
+    ),
+    Trait(
+        "output-polarity",
+        ("as-replied", "inverted"),
+        ("33", "DG", "SDG", "AFG"),
+        "an inverted output that replies normal polarity",
+    ),
+    Trait(
+        "upload",
+        ("quiet", "drops"),
+        ("33", "DG", "SDG", "AFG"),
+        "a relay opens whenever another waveform is played",
+    ),
+    Trait(
+        "range",
+        ("held", "switches"),
+        ("33", "DG"),
+        "a held range that follows the amplitude nevertheless",
+    ),
+    Trait(
+        "abort",
+        ("quiet", "drops"),
+        ("33", "DG"),
+        "a relay opens when a burst is aborted",
+    ),
+    Trait(
+        "scale",
+        ("nominal", "quarter", "fourfold"),
+        ("33", "DG", "SDG", "AFG"),
+        "amplitude of all waveforms",
+    ),
+    Trait(
+        "uneven",
+        ("as-documented", "otherwise"),
+        ("33", "DG"),
+        "whether the amplitude is the span of the points or of the converter",
+    ),
+    Trait(
+        "offset",
+        ("nominal", "low"),
+        ("33", "DG", "SDG", "AFG"),
+        "volts of the offset: 6 % low",
+    ),
+    Trait(
+        "filter",
+        ("smooth", "rings"),
+        ("335", "336"),
+        "the filter between the points of a waveform overshoots",
+    ),
+    Trait(
+        "surge",
+        ("none", "at-start"),
+        ("33", "DG", "SDG", "AFG"),
+        "a pulse when a burst begins (Menlo Systems: DG1000Z with an offset)",
+    ),
+    Trait(
+        "start",
+        ("triggered", "sometimes-lost"),
+        ("33", "DG", "SDG", "AFG"),
+        "every second trigger starts nothing",
+    ),
+    Trait(
+        "combining",
+        ("as-replied", "stays"),
+        ("33", "DG", "SDG", "AFG3"),
+        "another channel is added to the output although the setting replies off",
+    ),
+)
+"""What an instrument may do otherwise than its driver assumes. Never drawn: `generator.traits` chooses it, to try the
+commissioning of an instrument."""
+
+
+def deviations_of(model: str) -> tuple[Trait, ...]:
+    """Return the deviations that a model can be given."""
+    return tuple(t for t in DEVIATIONS if model.upper().startswith(t.models))
+
+
 def traits_of(model: str) -> tuple[Trait, ...]:
     """Return the traits of a model."""
     return tuple(t for t in TRAITS if model.upper().startswith(t.models))
@@ -90,9 +179,9 @@ def draw_traits(model: str, seed: int, chosen: str = "") -> dict[str, str]:
     draw, drawn = random.Random(f"{model} {seed}"), {}
     for trait in traits_of(model):
         drawn[trait.name] = draw.choice(trait.options)
+    known = {t.name: t.options for t in (*traits_of(model), *deviations_of(model))}
     for pair in chosen.split():
         name, _, option = pair.partition("=")
-        known = {t.name: t.options for t in traits_of(model)}
         if option not in known.get(name, ()):
             choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in known.items()) or "none"
             raise ValueError(f"generator.traits: {pair!r} is no trait of a {model}; it has {choices}")

@@ -60,6 +60,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Path:
     """A folder with a run in it, and nothing of the network or the screen."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     (tmp_path / "folder").mkdir()
     (tmp_path / "run.h5").write_bytes(measured)
     monkeypatch.setattr("drivers.list_resources", lambda: ([], []))
@@ -102,7 +103,7 @@ def attacks(name: str) -> Iterator[list[str]]:
             yield [*base, f"{option}={value}"] if option.startswith("--") else [*base, option, value]
 
 
-LONG = {"figures", "identify", "model step", "run"}
+LONG = {"commission", "figures", "identify", "model step", "run"}
 """Commands that work for seconds where the question makes sense."""
 
 

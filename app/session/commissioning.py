@@ -1,0 +1,81 @@
+"""Commissioning of the source of a bench: opens the instruments and exercises the source with high voltage off."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.config import BenchConfig
+from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, connect
+from app.session.commissioning_record import save_record
+from drivers import AcquisitionError, Bench, Identity
+from protocols.commissioning.messages import MessageLog
+from protocols.commissioning.sequence import Commissioned, Commissioning
+
+RATES_HZ = (100e3, 50e3, 20e3)
+"""Scans per second: the first that the card can do."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommissionedSource:
+    """The result of a commissioning, and the record in which it is stored."""
+
+    identity: Identity
+    result: Commissioned
+    rate_hz: float
+    path: Path
+
+
+def commission(
+    config: BenchConfig,
+    speed: float | None,
+    high_voltage_off: Callable[[], None],
+    progress: Callable[[str], object] = lambda _: None,
+) -> CommissionedSource:
+    """Commission the source of a bench and store the record.
+
+    Args:
+        config: the bench file.
+        speed: of a simulated bench; None is the virtual clock.
+        high_voltage_off: returns once the operator has switched high voltage off; raises to abandon.
+        progress: called with the name of each exercise.
+
+    Raises:
+        BenchError: an instrument is absent, or rejects what it must do to be set up.
+        OSError: the record cannot be written.
+    """
+    messages = MessageLog()
+    with connect(config, speed, UNATTENDED_BLOCK_S, messages.observe) as connection:
+        bench = connection.bench
+        rate_hz = _highest_rate(bench)
+        with bench.exercised(rate_hz, lambda _: None, _OffSwitch(connection, high_voltage_off)) as exercised:
+            result = Commissioning(exercised, bench.clock, messages, progress).run()
+        identity = bench.amplifier.identity
+        return CommissionedSource(identity, result, rate_hz, save_record(identity, config.simulated, rate_hz, result))
+
+
+@dataclass(frozen=True, slots=True)
+class _OffSwitch:
+    """Switches high voltage off, and never on."""
+
+    connection: BenchConnection
+    prompt: Callable[[], None]
+
+    def disable(self) -> None:
+        if self.connection.control is not None:
+            self.connection.control.disable_hv()
+        else:
+            self.prompt()
+
+    def enable(self) -> None:
+        raise AssertionError("a source is commissioned with high voltage off")
+
+
+def _highest_rate(bench: Bench) -> float:
+    """Return the highest of `RATES_HZ` that the card can do; the last one is tried by the caller."""
+    for rate_hz in RATES_HZ[:-1]:
+        try:
+            with bench.open_stream(rate_hz):
+                return rate_hz
+        except AcquisitionError:
+            continue
+    return RATES_HZ[-1]

@@ -1,0 +1,165 @@
+"""Commissioning records: what was measured on a source, by make, model, serial number and firmware."""
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from platformdirs import user_data_path
+
+from app.common import version, write_atomic
+from drivers import Identity
+from drivers.generators.assumptions import OutputCheck, assumptions_about
+from protocols.commissioning.sequence import Commissioned
+from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
+
+FORMAT = 1
+MAX_BYTES = 1_000_000
+
+
+def records_folder() -> Path:
+    """Return the folder of the records of this user."""
+    return user_data_path("tactor-bench", appauthor=False) / "commissioning"
+
+
+def record_path(identity: Identity) -> Path:
+    """Return the record of an instrument with its present firmware."""
+    instrument = "-".join(_file_name(part) for part in (identity.maker, identity.model, identity.serial) if part)
+    return records_folder() / instrument / f"{_file_name(identity.firmware) or 'unknown'}.json"
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9.]+", "_", text).strip("._")
+
+
+@dataclass(frozen=True, slots=True)
+class CommissioningRecord:
+    """A stored commissioning.
+
+    Attributes:
+        verdict: the worst of its checks.
+        date: when it was made, ISO 8601.
+        failed: the checks that did not pass, as sentences.
+        stop_s: measured duration of Stop, NaN if unknown.
+        path: of its file.
+    """
+
+    verdict: OutputVerdict
+    date: str
+    failed: tuple[str, ...]
+    stop_s: float
+    path: Path
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether everything that shows at the output is as the driver assumes."""
+        return self.verdict is OutputVerdict.PASS
+
+
+def save_record(identity: Identity, simulated: bool, rate_hz: float, found: Commissioned) -> Path:
+    """Write the record of an instrument and the traces beside it; return the record's path.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path = record_path(identity)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    traces = {f"{i:02d} {trace.name}": trace.volts.astype(np.float32) for i, trace in enumerate(found.traces)}
+    with path.with_suffix(".npz").open("wb") as file:
+        np.savez_compressed(file, **{**traces, "rate_hz": np.array(rate_hz)})  # type: ignore[arg-type]
+    write_atomic(
+        path, json.dumps(make_record(identity, simulated, rate_hz, found), indent=1, ensure_ascii=False) + "\n"
+    )
+    return path
+
+
+def make_record(identity: Identity, simulated: bool, rate_hz: float, found: Commissioned) -> dict[str, Any]:
+    """Return the record of an instrument as plain values; a figure that was not measured is null."""
+    return {
+        "format": FORMAT,
+        "maker": identity.maker,
+        "model": identity.model,
+        "serial": identity.serial,
+        "firmware": identity.firmware,
+        "simulated": simulated,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "program": version(),
+        "rate_hz": rate_hz,
+        "verdict": worst_verdict(found.checks),
+        "checks": [
+            {
+                "name": check.check,
+                "verdict": check.verdict,
+                "value": _finite(check.value),
+                "unit": check.unit,
+                "low": check.low,
+                "high": check.high,
+                "detail": check.detail,
+            }
+            for check in found.checks
+        ],
+        "assumptions": [
+            {
+                "property": each.assumption.quantity,
+                "value": each.assumption.value,
+                "evidence": each.assumption.evidence,
+                "verdict": each.verdict,
+            }
+            for each in checked_assumptions(assumptions_about(identity.model), found.checks)
+        ],
+        "times": {
+            "stop_s": _finite(found.times.stop_s),
+            "start_s": _finite(found.times.start_s),
+            "second_client_s": _finite(found.times.second_client_s),
+        },
+        "errors": list(found.errors),
+    }
+
+
+def load_record(identity: Identity) -> CommissioningRecord | None:
+    """Return the record of an instrument with its present firmware; None if there is none that can be read."""
+    path = record_path(identity)
+    try:
+        with path.open("rb") as file:
+            read = json.loads(file.read(MAX_BYTES))
+        if read["format"] != FORMAT or any(
+            read[k] != getattr(identity, k) for k in ("maker", "model", "serial", "firmware")
+        ):
+            return None
+        checks = [
+            CheckedOutput(
+                OutputCheck(check["name"]),
+                math.nan if check["value"] is None else float(check["value"]),
+                str(check["unit"]),
+                check["low"],
+                check["high"],
+                str(check["detail"]),
+            )
+            for check in read["checks"]
+        ]
+        stop_s = read["times"]["stop_s"]
+        failed = tuple(describe_check(check) for check in checks if not check.passed)
+        return CommissioningRecord(
+            worst_verdict(checks), str(read["date"]), failed, math.nan if stop_s is None else float(stop_s), path
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def describe_check(check: CheckedOutput) -> str:
+    """Return a check as a line: verdict, name, figure and limits."""
+    unit = "" if check.unit == "1" else f" {check.unit}"
+    if not math.isfinite(check.value):
+        return f"{check.verdict}: {check.check}"
+    limits = " to ".join(f"{limit:g}" for limit in (check.low, check.high) if limit is not None)
+    limits = limits if check.low is not None else f"at most {limits}"
+    detail = f" ({check.detail})" if check.detail else ""
+    return f"{check.verdict}: {check.check} {check.value:.4g}{unit}, limit {limits}{unit}{detail}"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

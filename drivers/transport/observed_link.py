@@ -1,0 +1,43 @@
+"""Observed link: an instrument's connection whose messages are reported before they are sent."""
+
+from collections.abc import Callable
+from typing import Any
+
+from drivers.transport.scpi import Link
+
+
+class ObservedLink:
+    """A link that calls `on_message` with each message before it is sent; everything else is that link's.
+
+    Args:
+        link: the connection.
+        on_message: may sleep, so that messages are separated in time.
+    """
+
+    def __init__(self, link: Link, on_message: Callable[[str], None]) -> None:
+        self._link, self._on_message = link, on_message
+        self.name = link.name
+
+    def write(self, message: str) -> None:
+        """Send a message. Raises LinkError if the connection failed."""
+        self._on_message(message)
+        self._link.write(message)
+
+    def read(self) -> str:
+        """Return the next reply. Raises LinkError if none arrives within the timeout."""
+        return self._link.read()
+
+    def clear(self) -> None:
+        """Discard pending replies."""
+        self._link.clear()
+
+    def reopen(self) -> None:
+        """Close and open again. Raises LinkError if nothing answers."""
+        self._link.reopen()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._link.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._link, name)

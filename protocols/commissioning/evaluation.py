@@ -1,0 +1,173 @@
+"""Evaluation of a recorded output: fit of the commanded waveform, levels, and transients with their cause."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import correlate
+
+from drivers import Hold, Sine
+from model import Array
+from protocols.commissioning.exercise import LEAD_S, Trace
+from protocols.commissioning.messages import MessageKind
+
+EARLIEST_START_S, LATEST_START_S = -0.005, 0.04
+"""When a burst may begin, after its trigger: less than half a period of the slowest sine."""
+
+TRANSIENT_V = 0.03
+"""Smallest transient that counts: above the card's noise and the idle amplitude of an armed burst."""
+
+CLOCK_MARGIN_S = 2e-3
+"""Largest difference of the card's time to that of the messages."""
+
+EDGE_S = 3e-4
+SMOOTHING_S = 1e-4
+SEEN_V = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Transient:
+    """A departure of the output: lowest or highest level, and the kind of the message that caused it."""
+
+    time_s: float
+    volts: float
+    away_v: float
+    cause: MessageKind
+    text: str
+
+
+class Evaluation:
+    """Figures of one recorded output; NaN where the trace has none.
+
+    Args:
+        trace: the recorded output.
+        fitted_s: how long the waveform is fitted, where it was stopped before its end.
+    """
+
+    def __init__(self, trace: Trace, fitted_s: float | None = None) -> None:
+        self.trace = trace
+        drive = trace.drive
+        self.idle_v = drive.end_levels_v[0]
+        self._fitted_s = drive.duration_s if fitted_s is None else min(fitted_s, drive.duration_s)
+        self.peak_v = max(drive.high_v - self.idle_v, self.idle_v - drive.low_v)
+        triggers = [m.time_s for m in trace.messages if m.kind is MessageKind.TRIGGER]
+        self.trigger_s = triggers[-1] if triggers else trace.started_s
+        self.gain = self.residual = self.misfit = self.mean_v = math.nan
+        self.start_s = self.trigger_s
+        self._fit()
+
+    def _fit(self) -> None:
+        trace, rate = self.trace, self.trace.rate_hz
+        times = np.arange(round(self._fitted_s * rate)) / rate
+        form = trace.drive.volts(times) - self.idle_v
+        centred = form - form.mean()
+        seen = trace.span(self.trigger_s + EARLIEST_START_S, self.trigger_s + LATEST_START_S + self._fitted_s)
+        if seen.size <= form.size or not np.any(centred):
+            return
+        # Least squares at every lag at once: what is left of the samples is smallest where the waveform begins.
+        seen = seen - seen.mean()
+        match = correlate(seen, centred, "valid")
+        sums = np.concatenate([[0.0], np.cumsum(seen)])
+        squares = np.concatenate([[0.0], np.cumsum(seen**2)])
+        size = form.size
+        energy = squares[size:] - squares[:-size] - (sums[size:] - sums[:-size]) ** 2 / size
+        best = int(np.argmin(energy - match**2 / (centred @ centred)))
+        self.gain = float(match[best] / (centred @ centred))
+        self.start_s = self.trigger_s + EARLIEST_START_S + best / rate
+        played = trace.span(self.start_s, self.start_s + 2 * self._fitted_s)[:size]
+        self.mean_v = float(played.mean() - self.gain * form.mean())
+        edge = round(EDGE_S * rate)
+        left = _smoothed(played - self.mean_v - self.gain * form, rate)[edge:-edge]
+        peak_v = max(abs(self.gain) * self.peak_v, 1e-9)
+        self.residual, self.misfit = float(np.abs(left).max()) / peak_v, float(left.std()) / peak_v
+
+    @property
+    def seen(self) -> bool:
+        """Whether a drive was recorded at all."""
+        return abs(self.gain) * self.peak_v > SEEN_V
+
+    @property
+    def end_s(self) -> float:
+        """Bench time at which the burst ends by itself."""
+        return self.start_s + self.trace.drive.duration_s
+
+    @cached_property
+    def before_v(self) -> float:
+        """Level before the first message."""
+        return _mean(self.trace.span(self.trace.start_s, self.trace.start_s + LEAD_S))
+
+    @cached_property
+    def armed_v(self) -> float:
+        """Level with everything set, before the burst begins."""
+        return _mean(self.trace.span(self.start_s - 0.008, self.start_s - 0.001))
+
+    @cached_property
+    def after_v(self) -> float:
+        """Level after the burst has ended, before Stop."""
+        return _mean(self.trace.span(self.end_s + 0.005, self.trace.stop_s - CLOCK_MARGIN_S))
+
+    @cached_property
+    def final_v(self) -> float:
+        """Level after Stop."""
+        return _mean(self.trace.volts[-round(0.05 * self.trace.rate_hz) :])
+
+    @cached_property
+    def held_v(self) -> float:
+        """Level while it is held, of a drive that holds one."""
+        return _mean(self.trace.span(self.trace.started_s + 0.01, self.trace.stop_s - CLOCK_MARGIN_S))
+
+    def transients(self) -> list[Transient]:
+        """Return the departures of the output from its levels before and after the burst, and during Stop."""
+        trace, ended_s = self.trace, math.inf
+        end_s = trace.start_s + trace.volts.size / trace.rate_hz
+        if isinstance(trace.drive, Hold):  # a ramp, a level and a ramp: all between the two levels
+            return self._departures(trace.start_s, end_s, (self.before_v, self.held_v, self.final_v))
+        swing_v = abs(self.gain) * self.peak_v if self.seen else self.peak_v
+        # What a running sine may reach while it is stopped; a burst that has ended only idles.
+        running = isinstance(trace.drive, Sine) and self.end_s > trace.stop_s
+        stopping: tuple[float, ...] = (self.mean_v - swing_v, self.mean_v + swing_v) if running else (self.after_v,)
+        if running and not any(m.kind is MessageKind.ABORT for m in trace.messages):
+            ended_s = (
+                self.end_s - EDGE_S
+            )  # Stop waits for the end of the burst, and what follows is a level after a burst
+        rest = (self.before_v, self.armed_v)
+        begin_s = self.start_s if self.seen else self.trigger_s
+        return [
+            *self._departures(trace.start_s, begin_s - EDGE_S, rest),
+            *self._departures(trace.stop_s, min(end_s, ended_s), (*stopping, self.final_v)),
+        ]
+
+    def _departures(self, begin_s: float, end_s: float, levels: tuple[float, ...]) -> list[Transient]:
+        known = [level for level in levels if math.isfinite(level)]
+        volts = self.trace.span(begin_s, end_s)
+        if not known or volts.size < 2:
+            return []
+        away = np.maximum(volts - max(known), min(known) - volts)
+        if len(levels) == 2 and begin_s == self.trace.start_s:  # idle levels: nothing between them is a level
+            away = np.min([np.abs(volts - level) for level in known], axis=0)
+        limit_v = TRANSIENT_V * max(1.0, 0.5 * abs(self.gain)) if self.seen else TRANSIENT_V
+        outside = np.flatnonzero(np.diff(np.concatenate([[0], (away > limit_v).astype(np.int8), [0]])))
+        found = []
+        for first, last in outside.reshape(-1, 2):
+            if last - first < 2:
+                continue  # one sample of noise
+            peak = first + int(np.argmax(away[first:last]))
+            time_s = max(begin_s, self.trace.start_s) + first / self.trace.rate_hz
+            found.append(self._attributed(time_s, float(volts[peak]), float(away[peak])))
+        return found
+
+    def _attributed(self, time_s: float, volts: float, away_v: float) -> Transient:
+        sent = [m for m in self.trace.messages if m.time_s <= time_s + CLOCK_MARGIN_S]
+        sent = [m for m in sent if m.kind is not MessageKind.OTHER][-1:] or sent[-1:]
+        cause, text = (sent[0].kind, sent[0].text) if sent else (MessageKind.OTHER, "")
+        return Transient(time_s, volts, away_v, cause, text)
+
+
+def _mean(volts: Array) -> float:
+    return float(volts.mean()) if volts.size else math.nan
+
+
+def _smoothed(volts: Array, rate_hz: float) -> Array:
+    size = max(round(SMOOTHING_S * rate_hz), 1)
+    return np.convolve(volts, np.full(size, 1 / size), "same")

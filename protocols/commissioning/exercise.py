@@ -1,0 +1,129 @@
+"""Exercises of a source: drives that are played with high voltage off while the card records the output."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers import DRIVE_CHANNEL, ArmedBench, Block, Clock, Drive, DriveRejectedError, InstrumentError
+from model import Array
+from protocols.commissioning.messages import Message, MessageLog
+
+LEAD_S, TAIL_S = 0.1, 0.15
+"""Recorded before the first message of a drive, and after its end and after Stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """The recorded output of one exercise.
+
+    Attributes:
+        name: of the exercise.
+        drive: that was started.
+        rate_hz: scans per second.
+        start_s: bench time of the first sample.
+        volts: (N,), at the amplifier's input.
+        messages: to the source, in order; empty for a source without a wire of its own.
+        started_s: bench time at which the driver had started the drive.
+        stop_s: bench time at which Stop was commanded.
+        rest_s: bench time at which the driver reported rest.
+        error: of the driver; empty if it reported none.
+    """
+
+    name: str
+    drive: Drive
+    rate_hz: float
+    start_s: float
+    volts: Array
+    messages: tuple[Message, ...]
+    started_s: float
+    stop_s: float
+    rest_s: float
+    error: str = ""
+
+    def span(self, begin_s: float, end_s: float) -> Array:
+        """Return the samples between two bench times."""
+        first, last = (round((t - self.start_s) * self.rate_hz) for t in (begin_s, end_s))
+        return self.volts[max(first, 0) : max(last, 0)]
+
+
+class Exerciser:
+    """Plays drives on an exercised bench and records the output.
+
+    Args:
+        bench: with high voltage off, see `Bench.exercised`.
+        clock: bench time.
+        messages: notes the messages to the source.
+    """
+
+    def __init__(self, bench: ArmedBench, clock: Clock, messages: MessageLog) -> None:
+        self._bench, self._clock, self._messages = bench, clock, messages
+        self._blocks: list[Block] = []
+
+    def record(
+        self,
+        name: str,
+        drive: Drive,
+        *,
+        stop_after_s: float | None = None,
+        in_mid_drive: Callable[[], None] | None = None,
+    ) -> Trace | None:
+        """Play a drive to its end and record it; return None if this source does not play such a drive.
+
+        Args:
+            name: of the exercise.
+            drive: within the drive limits.
+            stop_after_s: Stop then, instead of at its end.
+            in_mid_drive: called in the middle of the drive.
+
+        Raises:
+            BenchError: the card does not answer.
+        """
+        self._read_until(self._clock.now())  # what was sampled since the last exercise
+        self._blocks.clear()
+        self._messages.take()
+        self._read_until(self._clock.now() + LEAD_S)
+        self._messages.separate = True
+        error = ""
+        try:
+            self._bench.amplifier.start_drive(drive)
+        except DriveRejectedError:
+            return None
+        except InstrumentError as refused:
+            error = str(refused)
+        finally:
+            self._messages.separate = False
+        started_s = self._clock.now()
+        duration_s = drive.duration_s + TAIL_S if stop_after_s is None else stop_after_s
+        if in_mid_drive is not None and not error:
+            self._read_until(started_s + drive.duration_s / 2)
+            in_mid_drive()
+        self._read_until(started_s + duration_s)
+        stop_s = self._clock.now()
+        try:
+            self._bench.amplifier.force_rest()
+        except InstrumentError as refused:
+            error = error or str(refused)
+        rest_s = self._clock.now()
+        self._read_until(rest_s + TAIL_S)
+        first = self._blocks[0]
+        counts = np.concatenate([block.raw[DRIVE_CHANNEL] for block in self._blocks])
+        return Trace(
+            name,
+            drive,
+            self._bench.rate_hz,
+            self._bench.stream.start_time_s + first.start / self._bench.rate_hz,
+            self._bench.scales[DRIVE_CHANNEL].to_volts(counts),
+            self._messages.take(),
+            started_s,
+            stop_s,
+            rest_s,
+            error,
+        )
+
+    def _read_until(self, time_s: float) -> None:
+        """Read blocks until all samples before a bench time are there."""
+        while (
+            not self._blocks or self._bench.stream.start_time_s + self._blocks[-1].stop / self._bench.rate_hz < time_s
+        ):
+            self._blocks.append(self._bench.read_block())

@@ -1,0 +1,80 @@
+"""Messages to a source by what they change: the setting to which a transient of the output is attributed."""
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers import Clock, Link
+from drivers.transport.observed_link import ObservedLink
+
+
+class MessageKind(StrEnum):
+    """What a message changes."""
+
+    UPLOAD = "upload"
+    AMPLITUDE = "amplitude"
+    TRIGGER = "trigger"
+    ABORT = "abort"
+    OTHER = "other"
+
+
+PATTERNS = (
+    (MessageKind.TRIGGER, re.compile(r"\*TRG|BURS:TRIG(?!:SOUR)|MTRIG")),
+    (MessageKind.ABORT, re.compile(r"ABOR|BURS:STAT")),
+    (
+        MessageKind.UPLOAD,
+        re.compile(r"DATA:(ARB|VOL:CLE|DAC|DEF)|TRAC:(DATA|DEF)|\bDATA EMEM|WVDT WVNM|FUNC:(ARB|USER) |ARWV NAME"),
+    ),
+    (MessageKind.AMPLITUDE, re.compile(r"\bVOLT [0-9]|BSWV AMP")),
+)
+"""By the headers of all supported families; the first that matches counts."""
+
+SEPARATED = (MessageKind.UPLOAD, MessageKind.AMPLITUDE, MessageKind.TRIGGER)
+"""Messages before which the output is observed for a while, so that the transient of the one before has ended."""
+
+SEPARATION_S = 0.015
+"""Longer than an attenuator's relay needs."""
+
+
+def message_kind(text: str) -> MessageKind:
+    """Return what a message changes."""
+    head = text.partition(",#")[0][:120].upper()
+    if head.rstrip().endswith("?") and ";" not in head:
+        return MessageKind.OTHER
+    return next((kind for kind, pattern in PATTERNS if pattern.search(head)), MessageKind.OTHER)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message and the bench time at which it was sent."""
+
+    time_s: float
+    kind: MessageKind
+    text: str
+
+
+class MessageLog:
+    """Notes the messages to a source with their time, and separates them while `separate` is set."""
+
+    def __init__(self) -> None:
+        self.separate = False
+        self._clock: Clock | None = None
+        self._messages: list[Message] = []
+
+    def observe(self, link: Link, clock: Clock) -> ObservedLink:
+        """Return the link to the source whose messages are noted."""
+        self._clock = clock
+        return ObservedLink(link, self._note)
+
+    def take(self) -> tuple[Message, ...]:
+        """Return the messages since the last call."""
+        taken, self._messages = tuple(self._messages), []
+        return taken
+
+    def _note(self, text: str) -> None:
+        if self._clock is None:
+            return
+        kind = message_kind(text)
+        if self.separate and kind in SEPARATED:
+            self._clock.sleep(SEPARATION_S)
+        self._messages.append(Message(self._clock.now(), kind, text.partition(",#")[0][:60]))

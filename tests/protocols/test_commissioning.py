@@ -1,0 +1,169 @@
+"""Commissioning of simulated generators: every deviation that shows at the output is found, and nothing else."""
+
+import random
+from typing import Any
+
+import pytest
+
+from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from app.session.bench_connection import connect
+from drivers.generators.assumptions import Assumption, OutputCheck, assumptions, assumptions_about
+from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
+from protocols.commissioning.sequence import Commissioned, Commissioning
+from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions
+from sim_hardware.generators.traits import DEVIATIONS, deviations_of
+from tests.helpers.simulated_bench import simulated
+
+MODELS = ("33511B", "33622A", "33220A", "33250A", "DG1032Z", "DG811", "SDG1032X", "SDG2122X", "AFG3252", "AFG1022")
+FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
+
+PROPERTIES = {
+    "idle": "level between bursts",
+    "after": "level after a burst",
+    "output-polarity": "polarity",
+    "upload": "output while a waveform is uploaded and selected",
+    "range": "relay at a change of amplitude",
+    "abort": "abort in mid-burst",
+    "scale": "volts of an even waveform",
+    "uneven": "amplitude of an uneven waveform",
+    "offset": "volts of the offset",
+    "filter": "filter STEP",
+    "surge": "start of a burst",
+    "start": "trigger",
+    "combining": "level between bursts",
+}
+"""What each deviation of a simulated instrument contradicts in the table of assumptions."""
+
+
+class OffSwitch:
+    """High voltage is off on the simulated bench, and may not come on."""
+
+    def __init__(self, control: Any) -> None:
+        self._control = control
+
+    def disable(self) -> None:
+        self._control.disable_hv()
+
+    def enable(self) -> None:
+        raise AssertionError("high voltage was switched on")
+
+
+def commissioned(model: str, traits: str = "", seed: int = 1) -> Commissioned:
+    messages = MessageLog()
+    config = simulated(generator={"model": model, "traits": traits}, seed=seed)
+    with connect(config, None, 0.1, messages.observe) as lab:
+        assert lab.control is not None
+        with lab.bench.exercised(50e3, lambda _: None, OffSwitch(lab.control)) as exercised:
+            found = Commissioning(exercised, lab.bench.clock, messages).run()
+    return found
+
+
+def deviating(found: Commissioned) -> set[OutputCheck]:
+    return {check.check for check in found.checks if not check.passed}
+
+
+def contradicted(model: str, chosen: dict[str, str]) -> set[OutputCheck]:
+    """Return the checks that measure what the chosen deviations contradict."""
+    table = {each.quantity: each.checks for each in assumptions_about(model)}
+    return {check for name in chosen for check in table[PROPERTIES[name]]}
+
+
+def draw_deviations(model: str, seed: int) -> dict[str, str]:
+    """Return one to four deviations of a model, drawn from the seed."""
+    draw = random.Random(f"{model} {seed}")
+    some = draw.sample(deviations_of(model), draw.randint(1, 4))
+    return {trait.name: draw.choice(trait.options[1:]) for trait in some}
+
+
+def test_an_instrument_as_assumed_passes() -> None:
+    found = commissioned("33511B")
+    assert deviating(found) == set(), found.checks
+    assert 0.05 < found.times.stop_s < 1.0
+    assert found.times.start_s < 0.01
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_as_assumed_passes_whatever_its_unknown_traits(model: str) -> None:
+    for seed in (1, 2):
+        found = commissioned(model, seed=seed)
+        assert deviating(found) == set(), found.checks
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(
+    ("model", "name", "option"),
+    [
+        (model, trait.name, option)
+        for model in FAMILIES
+        for trait in deviations_of(model)
+        for option in trait.options[1:]
+    ],
+)
+def test_one_deviation_is_found_and_nothing_else(model: str, name: str, option: str) -> None:
+    """Two instruments that differ in one trait are told apart, by the property in which they differ."""
+    found = commissioned(model, f"{name}={option}")
+    assert deviating(found) == contradicted(model, {name: option}), found.checks
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("model", MODELS)
+def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int) -> None:
+    chosen = draw_deviations(model, seed)
+    found = commissioned(model, " ".join(f"{n}={o}" for n, o in chosen.items()), seed)
+    assert deviating(found) == contradicted(model, chosen), (chosen, found.checks)
+
+
+def test_every_deviation_contradicts_an_assumption() -> None:
+    assert {trait.name for trait in DEVIATIONS} == set(PROPERTIES)
+    for model in MODELS:
+        quantities = {each.quantity for each in assumptions_about(model)}
+        assert {PROPERTIES[trait.name] for trait in deviations_of(model)} <= quantities, model
+
+
+def test_the_table_is_about_every_model_by_its_own_driver() -> None:
+    for model in MODELS:
+        driver = next(n for n in BUILT_IN[SOURCES] if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
+        assert {each.driver for each in assumptions_about(model)} == {driver}
+    unused = [
+        a for a in assumptions() if a.driver != "dc-supply" and not any(a.is_about(m) for m in (*MODELS, "33522B"))
+    ]
+    assert not unused
+
+
+def test_what_cannot_show_is_listed_by_name() -> None:
+    checks = [CheckedOutput(check, 0.0, "V", None, 0.1) for check in OutputCheck]
+    found = checked_assumptions(assumptions_about("SDG1032X"), checks)
+    hidden = {each.assumption.quantity for each in found if each.verdict is OutputVerdict.HIDDEN}
+    assert {"largest upload", "end of a waveform's message", "LAN clients"} <= hidden
+    assert all(bool(each.assumption.checks) == (each.verdict is OutputVerdict.PASS) for each in found)
+
+
+def test_an_assumption_has_the_worst_verdict_of_its_checks() -> None:
+    both = Assumption("x", "x", "volts", "x", checks=(OutputCheck.REST, OutputCheck.OFFSET))
+    checks = [
+        CheckedOutput(OutputCheck.REST, 0.7, "V", -0.1, 0.1),
+        CheckedOutput(OutputCheck.OFFSET, 1.0, "1", 0.9, 1.1),
+    ]
+    assert checked_assumptions([both], checks)[0].verdict is OutputVerdict.DANGEROUS
+    assert checked_assumptions([both], checks[1:])[0].verdict is OutputVerdict.NOT_MEASURED
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("VOLT 0.500000;:SYST:ERR?", MessageKind.AMPLITUDE),
+        ("VOLT?", MessageKind.OTHER),
+        ("VOLT:OFFS 2.500000;:SYST:ERR?", MessageKind.OTHER),
+        ("FUNC:ARB TB2;:SYST:ERR?", MessageKind.UPLOAD),
+        ("FUNC:ARB:SRAT 40000;:SYST:ERR?", MessageKind.OTHER),
+        (":SOUR1:BURS:TRIG;:SYST:ERR?", MessageKind.TRIGGER),
+        (":SOUR1:BURS:TRIG:SOUR MAN;:SYST:ERR?", MessageKind.OTHER),
+        ("C1:BTWV MTRIG", MessageKind.TRIGGER),
+        ("ABOR;:SYST:ERR?", MessageKind.ABORT),
+        ("BURS:STAT OFF;:SYST:ERR?", MessageKind.ABORT),
+    ],
+)
+def test_a_message_is_known_by_what_it_changes(text: str, kind: MessageKind) -> None:
+    assert message_kind(text) is kind
