@@ -64,7 +64,8 @@ class World:
         creep: share of the response gained per decade of time, as a complex compliance around 10 Hz.
         hysteresis: share of the response at full drive that comes late, in proportion to the drive (Rayleigh).
         drift: share by which the response grows from the first run to the last.
-        solve: response per volt of a tactor on a skin.
+        by_elements: whether the free response is that of finite elements.
+        elongations_m: of the membrane, in the dwells on it.
     """
 
     tactor: Tactor = field(default_factory=Tactor)
@@ -74,6 +75,7 @@ class World:
     hysteresis: float = 0.0
     drift: float = 0.0
     by_elements: bool = False
+    elongations_m: tuple[float, ...] = ELONGATIONS_M
 
     def response(self, tactor: Tactor, f: np.ndarray, on: Skin | None = None) -> np.ndarray:
         if self.by_elements or np.isfinite(self.clamp):
@@ -177,7 +179,7 @@ def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -
             shared_errors=(SENSOR, AMPLIFIER), simulated=True,
         )
     )  # fmt: skip
-    for elongation in (None, *ELONGATIONS_M):
+    for elongation in (None, *world.elongations_m):
         on = None if elongation is None else skin(m, elongation / m.L_m, tactor=t)
         for a in amplitudes_v if elongation is None else amplitudes_v[:1]:
             name = "free" if a == amplitudes_v[0] else f"free {a:g} V"

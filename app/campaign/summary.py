@@ -11,7 +11,7 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus
-from app.identification import IdentificationResult, ObservationError, amplifier_of, identify
+from app.identification import IdentificationResult, ObservationError, SheetError, amplifier_of, identify
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, PaperChainError
@@ -163,7 +163,7 @@ def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = 
     for last in range(len(runs), 0, -1):
         try:
             found = identify(runs[:last], "chain", FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
-        except (RunReadError, ObservationError, PaperChainError, ParameterError) as error:
+        except (RunReadError, ObservationError, PaperChainError, ParameterError, SheetError) as error:
             why = str(error)
         else:
             return found if last == len(runs) else replace(found, notes=(*found.notes, why))

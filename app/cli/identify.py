@@ -28,6 +28,7 @@ from app.identification import (
     calibrations,
     describe_correction,
     identify,
+    known_tables,
 )
 from model import ParameterError
 from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
@@ -257,6 +258,7 @@ class DiffCalibrationCommand(ShowCalibrationCommand):
 
 def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
     simulated = ", SIMULATED" if version.simulated else ""
+    identified = [e for e in version.estimates if e.name not in version.known]
     active = "active" if version.version == calibrations.active else f"version {calibrations.active} is active"
     title = f"Specimen {version.specimen}, version {version.version} ({active}){simulated}"
     notes = [
@@ -266,9 +268,10 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
     return CommandResult(
         "calibration show",
         {name: value for name, value in version.fixed.items() if value is not None},
-        (estimate_table(title, version.estimates),),
+        (estimate_table(title, identified, version.statistical), *known_tables(version.known, version.estimates)),
         (
             *([version.decision] if version.decision else []),
+            *([f"{version.dimensions}"] if version.dimensions else []),
             *notes,
             *([describe_correction(version.reduced)] if version.reduced else []),
             *([version.note] if version.note else []),

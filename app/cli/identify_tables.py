@@ -213,9 +213,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     simulated = ", SIMULATED" if identification.observations.simulated else ""
     method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
-    identified = [e for e in identification.estimates if e.name not in identification.known]
     title = f"Specimen {identification.specimen}: {method}{simulated}"
-    tables = [estimate_table(title, identified, identification.statistical_errors)]
+    tables = [estimate_table(title, identification.identified, identification.statistical_errors)]
     tables += budget_tables(identification)
     if runs := identification.misfits:
         tables.append(

@@ -24,6 +24,7 @@ from app.cli.model_response import (
 from app.cli.options import CommandGroup, CommandSyntax, FileOptions, group, option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number, track
+from app.identification import TABLE_ONE, sheet_unit
 from model import Membrane, ParameterSpec, Specimen, Tactor, parameter_specs, specimen_record, variable_specs
 from model.response import (
     FREQUENCY_SPEC,
@@ -75,9 +76,26 @@ class ParametersTopic(Topic):
                 "skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]
             ),
             Table("derived", "What follows", derived, vertical=True),
+            Table(
+                "sources",
+                "The paper's Table I, and the standard uncertainty of its instrument",
+                (
+                    Column("name", "", list(TABLE_ONE), "parameter"),
+                    Column("source", "", [each.description for each in TABLE_ONE.values()]),
+                    Column("stated", "", [_format_table_one(n) for n in TABLE_ONE], "uncertainty"),
+                ),
+            ),
         )
         note = "Change one with --set, for example --set 'L=22 mm'; k_s and c_s too, in place of the membrane's."
         return CommandResult("model parameters", values, tables, (note,))
+
+
+def _format_table_one(name: str) -> str:
+    uncertainty = TABLE_ONE[name].uncertainty
+    if uncertainty is None:
+        return ""
+    factor, unit = sheet_unit(name)
+    return f"{factor * uncertainty:.2g} {unit}"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from app.common import (
     terminal_progress,
     usage_errors,
 )
+from app.identification import SheetError
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -56,7 +57,7 @@ class ReportCommand:
     )
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
-    @usage_errors(ReportError, LimitsError, RunReadError)
+    @usage_errors(ReportError, LimitsError, RunReadError, SheetError)
     def execute(self) -> int:
         if self.new_limits is not None:
             return _write_example_limits(self.new_limits)

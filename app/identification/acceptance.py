@@ -54,7 +54,7 @@ def accept_identification(
         AcceptanceError: nothing was identified, or a reason is needed.
         CalibrationError: the file cannot be read or written.
     """
-    if all(each.name in identification.known for each in identification.estimates):
+    if not identification.identified:
         raise AcceptanceError(
             f"nothing is accepted: these runs identify no parameter of {identification.specimen}; add runs, "
             "or fix parameters with --fix. Without --accept the command names what to measure next"
@@ -83,6 +83,9 @@ def accept_identification(
         reduced=correction.as_record() if correction else {},
         doubt=doubt,
         reason=reason if doubt else "",
+        known=dict(identification.known),
+        statistical=dict(identification.statistical_errors),
+        dimensions="" if identification.sheet is None else identification.sheet.description,
     )
     path = write_calibrations(folder, identification.specimen, Calibrations((*known.versions, accepted), number))
     return accepted, path

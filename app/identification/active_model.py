@@ -1,6 +1,6 @@
 """Model parameters of a specimen: its active calibration, or the paper's values if it has none."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,20 +53,15 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     try:
         file = path.stat()
     except OSError:
-        return PAPER_MODEL
+        return _uncalibrated_model(folder, specimen)
     stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
     if previous.stamp == stamp:
         return previous
     try:
         known = calibrations.read_calibrations(folder, specimen)
         if not known.active:
-            return ActiveModel(
-                PAPER_MODEL.tactor,
-                None,
-                f"{PAPER_MODEL.description}: no calibration of {specimen} is active",
-                "",
-                stamp,
-            )
+            base = _uncalibrated_model(folder, specimen)
+            return replace(base, description=f"{base.description}: no calibration of {specimen} is active", stamp=stamp)
         active = known.get()
         estimates = active.estimate_set()
         of_tactor, both = _select_estimates(estimates, Tactor), _select_estimates(estimates, Tactor, Membrane)
@@ -80,6 +75,22 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         return ActiveModel(active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping)
     except (CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
+
+
+def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
+    """Return the paper's values, with the dimensions of the specimen sheet if there is one."""
+    from app.identification.sheet_file import SheetError, load_sheet, sheet_path
+
+    path = sheet_path(folder, specimen)
+    if not path.exists():
+        return PAPER_MODEL
+    try:
+        sheet, file = load_sheet(folder, specimen), path.stat()
+    except (SheetError, OSError) as error:
+        return replace(PAPER_MODEL, problem=str(error))
+    words = f"{PAPER_MODEL.description} with the dimensions of {path.name}"
+    stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
+    return ActiveModel(sheet.tactor, None, words, "", stamp, sheet.membrane)
 
 
 def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:

@@ -28,7 +28,7 @@ notes = ""
 """
 
 
-class SheetError(Exception):
+class SheetError(ValueError):
     """A specimen sheet cannot be read or written; the message gives file, entry and remedy."""
 
 

@@ -68,6 +68,11 @@ class IdentificationResult:
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
 
     @property
+    def identified(self) -> tuple[EstimatedQuantity, ...]:
+        """The estimates without the parameters that were known beforehand."""
+        return tuple(e for e in self.estimates if e.name not in self.known)
+
+    @property
     def statistical_errors(self) -> Mapping[str, float]:
         """Standard uncertainty of each estimate by the scatter of the points alone; empty for the chain."""
         budget = self.budget

@@ -1,11 +1,12 @@
 """Uncertainty budget of an identification as tables: sources of each uncertainty, and what was known beforehand."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.common import Column, Table
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
+from model import EstimatedQuantity
 from model.identification import UncertaintyBudget, parameter_spec
 from protocols.base import format_with_uncertainty
 
@@ -29,9 +30,14 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("shares", "", [format_shares(budget, i) for i in at], "sources"),
             ),
         )  # fmt: skip
-    if known:
-        found = {e.name: e for e in identification.estimates}
-        names = [name for name in known if name in found]
+    yield from known_tables(known, identification.estimates)
+
+
+def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
+    """Yield the table of values known beforehand, and as the runs leave them; none without such values."""
+    found = {e.name: e for e in estimates}
+    names = [name for name in known if name in found]
+    if names:
         yield Table(
             "known",
             "Known beforehand, and with the runs",

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress, pluralize, version
+from app.identification import load_sheet
 from app.plotting.panels import ReportPlot
 from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
@@ -26,16 +27,19 @@ def build_report(
 
     Raises:
         ReportError: there is no run of the specimen, or of the golden unit.
+        SheetError: a specimen sheet is invalid.
         OSError: the folder cannot be read.
     """
     runs = _read_specimen_runs(folder, specimen, progress)
-    known = summarize_specimen(specimen, runs, progress)
+    known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen))
     outcomes: tuple[LimitOutcome, ...] = ()
     if limits is not None:
         golden = known.figures_of_merit if limits.golden == specimen else {}
         if limits.golden not in ("", specimen):
             golden_runs = _read_specimen_runs(folder, limits.golden, progress)
-            golden = summarize_specimen(limits.golden, golden_runs, progress).figures_of_merit
+            golden = summarize_specimen(
+                limits.golden, golden_runs, progress, load_sheet(folder, limits.golden)
+            ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")
     drawn = paper_plots(known.specimen, known.observations) if known.observations is not None else []
@@ -114,6 +118,7 @@ def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list
     if summary.perception_margins or summary.latency is not None:
         sections.append(ReportSection("Perceived amplitude and latency", tables.perception_blocks(summary)))
     sources: list[Block] = [
+        *tables.uncertainty_blocks(summary.specimen),
         *tables.held_values(summary.specimen),
         tables.quality_table(runs),
         tables.instrument_table(runs),

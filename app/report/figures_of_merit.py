@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Interval
 
 from app.common import NO_PROGRESS, Progress
+from app.identification import SpecimenSheet
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel, fit_specimen
 from model import Array, EstimatedQuantity, Membrane, ParameterSpec, Tactor
@@ -190,11 +191,13 @@ class SpecimenSummary:
     figures_of_merit: Mapping[str, EstimatedQuantity]
 
 
-def summarize_specimen(name: str, runs: tuple[ReportRun, ...], progress: Progress = NO_PROGRESS) -> SpecimenSummary:
+def summarize_specimen(
+    name: str, runs: tuple[ReportRun, ...], progress: Progress = NO_PROGRESS, sheet: SpecimenSheet | None = None
+) -> SpecimenSummary:
     """Identify a specimen from its runs, then compute margins and latency."""
     progress.update(0.0, "identifying")
     found, observations = fit_specimen(
-        name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying")
+        name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying"), sheet
     )
     if observations is None or found.identification is None:
         return SpecimenSummary(found, observations, (), None, figures_of_merit(found, observations, None, None, None))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from app.identification import IdentificationResult, identify_observations
+from app.identification import IdentificationResult, SpecimenSheet, identify_observations
 from app.report.runs import ReportRun
 from model import (
     AmplifierMap,
@@ -65,6 +65,8 @@ class SpecimenModel:
     """Bands over `GRID_HZ` by elongation (None: free), amplitude and kind."""
     damping_by_elongation: Mapping[float, tuple[float, float]] | None = None
     """Elongation (m) -> c_s and its standard error, from a fit with separate damping for every elongation."""
+    sheet: SpecimenSheet = field(default_factory=SpecimenSheet)
+    """Dimensions and masses."""
 
     @property
     def description(self) -> str:
@@ -190,25 +192,34 @@ class SpecimenModel:
 
 
 def fit_specimen(
-    name: str, runs: Sequence[ReportRun], progress: Callable[[int, float], None] | None = None
+    name: str,
+    runs: Sequence[ReportRun],
+    progress: Callable[[int, float], None] | None = None,
+    sheet: SpecimenSheet | None = None,
 ) -> tuple[SpecimenModel, ObservationSet | None]:
-    """Fit all runs jointly; if that is not possible, return the paper's Table I and the reason."""
+    """Fit all runs jointly; if that is not possible, return the paper's Table I and the reason.
+
+    Dimensions and masses are those of the `sheet`, by default Table I with the uncertainties of ruler and caliper.
+    """
+    sheet = sheet or SpecimenSheet(name)
     counting = [run for run in runs if run.identifiable]
     amplifier = counting[-1].amplifier if counting else AmplifierMap()
     n = max((run.shape_count for run in counting), default=FitOptions.n)
-    paper_model = SpecimenModel(Tactor(), Membrane(), amplifier, None, n)
+    paper_model = SpecimenModel(sheet.tactor, sheet.membrane, amplifier, None, n, sheet=sheet)
     if not counting:
         return replace(paper_model, problem="no run constrains the model"), None
     observations = None
     try:
         observations = ObservationSet(tuple(each for run in counting for each in run.observations))
         options = FitOptions(amplifier=amplifier, n=n)
-        found = identify_observations(name, observations, "joint", options, progress=progress)
+        found = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
         tactor, membrane = _fitted_parameters(found)
     except ValueError as error:  # the message names what the fit lacks
         return replace(paper_model, problem=str(error)), observations
-    damping = _damping_by_elongation(observations, options)
-    return SpecimenModel(tactor, membrane, amplifier, found, n, damping_by_elongation=damping), observations
+    damping = _damping_by_elongation(observations, sheet.fit_options(options, observations))
+    return SpecimenModel(
+        tactor, membrane, amplifier, found, n, damping_by_elongation=damping, sheet=sheet
+    ), observations
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane]:

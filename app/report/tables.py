@@ -7,6 +7,7 @@ from typing import Any
 
 from app.campaign import PAPER_ITEMS
 from app.common import Table, display_unit, pluralize
+from app.identification import TABLE_ONE, budget_record, format_shares, sheet_unit
 from app.plotting.panels import ReportPlot
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin, SpecimenSummary
@@ -66,6 +67,8 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
         count = pluralize(len(found.observations.runs), "set")
         blocks.append(Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone))
+        text = summary.specimen.sheet.description
+        blocks.append(Paragraph(f"{text[:1].upper()}{text[1:]}."))
         blocks += [Paragraph(_unidentified_text(each), "bad") for each in found.unidentified]
         blocks += [Paragraph(f"{note}.") for note in found.notes]
     if summary.perception_margins:
@@ -137,7 +140,9 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates compared with the paper's Table I."""
     rows = []
-    for e in specimen.estimates:
+    found = specimen.identification
+    statistical = {} if found is None else found.statistical_errors
+    for e in () if found is None else found.identified:
         paper = TABLE_I.get(e.name)
         factor, unit = display_unit(e.unit)
         rows.append(
@@ -145,15 +150,26 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
                 e.name,
                 parameter_description(e.name),
                 typeset_measurement(e.value, e.standard_error, e.unit),
+                _share(e.standard_error, e.value),
+                _share(statistical.get(e.name), e.value),
                 "" if paper is None else f"{typeset_number(factor * paper)} {typeset_unit(unit)}",
                 _percent(e.value / paper - 1) if paper else "",
                 ", ".join(dict.fromkeys(map(_item_name, e.source))),
             )
         )
-    heads = ("parameter", "meaning", "value ± standard error", "paper's Table I", "difference", "determined by")
+    heads = (
+        "parameter",
+        "meaning",
+        "value ± total",
+        "total",
+        "statistical",
+        "paper's Table I",
+        "difference",
+        "determined by",
+    )
     note = (
-        "Standard errors of the fit, the gain of the sensor included. Fixed parameters (appendix) count as exact: an error of a length or "
-        "a density is not in them."
+        "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses; shares in the appendix. "
+        "What is held (appendix) counts as exact."
     )
     fit = None if specimen.identification is None else specimen.identification.joint_fit
     if fit is not None and fit.error_scale > 1:
@@ -274,14 +290,54 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
     fit = None if specimen.identification is None else specimen.identification.joint_fit
     free = () if fit is None else fit.free_parameters
     rows = [
-        (name, SPECIMEN_PARAMETERS[name].description, _format_value(value, SPECIMEN_PARAMETERS[name].unit))
+        (
+            name,
+            SPECIMEN_PARAMETERS[name].description,
+            _format_value(value, SPECIMEN_PARAMETERS[name].unit),
+            TABLE_ONE[name].description,
+        )
         for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
         if name not in identified
         and name not in free
         and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
     ]
-    note = "Taken from the paper's Table I, as if they were exact: their errors are in none of the errors given here."
-    return [Table.of_rows("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
+    note = "As if they were exact: their errors are in none of the errors given here."
+    heads = ("parameter", "meaning", "value", "source in the paper's Table I")
+    return [Table.of_rows("Held, not identified", heads, rows, note)] if rows else []
+
+
+def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
+    """Return the tables of dimensions and masses, and of the sources of every uncertainty."""
+    found, sheet = specimen.identification, specimen.sheet
+    used = set(sheet.values) if found is None else set(found.known)
+    scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
+    rows = [
+        (
+            e.name,
+            SPECIMEN_PARAMETERS[e.name].description,
+            f"{typeset_with_error(scale[e.name][0] * e.value, scale[e.name][0] * e.uncertainty)} {typeset_unit(scale[e.name][1])}",
+            "sheet" if e.measured else "Table I",
+            e.instrument,
+            e.date,
+        )
+        for e in sheet.values.values()
+        if e.name in used
+    ]
+    texts = [("serial number", sheet.serial), ("photograph", sheet.photograph), ("notes", sheet.notes)]
+    remarks = [f"{name}: {text}" for name, text in (*texts, *sheet.descriptions.items()) if text]
+    heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
+    blocks: list[Block] = [Paragraph(f"{'. '.join([*remarks, sheet.description])}.")]
+    if rows:
+        blocks.append(Table.of_rows("Dimensions and masses", heads, rows))
+    if found is not None and (budget := found.budget) is not None:
+        shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
+        note = "Shares of the squared total; noise is the statistical part."
+        blocks.append(Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note))
+    return blocks
+
+
+def _share(error: float | None, value: float) -> str:
+    return f"{100 * abs(error / value):.2g} %" if error is not None and value else EMPTY_CELL
 
 
 def _format_value(value: float, unit: str) -> str:
@@ -362,7 +418,10 @@ def report_record(
         "imported": any(run.imported for run in runs),
         "passed": all(o.verdict == "pass" for o in outcomes) if outcomes else None,
         "limits": [{k: v.replace(SPACE, " ") for k, v in asdict(o).items()} for o in outcomes],
-        "parameters": [asdict(e) for e in summary.specimen.estimates],
+        "parameters": [] if found is None else [asdict(e) for e in found.identified],
+        "known": {} if found is None else {name: list(pair) for name, pair in found.known.items()},
+        "dimensions": summary.specimen.sheet.description,
+        "budget": None if found is None else budget_record(found.budget),
         "unidentified": [] if found is None else list(found.unidentified),
         "merits": [
             {"name": m.name, "value": m.value, "standard_error": m.standard_error, "unit": m.unit}

@@ -23,8 +23,12 @@ class ParameterChange:
     """The difference in units of its own standard error, both calibrations taken as independent."""
 
 
-_TYPES = {"version": int, "simulated": bool, "fixed": Mapping, "reduced": Mapping}
+_TYPES = {"version": int, "simulated": bool} | dict.fromkeys(("fixed", "reduced", "known", "statistical"), Mapping)
 """Types of the values of a record that are no texts."""
+
+
+_NEWER = ("doubt", "reason", "known", "statistical", "dimensions")
+"""Names that a record has only where they have a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,12 @@ class Calibration:
     """Why the result needed a decision: the model is not adequate for the runs, or was not tested; empty if it is adequate."""
     reason: str = ""
     """Why it was accepted all the same, in the words of who accepted it."""
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Value and standard uncertainty of the estimates that were known beforehand, such as lengths."""
+    statistical: Mapping[str, float] = field(default_factory=dict)
+    """By name, the part of an estimate's standard error by the scatter of the points alone; empty in older records."""
+    dimensions: str = ""
+    """What dimensions and masses are from, as text; empty where they are exact."""
 
     def __post_init__(self) -> None:
         P = len(self.estimates)
@@ -95,7 +105,9 @@ class Calibration:
     def as_record(self) -> dict[str, Any]:
         """Plain nested values, ready for JSON."""
         record = asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed), "reduced": dict(self.reduced)}
-        return {name: value for name, value in record.items() if value or name not in ("doubt", "reason")}
+        record["known"] = {name: list(pair) for name, pair in self.known.items()}
+        record["statistical"] = dict(self.statistical)
+        return {name: value for name, value in record.items() if value or name not in _NEWER}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
@@ -105,7 +117,7 @@ class Calibration:
             ParameterError: a key is missing or unknown, or a value does not fit.
         """
         known = {f.name for f in fields(cls)}
-        given = set(record) - {"kind"} | {"reduced", "doubt", "reason"}  # older records have none
+        given = set(record) - {"kind"} | {"reduced", *_NEWER}  # older records have none
         if record.get("kind") != "calibration" or given != known:
             missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
             raise ParameterError(
@@ -114,12 +126,13 @@ class Calibration:
         try:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
             covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
-            rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs"}}
+            rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs", "known"}}
             for name, value in rest.items():
                 if not isinstance(value, _TYPES.get(name, str)):
                     raise TypeError(f"{name} is {value!r:.40}")
-            return cls(estimates=estimates, covariance=covariance, runs=tuple(record["runs"]), **rest)
-        except (TypeError, KeyError, AttributeError) as error:
+            stated = {name: (float(value), float(error)) for name, (value, error) in record.get("known", {}).items()}
+            return cls(estimates=estimates, covariance=covariance, runs=tuple(record["runs"]), known=stated, **rest)
+        except (TypeError, KeyError, ValueError, AttributeError) as error:
             raise ParameterError(f"this calibration record is damaged: {error}; accept the estimates again") from None
 
     def _value(self, name: str) -> float:

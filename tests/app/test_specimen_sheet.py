@@ -9,6 +9,7 @@ import pytest
 
 import tactor_bench as tb
 from app.cli.main import main
+from app.identification.active_model import PAPER_MODEL, load_active_model
 from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_path, sheet_template
 from app.identification.specimen_sheet import DIMENSIONS, SpecimenSheet
 from app.identification.table_one import TABLE_ONE
@@ -183,3 +184,41 @@ def test_what_is_implausible_in_a_sheet_is_questioned(tmp_path: Path, capsys: py
         "there is no photograph",
     ):
         assert question in said
+
+
+def test_a_sheet_is_the_model_of_a_specimen_without_a_calibration(tmp_path: Path) -> None:
+    assert load_active_model(tmp_path, "T7") is PAPER_MODEL
+    path = sheet_path(tmp_path, "T7")
+    path.write_text('specimen = "T7"\n[plate]\nL = { value = "22.4 mm", uncertainty = "0.1 mm" }\n', "utf-8")
+    active = load_active_model(tmp_path, "T7")
+    assert (active.tactor.L, active.estimates) == (22.4e-3, None)
+    assert active.description == "the paper's values with the dimensions of T7.specimen.toml"
+    path.write_text('specimen = "T8"\n', "utf-8")
+    wrong = load_active_model(tmp_path, "T7")
+    assert wrong.tactor == Tactor()
+    assert "belongs to specimen T8, not to T7" in wrong.problem
+
+
+@pytest.mark.deep
+def test_a_calibration_keeps_what_was_known_beforehand(static: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", str(static), "--accept", "--reason", "for the mount only"]) == 0
+    kept = tb.calibration("T7", static.parent)
+    assert set(kept.known) == {"L", "L1", "L2", "b_Al", "h_Al", "E_Al", "rho1", "rho2"}
+    assert kept.known["L"] == (22e-3, 0.3e-3)
+    assert kept.statistical["k2"] < 0.1 * next(e.standard_error for e in kept.estimates if e.name == "k2")
+    capsys.readouterr()
+    assert main(["calibration", "show", "T7", "--folder", str(static.parent)]) == 0
+    shown = capsys.readouterr().out
+    assert "Known beforehand, and with the runs" in shown
+    assert "no specimen sheet: dimensions are those of the paper's Table I" in shown
+
+
+@pytest.mark.deep
+def test_the_report_has_dimensions_sources_and_both_uncertainties(static: Path, tmp_path: Path) -> None:
+    given = ("L=22 mm +- 0.1 mm", "serial=MFC-042")
+    assert main(["specimen", "set", "T7", *given, "--instrument", "steel rule", "--folder", str(static.parent)]) == 0
+    assert main(["report", "T7", "--folder", str(static.parent), "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "T7_report.html").read_text("utf-8")
+    for text in ("steel rule", "MFC-042", "Sources of the uncertainties", "statistical", "directly measured (ruler)",
+                 "identified from static deflection under a voltage"):  # fmt: skip
+        assert text in page, text
