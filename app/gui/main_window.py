@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
@@ -15,7 +15,7 @@ from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
-from app.gui.widgets import Item, Theme, add_actions, column, style_sheet, system_theme, update_actions
+from app.gui.widgets import Item, Overlaid, Theme, add_actions, column, style_sheet, system_theme, update_actions
 from app.live import SessionAdapter
 from app.session import WindowState, initial_window_state, unreported_watchdog_messages
 from protocols.base import Protocol
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from protocols.runner.request import RunRequest
 
 FRAME_MS = 16
+LEAST_SIZE = QSize(640, 330)
+"""In which state, voltage, Pause and Stop are whole; pages scroll."""
+
+FRAME_SIZE = QSize(4, 32)
+"""Of the frame that a desktop draws around a window: a window is never larger than its screen."""
+
 HIDDEN_CONNECT_DELAY_MS = 500
 """A window that is not visible, and so not painted, connects after this time."""
 
@@ -190,6 +196,8 @@ class MainWindow(QMainWindow):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.status_bar.scale_to_window(self.size())
+        if self.faults is not None:
+            self.faults.limit_height(self.height() // 4)
         if (outer := self.status_bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
             layout.activate()  # now: otherwise widgets overlap the signs for one frame
 
@@ -219,11 +227,13 @@ class MainWindow(QMainWindow):
     # -- building ------------------------------------------------------------------------------------------------------
 
     def _build(self, bench: str) -> None:
+        self.setMinimumSize(LEAST_SIZE)
         self.setWindowTitle(f"Tactor Bench – {bench}")
         centre, faults = QWidget(), () if self.faults is None else (self.faults,)
         for panel in faults:
             self.tabs.setCornerWidget(panel.corner)
-        parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (self.central, 1))
+        pages = Overlaid(self.central, self.notices.unsafe)
+        parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (pages, 1))
         column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
         self.setCentralWidget(centre)
         self.controller.changed.connect(self._show_state)
@@ -249,6 +259,7 @@ class MainWindow(QMainWindow):
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
+        self.resize(self.size().boundedTo(self.screen().availableSize() - FRAME_SIZE))
         # Show the Measure page if a protocol was given or is started.
         requested = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
         self.tabs.restore_state(folder, specimen, requested)

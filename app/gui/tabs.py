@@ -15,7 +15,16 @@ from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
-from app.gui.widgets import ACTIONS, BackgroundWorker, Theme, add_actions, column, configure, splitters
+from app.gui.widgets import (
+    ACTIONS,
+    BackgroundWorker,
+    Theme,
+    add_actions,
+    column,
+    configure,
+    make_scroll_area,
+    splitters,
+)
 from app.live import Overlay, SessionAdapter
 from app.session import WindowState
 from protocols.base import Protocol as Measurement
@@ -119,7 +128,10 @@ class MainTabs(QTabWidget):
                 page.set_state(self._state)
             while (placeholder := self._page_layouts[index].takeAt(0)) is not None:
                 cast("QWidget", placeholder.widget()).deleteLater()
-            self._page_layouts[index].addWidget(page)
+            # A page keeps its least size, and scrolls in a window that is too small for it.
+            area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+            area.setWidget(page)
+            self._page_layouts[index].addWidget(area)
             page.show()
         return self._created[index]
 

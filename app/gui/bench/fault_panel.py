@@ -59,7 +59,7 @@ class FaultPanel(QWidget):
             )
             for name, description in FAULT_DESCRIPTIONS.items()
         }
-        self.list = QScrollArea()
+        self.list, self._sheet = QScrollArea(), QWidget()
         self._build()
         add_actions(parent, {"faults.toggle": self.open_button.click, "faults.clear": self.clear_button.click})
 
@@ -74,6 +74,10 @@ class FaultPanel(QWidget):
         was_open = self.open_button.isChecked()
         self.open_button.setChecked(False)
         return was_open
+
+    def limit_height(self, height: int) -> None:
+        """Limit the height of the list, which scrolls beyond it."""
+        self.list.setMaximumHeight(min(height, self._sheet.sizeHint().height() + 4))
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -119,17 +123,17 @@ class FaultPanel(QWidget):
 
     def _build(self) -> None:
         row((self.band_label, 1), self.clear_button, parent=self.band, margins=(12, 4, 8, 4))
-        sheet, rows = QWidget(), -(-len(self.fault_boxes) // COLUMNS)
+        rows = -(-len(self.fault_boxes) // COLUMNS)
         grid(
             *((box, at % rows, at // rows) for at, box in enumerate(self.fault_boxes.values())),
             (self.message_label, rows, 0, 1, COLUMNS),
-            parent=sheet,
+            parent=self._sheet,
             margins=(12, 6, 12, 6),
             spacing=(-1, 2),
         )
         for name, box in self.fault_boxes.items():
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
-        self.list.setWidget(sheet)
+        self.list.setWidget(self._sheet)
         configure(
             self.list,
             "faults.list",
@@ -137,7 +141,6 @@ class FaultPanel(QWidget):
             widgetResizable=True,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=48,  # a notice above it may need the space: then it scrolls
-            maximumHeight=sheet.sizeHint().height() + 4,
             sizePolicy=QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding),
         )
         column(self.band, self.list, parent=self, margins=(10, 0, 10, 0), spacing=4)

@@ -40,7 +40,11 @@ class Notice(QFrame):
         )
         self.text_layout = column(self.message_label, self.detail_label, spacing=4)
         self.symbol, self.buttons = SymbolIcon(symbol, self.message_label), list(buttons)
-        self.row = row(self.symbol, (self.text_layout, 1), *buttons, parent=self, margins=(16, 10, 12, 10), spacing=14)
+        top = Qt.AlignmentFlag.AlignTop  # in a window so small that the notice scrolls, they are seen first
+        placed = ((button, 0, top) for button in buttons)
+        self.row = row(
+            (self.symbol, 0, top), (self.text_layout, 1), *placed, parent=self, margins=(16, 10, 12, 10), spacing=14
+        )
         configure(self, name, kind=kind).hide()
 
     def show_message(self, text: str, detail: str = "") -> None:

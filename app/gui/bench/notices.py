@@ -1,4 +1,4 @@
-"""Notices above the pages: unsafe state, closing, operator prompts, failures and verdicts."""
+"""Notices above the pages: closing, operator prompts, failures and verdicts; and over them: the unsafe state."""
 
 import time
 
@@ -9,7 +9,16 @@ from app.common import Severity, outcome_severity
 from app.gui.bench.notice import Notice
 from app.gui.bench.prompt import PromptNotice
 from app.gui.session_controller import SessionController
-from app.gui.widgets import ACTIONS, add_action, add_actions, column, make_button, set_style_kind, shortcut_label
+from app.gui.widgets import (
+    ACTIONS,
+    FittedScrollArea,
+    add_action,
+    add_actions,
+    column,
+    make_button,
+    set_style_kind,
+    shortcut_label,
+)
 from app.session import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
@@ -22,8 +31,8 @@ UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged.
 CLOSING_TEXT = "Closing: the bench goes to rest and releases its instruments …"
 
 
-class NoticeArea(QWidget):
-    """Hidden while there is no message.
+class NoticeArea(FittedScrollArea):
+    """Hidden while there is no message; `unsafe` is placed over the page, so that it does not move it.
 
     Args:
         controller: executes the operator's answers.
@@ -33,7 +42,8 @@ class NoticeArea(QWidget):
     close_confirmed = Signal()
 
     def __init__(self, controller: SessionController, parent: QWidget) -> None:
-        super().__init__(parent)
+        content = QWidget()
+        super().__init__(content, parent)
         self._controller = controller
         self.unsafe = Notice(
             "notices.unsafe",
@@ -65,7 +75,7 @@ class NoticeArea(QWidget):
             make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="verdict.dismiss"),
         )
         self._notices = (self.unsafe, self.closing, self.prompt, self.problem, self.verdict)
-        column(*self._notices, parent=self, margins=(10, 0, 10, 0), spacing=6)
+        column(*self._notices[1:], parent=content, margins=(10, 0, 10, 0), spacing=6)
         self._shown_at_s, self._no_bench = 0.0, False
         self._answer_action = add_action(parent, ACTIONS["answer"], self._on_enter)
         add_actions(parent, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
@@ -125,7 +135,7 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def _update_visibility(self) -> None:
-        self.setVisible(not all(notice.isHidden() for notice in self._notices))
+        self.setVisible(not all(notice.isHidden() for notice in self._notices[1:]))
         self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     def _awaits_answer(self, notice: Notice) -> bool:

@@ -8,7 +8,7 @@ from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.session_controller import SessionController
-from app.gui.widgets import LIGHT, Item, Theme, column, configure, make_button, make_progress_bar, row
+from app.gui.widgets import LIGHT, Theme, column, configure, grid, make_button, make_progress_bar, row
 from app.session import BenchState, InstrumentStatus, Lamp, WindowState
 from protocols.base import Outcome
 
@@ -26,21 +26,40 @@ STATE_SYMBOLS = {
     BenchState.NO_BENCH: "nothing",
 }
 LAMP_SYMBOLS = {Lamp.WAITING: "dots", Lamp.READY: "tick", Lamp.SUSPECT: "question", Lamp.MISSING: "cross"}
-REFERENCE_SIZE = QSize(1280, 80)
-"""A window's width, and a sign's height in it, that the style sheet's sizes are meant for."""
+ROW_HEIGHT = 48
+"""Of the signs and buttons while nothing is driven."""
+
+ALARM_HEIGHTS = (72, 130)
+"""Least and greatest height of the signs while the specimen is driven or may be: to be read from two metres."""
+
+TASK_WIDTH, LAMPS_WIDTH, ROLES_WIDTH, IDENTITIES_WIDTH = 860, 720, 1180, 1500
+"""Least width of a window that shows the run, the instruments' lamps, their roles, and their identities."""
 
 ALARM_STATES = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
 STRIPED_STATES = (BenchState.LIVE, *ALARM_STATES)
+LARGE_STATES = (*STRIPED_STATES, BenchState.GOING_TO_REST)
 
 
 class InstrumentLamp(QWidget):
-    """Status lamp of one instrument with its role and identity, elided to the available width."""
+    """Status lamp of one instrument; where there is room with its role, and with its identity elided to the width.
+
+    Args:
+        parent: the status bar.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.instrument = InstrumentStatus("", "", Lamp.WAITING)
         self._theme = LIGHT
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self._shows_role = self._shows_identity = True
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+
+    def show_texts(self, role: bool, identity: bool) -> None:
+        """Choose whether the role and the identity are shown beside the lamp; the tool tip always has both."""
+        if (role, identity) != (self._shows_role, self._shows_identity):
+            self._shows_role, self._shows_identity = role, identity
+            self.updateGeometry()
+            self.update()
 
     def show_instrument(self, instrument: InstrumentStatus, theme: Theme) -> None:
         """Show an instrument."""
@@ -55,7 +74,9 @@ class InstrumentLamp(QWidget):
         return self.instrument.identity if self.instrument.lamp is Lamp.READY else str(self.instrument.lamp)
 
     def sizeHint(self) -> QSize:
-        return QSize(120, self.fontMetrics().height() + 8)
+        line = self.fontMetrics().height()
+        width = line + 2 + self._shows_role * 88 + self._shows_identity * 120
+        return QSize(width, line + 4)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -70,7 +91,11 @@ class InstrumentLamp(QWidget):
         painter.save()
         SYMBOLS[LAMP_SYMBOLS[self.instrument.lamp]](painter, lamp.adjusted(inset, inset, -inset, -inset))
         painter.restore()
-        left = lamp.right() + 6
+        if self._shows_role:
+            self._draw_texts(painter, lamp.right() + 6)
+        painter.end()
+
+    def _draw_texts(self, painter: QPainter, left: float) -> None:
         bold = self.font()
         bold.setBold(True)
         painter.setFont(bold)
@@ -78,12 +103,13 @@ class InstrumentLamp(QWidget):
         role = self.instrument.role
         flags = int(Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft)
         painter.drawText(QRectF(left, 0, self.width(), self.height()), flags, role)
+        if not self._shows_identity:
+            return
         left += QFontMetricsF(bold).horizontalAdvance(role) + 6
         painter.setFont(self.font())
         painter.setPen(QColor(self._theme.secondary_text))
         text = self.fontMetrics().elidedText(self.text, Qt.TextElideMode.ElideRight, max(int(self.width() - left), 0))
         painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, text)
-        painter.end()
 
 
 class BenchStatusBar(QWidget):
@@ -94,12 +120,13 @@ class BenchStatusBar(QWidget):
         self._theme = theme
         self._state: WindowState | None = None
         self.state_sign, self.voltage_sign, self.task_sign = (
-            configure(StatusSign(width), f"status.{name}")
-            for name, width in (("state", 270), ("voltage", 236), ("task", 200))
+            configure(StatusSign(*widths), f"status.{name}")
+            for name, widths in (("state", (220, 150)), ("voltage", (200, 120)), ("task", (200, 120)))
         )
-        self.progress_bar = make_progress_bar(1000, 12, "status.progress")
+        self.progress_bar = make_progress_bar(1000, 8, "status.progress")
         # Otherwise their large text would keep a window large.
         narrow = {"sizePolicy": QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed), "minimumWidth": 72}
+        self._window_size = QSize(1280, 720)
         self.simulated_label = configure(
             QLabel("SIMULATED"),
             "status.simulated",
@@ -127,20 +154,40 @@ class BenchStatusBar(QWidget):
             **narrow,
         )
         self.lamps: list[InstrumentLamp] = []
-        self._lamp_row = row(spacing=16)
+        self._lamp_grid = grid(spacing=(10, 2))
+        self._run = QWidget()
+        column((self.task_sign, 1), self.progress_bar, parent=self._run, margins=(0, 0, 0, 0), spacing=2)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        run = column((self.task_sign, 1), self.progress_bar, spacing=4)
-        signs: tuple[Item, ...] = ((self.state_sign, 9), (self.voltage_sign, 8), (run, 9))
-        top = row(*signs, self.simulated_label, self.pause_button, self.stop_button, spacing=18)
-        column(top, self._lamp_row, parent=self, margins=(10, 8, 10, 4), spacing=4)
+        row(
+            (self.state_sign, 9),
+            (self.voltage_sign, 8),
+            (self._run, 10),
+            self._lamp_grid,
+            self.simulated_label,
+            self.pause_button,
+            self.stop_button,
+            parent=self,
+            margins=(10, 6, 10, 2),
+            spacing=10,
+        )
 
     def scale_to_window(self, window: QSize) -> None:
-        """Scale the signs with the window: a large screen is read from further away."""
-        height = min(max(window.height() // 9, 72), 130)
+        """Choose what is shown and how large; a narrow window keeps the state, the voltage, Pause and Stop."""
+        self._window_size = window
+        state = BenchState.CONNECTING if self._state is None else self._state.bench_state
+        height = ROW_HEIGHT
+        if state in LARGE_STATES:
+            height = max(min(window.height() // 9, ALARM_HEIGHTS[1]), min(window.height() // 6, ALARM_HEIGHTS[0]))
         for widget in (self.state_sign, self.voltage_sign, self.simulated_label, self.pause_button, self.stop_button):
             widget.setFixedHeight(height)
-        grown = max(min(height / REFERENCE_SIZE.height(), window.width() / REFERENCE_SIZE.width()), 1.0)
-        for button, points in ((self.simulated_label, 13), (self.pause_button, 11), (self.stop_button, 13)):
+        self._run.setFixedHeight(height)
+        self._run.setVisible(window.width() >= TASK_WIDTH)
+        for lamp in self.lamps:
+            lamp.setVisible(window.width() >= LAMPS_WIDTH and bool(lamp.instrument.role))
+            lamp.show_texts(window.width() >= ROLES_WIDTH, window.width() >= IDENTITIES_WIDTH)
+        # A large screen is read from further away; a narrow window has little room.
+        grown = max(min(height / ALARM_HEIGHTS[0], window.width() / 1280), 0.75)
+        for button, points in ((self.simulated_label, 12), (self.pause_button, 11), (self.stop_button, 13)):
             style = f"font-size: {points * grown:.0f}pt"
             if button.styleSheet() != style:
                 button.setStyleSheet(style)
@@ -172,6 +219,8 @@ class BenchStatusBar(QWidget):
         self.pause_button.setEnabled(view.can_pause and not view.pause_requested)
         if last is None or last.instruments != view.instruments:
             self._show_lamps(view.instruments)
+        if last is None or last.bench_state is not view.bench_state:
+            self.scale_to_window(self._window_size)
         self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s)
 
     def show_progress(self, streamed_s: float) -> None:
@@ -204,12 +253,11 @@ class BenchStatusBar(QWidget):
     def _show_lamps(self, instruments: tuple[InstrumentStatus, ...]) -> None:
         while len(self.lamps) < len(instruments):
             self.lamps.append(InstrumentLamp(self))
-            self._lamp_row.addWidget(self.lamps[-1])
-        for at, label in enumerate(self.lamps):
-            label.setVisible(at < len(instruments))
-            if at < len(instruments):
-                label.show_instrument(instruments[at], self._theme)
-                self._lamp_row.setStretch(at, 6 + len(instruments[at].role) + len(label.text))
+            self._lamp_grid.addWidget(self.lamps[-1], (len(self.lamps) - 1) % 2, (len(self.lamps) - 1) // 2)
+        for at, lamp in enumerate(self.lamps):
+            known = at < len(instruments)
+            lamp.show_instrument(instruments[at] if known else InstrumentStatus("", "", Lamp.WAITING), self._theme)
+        self.scale_to_window(self._window_size)
 
 
 def _outcome_text(outcome: Outcome) -> str:

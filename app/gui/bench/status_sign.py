@@ -14,12 +14,12 @@ NOTE_SHARE = 0.30
 class StatusSign(QWidget):
     """Paints a text in the largest type that fits; on two lines where that is larger."""
 
-    def __init__(self, width: int, parent: QWidget | None = None) -> None:
+    def __init__(self, width: int, least_width: int, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.text, self.note, self._symbol = "", "", ""
         self._background, self._foreground = "#808080", "#ffffff"
         self._striped = False
-        self._width = width
+        self._width, self._least_width = width, least_width
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
 
     def set_content(self, text: str, note: str = "", symbol: str = "") -> None:
@@ -39,7 +39,7 @@ class StatusSign(QWidget):
         return QSize(self._width, 84)
 
     def minimumSizeHint(self) -> QSize:
-        return QSize(self._width, 40)
+        return QSize(self._least_width, 40)
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -73,6 +73,8 @@ class StatusSign(QWidget):
     def _draw_text(self, painter: QPainter, area: QRectF, text: str, *, bold: bool, max_px: int) -> None:
         lines, font = _fit_text(self.font(), text, area, bold, max_px)
         painter.setFont(font)
+        metrics = painter.fontMetrics()
+        lines = [metrics.elidedText(line, Qt.TextElideMode.ElideRight, int(area.width()) + 1) for line in lines]
         flags = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
         painter.drawText(area, int(flags), "\n".join(lines))
 

@@ -13,6 +13,7 @@ from .dropped_files import dropped_tables as dropped_tables
 from .elided_label import ElidedLabel as ElidedLabel
 from .file_dialog import Mode as Mode
 from .file_dialog import choose_files as choose_files
+from .fitted_scroll_area import FittedScrollArea as FittedScrollArea
 from .form import ProtocolForm as ProtocolForm
 from .form import format_parameter as format_parameter
 from .form import protocol_fields as protocol_fields
@@ -32,6 +33,7 @@ from .layouts import make_scroll_area as make_scroll_area
 from .layouts import make_splitter as make_splitter
 from .layouts import row as row
 from .log_pane import LogPane as LogPane
+from .overlaid import Overlaid as Overlaid
 from .progress_row import ProgressRow as ProgressRow
 from .status_line import StatusLine as StatusLine
 from .theme import LIGHT as LIGHT

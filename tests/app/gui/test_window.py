@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
+from PySide6.QtCore import QCoreApplication, QPoint, QRect, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
@@ -393,4 +393,43 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         assert stage.window.size() == size
         bar = stage.window.status_bar
         assert find(bar, "status.stop").width() >= find(bar, "status.stop").sizeHint().width()
-        assert bar.lamps[0].y() > find(bar, "status.state").geometry().bottom()
+
+
+@pytest.mark.parametrize("state", ["idle", "live", "unsafe"])
+def test_state_pause_and_stop_are_whole_in_the_smallest_window(stage: Stage, state: str) -> None:
+    """640 x 330 points are a screen of 1366 x 768 at 200 %, and its frame."""
+    stage.happen(OPENED)
+    if state != "idle":
+        stage.window.start_run()
+        stage.happen(*LIVE, *(LOST if state == "unsafe" else ()))
+    for page in range(stage.window.tabs.count()):
+        stage.window.tabs.setCurrentIndex(page)
+        for size in (QSize(640, 330), QSize(900, 470), QSize(1092, 614)):
+            stage.window.resize(size)
+            QCoreApplication.processEvents()
+            assert stage.window.size() == size
+            bar = stage.window.status_bar
+            for name in ("status.state", "status.voltage", "status.pause", "status.stop"):
+                shown = find(bar, name)
+                assert stage.window.rect().contains(QRect(shown.mapTo(stage.window, QPoint(0, 0)), shown.size())), (
+                    name,
+                    size,
+                )
+                assert shown.visibleRegion().boundingRect().size() == shown.size(), (name, size)
+                assert shown.height() >= 40
+
+
+def test_an_unsafe_message_lies_over_the_page_and_moves_nothing(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE)
+    QCoreApplication.processEvents()
+    run_button = find(stage.window, "measure.run")
+    before = run_button.mapTo(stage.window, QPoint(0, 0))
+    stage.happen(*LOST)
+    QCoreApplication.processEvents()
+    message = find(stage.window, "notices.unsafe")
+    assert message.isVisible()
+    assert run_button.mapTo(stage.window, QPoint(0, 0)) == before
+    centre = message.mapTo(stage.window, message.rect().center())
+    assert message.isAncestorOf(stage.window.childAt(centre))
