@@ -132,7 +132,7 @@ class MainTabs(QTabWidget):
             area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
             area.setWidget(page)
             self._page_layouts[index].addWidget(area)
-            page.show()
+            area.show()  # now, so that the page can take the focus
         return self._created[index]
 
     @property
