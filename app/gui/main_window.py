@@ -29,7 +29,7 @@ LEAST_SIZE = QSize(640, 330)
 """In which state, voltage, Pause and Stop are whole; pages scroll."""
 
 FRAME_SIZE = QSize(4, 32)
-"""Of the frame that a desktop draws around a window: a window is never larger than its screen."""
+"""Of the frame that a desktop draws around a window."""
 
 HIDDEN_CONNECT_DELAY_MS = 500
 """A window that is not visible, and so not painted, connects after this time."""
@@ -259,10 +259,14 @@ class MainWindow(QMainWindow):
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
-        self.resize(self.size().boundedTo(self.screen().availableSize() - FRAME_SIZE))
+        self.resize(self.size().boundedTo(self._largest_size()))
         # Show the Measure page if a protocol was given or is started.
         requested = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
         self.tabs.restore_state(folder, specimen, requested)
+
+    def _largest_size(self) -> QSize:
+        """Return the free size of the screen, without the window's frame."""
+        return self.screen().availableSize() - FRAME_SIZE
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())

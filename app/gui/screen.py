@@ -36,7 +36,7 @@ X11_LIBRARIES = {
 
 def has_screen() -> bool:
     """Whether a window could be seen: always on Windows and macOS, with a display server elsewhere."""
-    if os.environ.get("QT_QPA_PLATFORM") in ("offscreen", "minimal"):
+    if os.environ.get("QT_QPA_PLATFORM", "").partition(":")[0] in ("offscreen", "minimal"):
         return True  # requested, as by tests
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 

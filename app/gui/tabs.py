@@ -128,11 +128,14 @@ class MainTabs(QTabWidget):
                 page.set_state(self._state)
             while (placeholder := self._page_layouts[index].takeAt(0)) is not None:
                 cast("QWidget", placeholder.widget()).deleteLater()
-            # A page keeps its least size, and scrolls in a window that is too small for it.
+            # A page keeps its least size, and scrolls in a window that is too small for it. It is put into an area that has
+            # its size, which would otherwise divide the page's splitters anew, and is visible, so that the page takes the focus.
             area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
-            area.setWidget(page)
             self._page_layouts[index].addWidget(area)
-            area.show()  # now, so that the page can take the focus
+            area.show()
+            self._page_layouts[index].activate()
+            area.setWidget(page)
+            page.show()
         return self._created[index]
 
     @property

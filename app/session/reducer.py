@@ -126,6 +126,8 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
                 _without_results(view), busy=True, bench_state=state, progress=progress, simulated=event.simulated
             )
             return replace(view, rest=None, drive=None, seen_v=None, protocol=event.protocol)
+        case PromptShown() if view.bench_state is BenchState.GOING_TO_REST:
+            return view  # shown just before Stop: nothing that it asks for is to be done any more
         case PromptShown(_, prompt):
             # The operator switches high voltage on before answering: the specimen is live from now on.
             off = view.bench_state in (BenchState.ARMING, BenchState.HV_OFF)

@@ -241,6 +241,12 @@ def test_points_that_no_fit_may_use_are_counted() -> None:
     assert view.unusable == 1
 
 
+def test_a_prompt_that_arrives_after_stop_is_not_shown() -> None:
+    view = view_after(*BEGUN, OperatorAction.STOP, PromptShown(2, ENABLE_HIGH_VOLTAGE))
+    assert view.prompt is None
+    assert view.bench_state is BenchState.GOING_TO_REST
+
+
 def test_a_prompt_is_there_until_it_is_answered_or_the_run_ends() -> None:
     prompt = PromptShown(2, ENABLE_HIGH_VOLTAGE)
     assert view_after(*BEGUN, prompt).prompt == prompt

@@ -11,6 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
 from app.gui.bench.notices import INPUT_GUARD_S
+from app.gui.main_window import MainWindow
 from app.gui.widgets.theme import DARK, LIGHT
 from app.session.session import BenchFailed, RunRejected
 from app.session.state import BenchState
@@ -433,3 +434,11 @@ def test_an_unsafe_message_lies_over_the_page_and_moves_nothing(stage: Stage) ->
     assert run_button.mapTo(stage.window, QPoint(0, 0)) == before
     centre = message.mapTo(stage.window, message.rect().center())
     assert message.isAncestorOf(stage.window.childAt(centre))
+
+
+def test_a_window_is_never_larger_than_its_screen(
+    open_stage: OpenStage, settings: QSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A laptop's screen of 1366 x 768 has 910 x 512 points at 150 %."""
+    monkeypatch.setattr(MainWindow, "_largest_size", lambda _: QSize(906, 480))
+    assert open_stage().window.size() == QSize(906, 480)
