@@ -60,8 +60,9 @@ class SimulatedOperator:
         self._bench.disable_hv()  # the specimen must not be live; a run prompts for high voltage again
         self._bench.perform_action("tidy-up", {})
 
-    def show(self, ask_id: int, prompt: Prompt) -> None:
-        """Start the action."""
+    def show(self, ask_id: int, prompt: Prompt, patience_s: float | None = None) -> None:
+        """Start the action. `patience_s` replaces this operator's."""
+        patience_s = self._patience_s if patience_s is None else patience_s
         bench, due_s = self._bench, 0.0
         match prompt.action:
             case "disable-high-voltage":
@@ -71,7 +72,7 @@ class SimulatedOperator:
                 bench.enable_hv()
             case action if action in OPERATOR_ACTIONS:
                 due_s = bench.perform_action(action, dict(prompt.values))
-                due_s = due_s + self._patience_s if action in SLOW_ACTIONS else 0.0
+                due_s = due_s + patience_s if action in SLOW_ACTIONS else 0.0
         self._answers[ask_id] = due_s, prompt.choices[0]
 
     def answer(self, ask_id: int) -> str | None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from inspect import getdoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from app.cli.options import (
     JSON_EVENTS,
@@ -25,6 +25,7 @@ from app.common import ExitCode, UsageError, path_argument, print_line, print_me
 
 if TYPE_CHECKING:
     from app.cli.headless import SelectedBench
+    from app.config import BenchConfig
     from protocols.base import Protocol
 
 PROTOCOL_HELP = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
@@ -156,17 +157,21 @@ class ResumeCommand(BenchOptions, _AgainOptions):
 
 def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool) -> int:
     from app.config import load_bench
-    from app.gui.application import open_window
-    from app.session import connect
+    from app.gui.application import OpenedBench, open_window
+    from app.session import SimulationSettings, connect
 
-    def open_bench(name: str) -> tuple[Any, Any]:
+    def choose(config: "BenchConfig", speed: float | None) -> OpenedBench:
+        if not config.simulated:
+            return OpenedBench(lambda: connect(config, speed), config)
+        simulation = SimulationSettings(speed)
+        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation)
+
+    def open_bench(name: str) -> OpenedBench:
         other = load_bench(name)
-        speed = other.simulation_parameters.speed if other.simulated else 1.0
-        return lambda: connect(other, speed), other
+        return choose(other, other.simulation_parameters.speed if other.simulated else 1.0)
 
     return open_window(
-        lambda: connect(selected.config, selected.speed),
-        selected.config,
+        choose(selected.config, selected.speed),
         protocol,
         options.out,
         options.specimen,

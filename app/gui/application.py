@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
@@ -17,14 +18,30 @@ from app.common import to_number
 from app.config import BenchConfig
 from app.gui.main_window import MainWindow
 from app.live import Connect, MakeSession, SessionAdapter
-from app.session import UNSAFE_EXIT, Session
+from app.session import UNSAFE_EXIT, Session, SimulationSettings
 from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
 WELCOME_SEEN_KEY = "window/seen"
 """Settings key: this window has been opened before."""
 
-BenchFactory = Callable[[str], tuple[Connect, BenchConfig]]
+
+@dataclass(frozen=True, slots=True)
+class OpenedBench:
+    """A bench that the window opens.
+
+    Args:
+        connect: opens it.
+        config: the bench file, for names and the amplifier's map.
+        simulation: settings of a simulated bench that the operator may change in the window.
+    """
+
+    connect: Connect
+    config: BenchConfig
+    simulation: SimulationSettings | None = None
+
+
+BenchFactory = Callable[[str], OpenedBench]
 
 
 def qt_application() -> QApplication:
@@ -40,8 +57,7 @@ def qt_application() -> QApplication:
 
 
 def open_window(
-    connect: Connect,
-    config: BenchConfig,
+    bench: OpenedBench,
     protocol: Protocol,
     folder: Path | None = None,
     specimen: str | None = None,
@@ -53,8 +69,7 @@ def open_window(
     """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
     Args:
-        connect: opens the bench.
-        config: the bench file, for names and the amplifier's map.
+        bench: the bench to open.
         protocol: fills the form.
         folder: for run files; None for the one used last.
         specimen: its name; None for the one used last.
@@ -72,15 +87,14 @@ def open_window(
     kept.setValue(WELCOME_SEEN_KEY, True)
     starts_demo = False
     while True:
-        requested: list[tuple[Connect, BenchConfig]] = []
+        requested: list[OpenedBench] = []
 
-        def change(name: str, requested: list[tuple[Connect, BenchConfig]] = requested) -> None:
+        def change(name: str, requested: list[OpenedBench] = requested) -> None:
             if bench_factory is not None:
                 requested.append(bench_factory(name))
 
-        window = MainWindow(
-            SessionAdapter(connect, make_session), config, protocol, folder, specimen, kept, autostart, change
-        )
+        adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
+        window = MainWindow(adapter, bench.config, protocol, folder, specimen, kept, autostart, change)
         if newcomer:
             window.central.show_welcome()
         if starts_demo:
@@ -89,7 +103,7 @@ def open_window(
         starts_demo = window.demo_requested
         if not requested or code == UNSAFE_EXIT:
             break
-        connect, config = requested[-1]
+        bench = requested[-1]
         newcomer = autostart = False
     if units.ident is not None:
         units.join()

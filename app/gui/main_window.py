@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 from app.config import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
 from app.gui.bench.notices import NoticeArea
+from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
@@ -66,7 +67,8 @@ class MainWindow(QMainWindow):
         self.theme = system_theme()
         self.status_bar = BenchStatusBar(self.theme, self.controller)
         self.notices = NoticeArea(self.controller, self)
-        self.faults = FaultPanel(adapter.faults, self) if config.simulated else None
+        controls = SimulationControls(adapter.simulation, self.controller) if adapter.simulation is not None else None
+        self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
         self.tabs = MainTabs(protocol, adapter, config, settings, self.theme)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs)
@@ -144,7 +146,7 @@ class MainWindow(QMainWindow):
         # The operator's prompt id is set only after the event was emitted.
         self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
         if view.busy:
-            self.status_bar.show_progress(self.adapter.feed.streamed_s)
+            self.status_bar.show_progress(self.adapter.feed.streamed_s, self.adapter.session.bench)
         self.tabs.tick()
         if self._autostart and view.can_run:
             self._autostart = False

@@ -26,7 +26,7 @@ class SessionController(QObject):
 
     def __init__(self, adapter: SessionAdapter, state: WindowState, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.adapter, self.state, self.closing = adapter, state, False
+        self.adapter, self.state, self.closing, self._reconnecting = adapter, state, False, False
 
     @property
     def can_start(self) -> bool:
@@ -36,6 +36,9 @@ class SessionController(QObject):
     def process_events(self) -> None:
         """Reduce the events since the last call to the window state; give up a stopped session that hangs in a driver."""
         self.adapter.session.abandon_if_hung()
+        if self._reconnecting and not self.closing and self.adapter.reconnect():
+            self._reconnecting = False
+            self.adapter.session.start()
         view = self.state
         for event in self.adapter.pending_events():
             view = reduce(view, event)
@@ -49,12 +52,14 @@ class SessionController(QObject):
         """Start a run."""
         if self.can_start:
             self._apply(RunRequested(protocol.title))
+            self._set_in_campaign(False)
             name = specimen or "unnamed"
             self.adapter.session.run(RunRequest(protocol, folder, name, reference=reference_model(folder, name)))
 
     def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
         """Start a run of a campaign."""
         self._apply(RunRequested(request.protocol.title))
+        self._set_in_campaign(True)
         runner.submit(self.adapter.session, request)
 
     def repeat_entries(self, entries: tuple[int, ...], folder: Path) -> None:
@@ -62,6 +67,7 @@ class SessionController(QObject):
         outcome = self.state.outcome
         if outcome is not None and outcome.path and self.can_start:
             path = Path(outcome.path)
+            self._set_in_campaign(False)
             self._apply(RunRequested(protocol_title(self.state.protocol), resumed_file=path.name))
             self.adapter.session.repeat_entries(path, entries, folder)
 
@@ -95,11 +101,22 @@ class SessionController(QObject):
             self._apply(OperatorAction.RECONNECT)
             self.adapter.session.start()
 
+    def change_speed(self, speed: float | None) -> None:
+        """Connect to the simulated bench again at another speed, once the present session has released it."""
+        if self.adapter.simulation is not None and self.can_start and speed != self.adapter.simulation.speed:
+            self.adapter.simulation.speed = speed
+            self._apply(OperatorAction.RECONNECT)
+            self._reconnecting = True
+
     def close(self) -> None:
         """Go to rest and release the bench; returns immediately."""
         self.closing = True
         self._apply(OperatorAction.STOP)
         self.adapter.session.close(0.0)
+
+    def _set_in_campaign(self, in_campaign: bool) -> None:
+        if self.adapter.simulation is not None:
+            self.adapter.simulation.in_campaign = in_campaign
 
     def _apply(self, event: WindowEvent) -> None:
         self.state = reduce(self.state, TimedEvent(event, datetime.now().astimezone(), self.adapter.feed.streamed_s))

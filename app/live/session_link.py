@@ -7,7 +7,16 @@ from contextlib import AbstractContextManager, suppress
 from datetime import datetime
 
 from app.live.feed import LiveFeed
-from app.session import ConnectedBench, FaultPlan, Observer, Session, SessionEvent, TimedEvent
+from app.session import (
+    ConnectedBench,
+    FaultPlan,
+    Observer,
+    Session,
+    SessionEvent,
+    SimulationSettings,
+    TimedEvent,
+    practise,
+)
 from protocols.base import (
     BlockDiscarded,
     BlockStored,
@@ -67,10 +76,20 @@ MakeSession = Callable[[Connect, Sequence[Observer], Operator], Session]
 
 
 class SessionAdapter:
-    """Connects the window with one session at a time; `reconnect` makes a new one."""
+    """Connects the window with one session at a time; `reconnect` makes a new one.
 
-    def __init__(self, connect: Connect, make_session: MakeSession = Session) -> None:
-        self.mailbox, self.feed = PromptMailbox(), LiveFeed()
+    Args:
+        connect: opens the bench.
+        make_session: tests give one that needs no bench.
+        simulation: settings of a simulated bench that the operator may change.
+    """
+
+    def __init__(
+        self, connect: Connect, make_session: MakeSession = Session, simulation: SimulationSettings | None = None
+    ) -> None:
+        self.mailbox, self.feed, self.simulation = PromptMailbox(), LiveFeed(), simulation
+        if simulation is not None:
+            connect = practise(connect, self.mailbox, simulation)
         self.faults = FaultPlan()
         """Injects faults into a simulated bench."""
         self._connect, self._make_session = self.faults.wrap(connect), make_session

@@ -18,6 +18,10 @@ from .session import RunRejected as RunRejected
 from .session import Session as Session
 from .session import SessionEvent as SessionEvent
 from .session import unreported_watchdog_messages as unreported_watchdog_messages
+from .simulation import AnsweredBy as AnsweredBy
+from .simulation import SimulationSettings as SimulationSettings
+from .simulation import format_bench_duration as format_bench_duration
+from .simulation import practise as practise
 from .state import UNSAFE_EXIT as UNSAFE_EXIT
 from .state import BenchState as BenchState
 from .state import InstrumentStatus as InstrumentStatus

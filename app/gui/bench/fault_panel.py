@@ -1,9 +1,10 @@
-"""Fault injection panel of the simulated bench."""
+"""Panel of the simulated bench: fault injection, and controls above the list of faults."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QCheckBox, QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QWidget
 from shiboken6 import isValid
 
+from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     add_actions,
@@ -26,10 +27,12 @@ class FaultPanel(QWidget):
 
     Args:
         plan: injects and clears faults; called in this panel's background thread.
+        controls: shown above the list; None for none.
     """
 
-    def __init__(self, plan: FaultPlan, parent: QWidget) -> None:
+    def __init__(self, plan: FaultPlan, parent: QWidget, controls: SimulationControls | None = None) -> None:
         super().__init__(parent)
+        self.controls = controls
         self._plan, self._worker = plan, BackgroundWorker("faults", self)
         self._connected = False
         self._previous_focus: QWidget | None = None
@@ -38,7 +41,7 @@ class FaultPanel(QWidget):
         """Active faults as reported by the bench."""
         self.corner = QWidget()
         self.open_button = configure(QPushButton(), "faults.toggle", kind="choice", checkable=True)
-        name_button(self.open_button, "faults.toggle", "Inject a fault …")
+        name_button(self.open_button, "faults.toggle", "Simulation …")
         self.open_button.toggled.connect(self._set_open)
         self.band = configure(QFrame(), "faults.active", kind="broken")
         self.band_label = configure(QLabel(), "faults.active-label", wordWrap=True)
@@ -65,6 +68,8 @@ class FaultPanel(QWidget):
 
     def set_state(self, view: WindowState) -> None:
         """Read the active faults again when the connection changes."""
+        if self.controls is not None:
+            self.controls.set_state(view)
         if view.connected != self._connected:
             self._connected = view.connected
             self._worker.submit(self._plan.active_faults, self._show_faults, self._on_error)
@@ -124,9 +129,12 @@ class FaultPanel(QWidget):
     def _build(self) -> None:
         row((self.band_label, 1), self.clear_button, parent=self.band, margins=(12, 4, 8, 4))
         rows = -(-len(self.fault_boxes) // COLUMNS)
+        above = () if self.controls is None else ((self.controls, 0, 0, 1, COLUMNS),)
+        first = len(above)
         grid(
-            *((box, at % rows, at // rows) for at, box in enumerate(self.fault_boxes.values())),
-            (self.message_label, rows, 0, 1, COLUMNS),
+            *above,
+            *((box, first + at % rows, at // rows) for at, box in enumerate(self.fault_boxes.values())),
+            (self.message_label, first + rows, 0, 1, COLUMNS),
             parent=self._sheet,
             margins=(12, 6, 12, 6),
             spacing=(-1, 2),

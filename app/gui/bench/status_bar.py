@@ -1,16 +1,21 @@
 """Status bar of the bench: state, voltage, progress, instruments, SIMULATED, Pause and Stop."""
 
+from typing import TYPE_CHECKING
+
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
-from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
+from app.common import OUTCOME_SYMBOLS, outcome_severity
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.session_controller import SessionController
 from app.gui.widgets import LIGHT, Theme, column, configure, grid, make_button, make_progress_bar, row
-from app.session import BenchState, InstrumentStatus, Lamp, WindowState
+from app.session import BenchState, InstrumentStatus, Lamp, WindowState, format_bench_duration
 from protocols.base import Outcome
+
+if TYPE_CHECKING:
+    from drivers import Bench
 
 STATE_SYMBOLS = {
     BenchState.CONNECTING: "dots",
@@ -223,7 +228,7 @@ class BenchStatusBar(QWidget):
             self.scale_to_window(self._window_size)
         self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s)
 
-    def show_progress(self, streamed_s: float) -> None:
+    def show_progress(self, streamed_s: float, bench: "Bench | None" = None) -> None:
         """Update the progress bar and the remaining time between two progress events."""
         view = self._state
         if view is None:
@@ -236,7 +241,7 @@ class BenchStatusBar(QWidget):
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
             title = f"{progress.title} · {progress.label}" if progress.label else progress.title
-            left = format_duration(progress.remaining_at(streamed_s))
+            left = format_bench_duration(progress.remaining_at(streamed_s), bench)
             note = (
                 f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
             )

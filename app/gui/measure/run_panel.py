@@ -6,7 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolButton, QWidget
 
-from app.common import format_bytes, format_duration, pluralize
+from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.widgets import (
@@ -23,7 +23,7 @@ from app.gui.widgets import (
     set_style_kind,
     tooltip,
 )
-from app.session import WindowState, format_voltage_range
+from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
@@ -197,7 +197,7 @@ class RunPanel(QWidget):
         entries = pluralize(rehearsal.entries, "point")
         prompts = pluralize(rehearsal.prompts, "prompt")
         return (
-            f"{entries}, {prompts}, about {format_duration(rehearsal.duration_s)}, "
+            f"{entries}, {prompts}, about {format_bench_duration(rehearsal.duration_s, bench)}, "
             f"{format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)} on the specimen, "
             f"file about {format_bytes(rehearsal.file_bytes)}. Closest to a limit: {rehearsal.worst}."
         ), False

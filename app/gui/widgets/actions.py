@@ -63,9 +63,9 @@ ACTIONS = {
         ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
         ActionInfo(
             "faults.toggle",
-            "Inject a fault into the simulated bench, or close the list",
+            "Speed, prompts and faults of the simulated bench, or close the list",
             ("F9",),
-            "Inject faults into the simulated bench, to see how the program reacts",
+            "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
         ),
         ActionInfo("faults.clear", "Clear all faults", ("Shift+F9",)),
         ActionInfo("shortcuts", "Show these keys, or close them", ("F1", "?")),

@@ -1,0 +1,65 @@
+"""Controls of the simulated bench: its speed, and who answers its prompts."""
+
+from PySide6.QtWidgets import QButtonGroup, QComboBox, QLabel, QWidget
+
+from app.gui.session_controller import SessionController
+from app.gui.widgets import STRETCH, configure, make_choice, row
+from app.session import AnsweredBy, SimulationSettings, WindowState
+
+SPEEDS: tuple[float | None, ...] = (1.0, 5.0, 20.0, None)
+
+
+class SimulationControls(QWidget):
+    """A row of speeds, and a list of who answers prompts."""
+
+    def __init__(self, settings: SimulationSettings, controller: SessionController) -> None:
+        super().__init__()
+        self._settings = settings
+        self.speed_buttons = {
+            speed: configure(
+                make_choice("max" if speed is None else f"{speed:g}×", _speed_tip(speed), checkable=True),
+                f"simulation.speed-{'max' if speed is None else format(speed, 'g')}",
+                accessibleName="virtual clock" if speed is None else f"{speed:g} times real speed",
+            )
+            for speed in SPEEDS
+        }
+        group = QButtonGroup(self)
+        for speed, button in self.speed_buttons.items():
+            group.addButton(button)
+            button.setChecked(speed == settings.speed)
+            button.clicked.connect(lambda _=False, speed=speed: controller.change_speed(speed))
+        self.answered_by_box = configure(
+            QComboBox(),
+            "simulation.answered-by",
+            accessibleName="who answers prompts",
+            toolTip="Practise what a prompt asks for: an answer does it on the simulated bench",
+        )
+        for each in AnsweredBy:
+            self.answered_by_box.addItem(each, each)
+        self.answered_by_box.setCurrentIndex(self.answered_by_box.findData(settings.answered_by))
+        self.answered_by_box.currentIndexChanged.connect(self._on_answered_by)
+        row(
+            QLabel("Speed"),
+            *self.speed_buttons.values(),
+            16,
+            QLabel("Prompts are answered by"),
+            self.answered_by_box,
+            STRETCH,
+            parent=self,
+            margins=(0, 0, 0, 4),
+        )
+
+    def set_state(self, view: WindowState) -> None:
+        """Allow a change of speed between runs; the virtual clock does not wait for a person."""
+        for button in self.speed_buttons.values():
+            button.setEnabled(view.can_run)
+        self.answered_by_box.setEnabled(self._settings.speed is not None)
+
+    def _on_answered_by(self) -> None:
+        self._settings.answered_by = AnsweredBy(self.answered_by_box.currentData())
+
+
+def _speed_tip(speed: float | None) -> str:
+    if speed is None:
+        return "As fast as this computer can, without waiting; the bench is connected again"
+    return f"{speed:g} bench seconds in a second; the bench is connected again"
