@@ -22,6 +22,7 @@ from .simulation import AnsweredBy as AnsweredBy
 from .simulation import SimulationSettings as SimulationSettings
 from .simulation import format_bench_duration as format_bench_duration
 from .simulation import practise as practise
+from .simulation import real_duration_s as real_duration_s
 from .state import UNSAFE_EXIT as UNSAFE_EXIT
 from .state import BenchState as BenchState
 from .state import InstrumentStatus as InstrumentStatus

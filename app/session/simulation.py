@@ -103,9 +103,16 @@ def practise(connect: Connect, user: Operator, settings: SimulationSettings) -> 
     return connected
 
 
+def real_duration_s(seconds: float, bench: "Bench | None") -> float:
+    """Return how long bench time takes at the bench's speed; bench time itself on the virtual clock."""
+    speed = 1.0 if bench is None else bench.configuration.get("speed", 1.0)
+    return seconds / speed if isinstance(speed, int | float) else seconds
+
+
 def format_bench_duration(seconds: float, bench: "Bench | None") -> str:
-    """Return how long bench time takes for the user: a bench at 20 times real speed needs a twentieth."""
+    """Return how long bench time takes, with the speed of a simulated bench that is not real time."""
+    duration = format_duration(real_duration_s(seconds, bench))
     speed = 1.0 if bench is None else bench.configuration.get("speed", 1.0)
     if not isinstance(speed, int | float):
-        return f"{format_duration(seconds)} of bench time"
-    return format_duration(seconds / speed) + (f" at {speed:g} times real speed" if speed != 1.0 else "")
+        return f"{duration} of bench time"
+    return duration if speed == 1.0 else f"{duration} at {speed:g} times real speed"

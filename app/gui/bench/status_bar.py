@@ -6,12 +6,12 @@ from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
-from app.common import OUTCOME_SYMBOLS, outcome_severity
+from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.session_controller import SessionController
 from app.gui.widgets import LIGHT, Theme, column, configure, grid, make_button, make_progress_bar, row
-from app.session import BenchState, InstrumentStatus, Lamp, WindowState, format_bench_duration
+from app.session import BenchState, InstrumentStatus, Lamp, WindowState, real_duration_s
 from protocols.base import Outcome
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ class BenchStatusBar(QWidget):
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
             title = f"{progress.title} · {progress.label}" if progress.label else progress.title
-            left = format_bench_duration(progress.remaining_at(streamed_s), bench)
+            left = format_duration(real_duration_s(progress.remaining_at(streamed_s), bench))
             note = (
                 f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
             )

@@ -11,7 +11,7 @@ from PySide6.QtCore import QSettings, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
-from app.gui.application import open_window
+from app.gui.application import OpenedBench, open_window
 from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.main_window import MainWindow
 from app.session.bench_connection import connect
@@ -140,7 +140,7 @@ def test_a_signal_takes_the_same_way_out(
     QTimer.singleShot(0, interrupt)
     protocol = SineDwell(frequencies_hz=(100.0,) * 200)
     code = open_window(
-        lambda: connect(config, None), config, protocol, tmp_path, "T7", autostart=True, settings=settings
+        OpenedBench(lambda: connect(config, None), config), protocol, tmp_path, "T7", autostart=True, settings=settings
     )
     assert code == 0
     assert seen[-1] is BenchState.LIVE

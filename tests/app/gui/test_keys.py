@@ -175,14 +175,13 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
 
     monkeypatch.setattr(application.QApplication, "exec", look)
 
-    def bench(name: str) -> tuple[object, BenchConfig]:
+    def bench(name: str) -> application.OpenedBench:
         opened.append(name)
-        return (lambda: pytest.fail("nobody connects here")), other
+        return application.OpenedBench(lambda: pytest.fail("nobody connects here"), other)
 
     def show() -> None:
         application.open_window(
-            lambda: pytest.fail("nobody connects here"),
-            config,
+            application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),
             SineDwell(),
             tmp_path,
             settings=settings,
@@ -221,12 +220,11 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
 
     monkeypatch.setattr(application.QApplication, "exec", look)
     application.open_window(
-        lambda: pytest.fail("nobody connects here"),
-        real,
+        application.OpenedBench(lambda: pytest.fail("nobody connects here"), real),
         SineDwell(),
         tmp_path,
         settings=settings,
         make_session=lambda *_: ListeningSession(),
-        bench_factory=lambda name: ((lambda: pytest.fail("nobody connects here")), config),
+        bench_factory=lambda name: application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),
     )
     assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – simulated bench", True)]
