@@ -375,6 +375,7 @@ class _Sensing:
     """As much of a bench as traces and rehearsal need."""
 
     amplifier = guard()
+    configuration: ClassVar[dict[str, Any]] = {}
     meters: ClassVar[dict[str, Any]] = {}
     channels = ()
 
