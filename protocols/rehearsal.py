@@ -84,7 +84,7 @@ def rehearse(
         raise CannotRunError(
             f"{longest.label}: {recording_too_long_message(longest.expected_s * protocol.sample_rate_hz)}"
         )
-    duration_s = sum(entry.expected_s for entry in plan)
+    duration_s = protocol.rest_record_s + sum(entry.expected_s for entry in plan)
     file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_PER_SAMPLE) + FILE_OVERHEAD_BYTES
     if folder is not None:
         check_disk_space(file_bytes, folder)

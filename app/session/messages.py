@@ -11,6 +11,8 @@ from protocols.base import (
     BenchArmed,
     CurveReady,
     InjectedFaultChanged,
+    InterferenceLine,
+    InterferenceMeasured,
     LevelExceeded,
     LogMessage,
     Outcome,
@@ -31,6 +33,10 @@ from protocols.base import (
     format_with_uncertainty,
 )
 from protocols.registry import PROTOCOLS
+from protocols.signals import MAINS_HZ
+
+MAINS_TOLERANCE = 5e-3
+"""Relative distance from a multiple of the mains that counts as the mains."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             if not high_voltage:
                 return Severity.SUCCESS, "Rest is measured; high voltage is off and stays off"
             return Severity.WARNING, "Armed: rest is measured; high voltage is on, as confirmed by the operator"
+        case InterferenceMeasured(_, lines) if lines:
+            return Severity.WARNING, f"At rest the laser sees {', '.join(map(_describe_line, lines))}"
         case RunPaused(reason, high_voltage):
             return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {reason}"
         case RunResumed():
@@ -90,6 +98,18 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case RunEnded():
             return _describe_outcome(event)
     return None
+
+
+def _describe_line(line: InterferenceLine) -> str:
+    """`0.31 ± 0.01 µm at 50.02 Hz (mains)`."""
+    size = format_with_uncertainty(1e6 * line.amplitude_m, 1e6 * line.error_m, "µm")
+    mains = next(
+        (f for f in MAINS_HZ if abs(line.frequency_hz / f - round(line.frequency_hz / f)) < MAINS_TOLERANCE), 0
+    )
+    kind = f" (mains, {mains:g} Hz)" if mains else ""
+    if line.folded:
+        kind = f" (folded back from {line.folded_from_hz:.6g} Hz, above half the sample rate)"
+    return f"{size} at {line.frequency_hz:.6g} Hz{kind}"
 
 
 def describe_point(point: Any) -> str:

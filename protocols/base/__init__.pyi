@@ -10,6 +10,7 @@ from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
 from .events import Event as Event
 from .events import InjectedFaultChanged as InjectedFaultChanged
+from .events import InterferenceMeasured as InterferenceMeasured
 from .events import LevelExceeded as LevelExceeded
 from .events import LogMessage as LogMessage
 from .events import PointMeasured as PointMeasured
@@ -42,6 +43,7 @@ from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS
 from .records import Array as Array
 from .records import CurveColumn as CurveColumn
 from .records import EstimatedQuantity as EstimatedQuantity
+from .records import InterferenceLine as InterferenceLine
 from .records import PlanEntry as PlanEntry
 from .records import Recording as Recording
 from .records import ResultCurve as ResultCurve

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, get_args
 
 from drivers import Block, Drive, Scale, as_record
 from protocols.base.jsonable import to_jsonable
-from protocols.base.records import ResultCurve
+from protocols.base.records import InterferenceLine, ResultCurve
 from protocols.base.steps import Prompt
 from protocols.base.verdict import Outcome, RunStatus, Verdict
 
@@ -57,6 +57,18 @@ class BlockDiscarded:
 
     kind: ClassVar[str] = "BlockSeen"
     block: Block
+
+
+@dataclass(frozen=True, slots=True)
+class InterferenceMeasured:
+    """The displacement at rest was recorded in these rows of the file and searched for hum and other lines.
+
+    `lines` has the significant ones, the largest first.
+    """
+
+    kind: ClassVar[str] = "InterferenceMeasured"
+    rows: tuple[int, int]
+    lines: tuple[InterferenceLine, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,6 +291,7 @@ Event = (
     RunStarted
     | StreamStarted
     | BenchArmed
+    | InterferenceMeasured
     | EntryStarted
     | BlockStored
     | BlockDiscarded

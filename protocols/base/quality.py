@@ -36,7 +36,11 @@ class Quality(IntFlag):
     """Imported from a table, without raw samples. A fact, not a fault."""
     LEVEL_EXCEEDED = 1024
     """An abort level of the bench was exceeded in this entry: a warning, the value stays usable."""
-    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED
+    INTERFERENCE = 2048
+    """Hum or another line measured at rest coincides with the point's frequency: its size is in the uncertainty."""
+    FOLDED = 4096
+    """That line lies above half the sample rate and is folded back: sample faster or at another rate, or filter."""
+    FACTS = SIMULATED | CALIBRATION_EXPIRED | IMPORTED | LEVEL_EXCEEDED | INTERFERENCE | FOLDED
     """Flags of a usable value."""
 
     @property

@@ -1,5 +1,6 @@
 """Records of a run: plan entry, recording, result curve."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,9 @@ from protocols.base.steps import Prompt
 MAX_RECORDING_SCANS = 50_000_000
 """Limit of one recording, which its analysis holds in memory: a gigabyte."""
 
+SIGNIFICANT_LINE_SIGMAS = 5.0
+"""An interference line of more standard uncertainties than this is no noise."""
+
 STREAMED_RECORDING_SCANS = 1 << 15
 """A recording from this many scans on stays in the run file."""
 
@@ -23,6 +27,33 @@ def recording_too_long_message(scans: float) -> str:
         f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MAX_RECORDING_SCANS / 1e6:.0f} million); "
         "record for a shorter time or lower sample_rate_hz"
     )
+
+
+@dataclass(frozen=True, slots=True)
+class InterferenceLine:
+    """A spectral line of the displacement at rest: hum of the mains, or another oscillation that no drive makes.
+
+    Attributes:
+        frequency_hz: as sampled.
+        amplitude_m: peak; the share of the noise is taken off.
+        error_m: standard uncertainty of the amplitude.
+        folded_from_hz: true frequency of a line above half the sample rate; NaN for a line that is not known to be folded.
+    """
+
+    frequency_hz: float
+    amplitude_m: float
+    error_m: float
+    folded_from_hz: float = math.nan
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than noise."""
+        return self.amplitude_m > SIGNIFICANT_LINE_SIGMAS * self.error_m
+
+    @property
+    def folded(self) -> bool:
+        """Whether it is known to lie above half the sample rate."""
+        return math.isfinite(self.folded_from_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +75,8 @@ class Recording:
     sensor_delay_s: float = 0.0
     entry: int = 0
     """The entry of the plan it belongs to."""
+    interference: tuple[InterferenceLine, ...] = ()
+    """Lines of the displacement as measured at rest before the first drive."""
 
 
 class StreamedRecording(Recording):

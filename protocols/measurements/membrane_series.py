@@ -75,7 +75,7 @@ class MembraneSeries(SineDwell):
                 self._setup_prompt(elongation),
             )
             for part, elongation in enumerate(elongations)
-            for f in self.frequencies_hz
+            for f in self.dwell_frequencies_hz
         )
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MembranePoint:

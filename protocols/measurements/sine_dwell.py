@@ -5,7 +5,7 @@ make harmonics, and near half the resonance the two differ by a fifth. Several r
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -35,7 +35,17 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import MaxMin, SettlingDetector, SineFit, estimate_max_min, fit_frequency, fit_sine
+from protocols.signals import (
+    MAINS_HZ,
+    SEPARATION_BINS,
+    MaxMin,
+    SettlingDetector,
+    SineFit,
+    estimate_max_min,
+    fit_frequency,
+    fit_sine,
+    remove_lines,
+)
 
 HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
@@ -83,6 +93,8 @@ class _RecordingFit:
     moved: SineFit
     extremes: MaxMin
     samples: int
+    coincident: Mapping[int, float]
+    """Amplitude of the interference at a harmonic of the drive that cannot be told from the response, by its order."""
 
 
 def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
@@ -96,10 +108,11 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
     each = [_fit_recording(recording, drive.frequency_hz) for recording in recordings]
     components = np.mean([one.components for one in each], axis=0)
-    fundamental, error = (
-        float(abs(components[0])),
-        math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each),
-    )
+    fundamental = float(abs(components[0]))
+    statistical = math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each)
+    # Of interference at the frequency of the drive the amplitude is known and the phase is not; averaging may not help.
+    interference = {order: size / math.sqrt(2) for one in each for order, size in one.coincident.items()}
+    error = math.hypot(statistical, interference.get(1, 0.0))
     # The phase is against the recorded drive, whose channel has noise of its own.
     drive_error = math.sqrt(
         sum((one.driven.standard_error / abs(one.driven.fundamental)) ** 2 for one in each if one.driven.fundamental)
@@ -111,6 +124,8 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
             abs(abs(one.driven.fundamental) - drive.amplitude_v) > drive_tolerance_v for one in each
         ),
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
+        Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
+        Quality.FOLDED: any(_is_folded_onto(recording, drive.frequency_hz) for recording in recordings),
     }
     frequency = float(np.mean([one.frequency for one in each]))
     noise = math.sqrt(sum(one.moved.noise**2 for one in each) / len(each))
@@ -123,6 +138,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         peak_to_peak_errors=math.hypot(
             math.sqrt(sum(one.extremes.scatter**2 for one in each)) / len(each),
             max(one.extremes.systematic for one in each),
+            2 * math.hypot(*interference.values()),
         ),
         fundamental=fundamental,
         fundamental_errors=error,
@@ -144,15 +160,26 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
     rate = recording.rate_hz
     frequency = fit_frequency(recording.drive_v, rate, frequency_hz)
     driven = fit_sine(recording.drive_v, rate, frequency)
-    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONIC_COUNT)
+    displacement, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
+    moved = fit_sine(displacement, rate, frequency, HARMONIC_COUNT)
     orders = np.arange(1, len(moved.components) + 1)
     return _RecordingFit(
         frequency=frequency,
         components=moved.components * np.exp(-1j * orders * np.angle(driven.fundamental)),
         driven=driven,
         moved=moved,
-        extremes=estimate_max_min(recording.displacement_m, rate, frequency),
-        samples=len(recording.displacement_m),
+        extremes=estimate_max_min(displacement, rate, frequency),
+        samples=len(displacement),
+        coincident=coincident,
+    )
+
+
+def _is_folded_onto(recording: Recording, frequency_hz: float) -> bool:
+    """Whether a line from above half the sample rate lies at this frequency."""
+    resolution_hz = recording.rate_hz / max(recording.rows[1] - recording.rows[0], 1)
+    return any(
+        line.folded and line.significant and abs(line.frequency_hz - frequency_hz) < SEPARATION_BINS * resolution_hz
+        for line in recording.interference
     )
 
 
@@ -181,6 +208,7 @@ class SineDwell(Protocol):
     title: ClassVar[str] = "Sine dwell"
     point_type: ClassVar[type] = SinePoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
+    rest_record_s: ClassVar[float] = 1.0
 
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
@@ -214,6 +242,12 @@ class SineDwell(Protocol):
     budget_s: Annotated[
         float, Unit("s"), Interval(ge=0, le=36_000), "bench time that averaging and added points may fill; 0 unlimited"
     ] = 0.0
+    mains_shift_hz: Annotated[
+        float,
+        Unit("Hz"),
+        Interval(ge=0, le=5),
+        "frequencies nearer than this to a multiple of 50 or 60 Hz are measured this far below it, 3 tells them from hum; 0 as listed",
+    ] = 0.0
     sample_rate_hz: Annotated[
         float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"
     ] = 5000.0
@@ -227,14 +261,14 @@ class SineDwell(Protocol):
                 f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a sine of {highest:g} Hz; "
                 f"at least {MIN_SAMPLES_PER_CYCLE * highest:g} Hz is needed"
             )
-        for f in self.frequencies_hz:
+        for f in self.dwell_frequencies_hz:
             if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
                 raise ValueError(
                     f"settle_limit_s of {self.settle_limit_s:g} s holds no three windows of {self._window_s(f):.3g} s at "
                     f"{f:g} Hz, and two changes are needed to see that nothing changes; at least "
                     f"{3 * self._window_s(f):.3g} s is needed"
                 )
-        least_s = sum(map(self._expected_s, self.frequencies_hz))
+        least_s = sum(map(self._expected_s, self.dwell_frequencies_hz))
         if 0 < self.budget_s < least_s:
             raise ValueError(
                 f"budget_s of {self.budget_s:g} s is too short: {len(self.frequencies_hz)} frequencies take about "
@@ -242,8 +276,20 @@ class SineDwell(Protocol):
             )
         return self
 
+    @property
+    def dwell_frequencies_hz(self) -> tuple[float, ...]:
+        """The frequencies that are measured, in order: those listed, off the mains where `mains_shift_hz` asks for it."""
+        return tuple(self._off_mains(f) for f in self.frequencies_hz)
+
+    def _off_mains(self, f: float) -> float:
+        for mains_hz in MAINS_HZ:
+            multiple = round(f / mains_hz) * mains_hz
+            if multiple and abs(f - multiple) < self.mains_shift_hz:
+                return multiple - self.mains_shift_hz
+        return f
+
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
-        return tuple(self._plan_entry(f, rest_v) for f in self.frequencies_hz)
+        return tuple(self._plan_entry(f, rest_v) for f in self.dwell_frequencies_hz)
 
     def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
         """Halve the gaps to either side of the highest point while they are wider than `refine_to_hz`."""
@@ -343,7 +389,7 @@ class SineDwell(Protocol):
             return 1
         if not self.budget_s:
             return MAX_RECORDINGS
-        spare_s = self.budget_s - sum(map(self._expected_s, self.frequencies_hz))
+        spare_s = self.budget_s - sum(map(self._expected_s, self.dwell_frequencies_hz))
         return 1 + math.floor(spare_s / len(self.frequencies_hz) / self._record_s(f))
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:

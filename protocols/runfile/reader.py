@@ -1,5 +1,6 @@
 """Run file reader: a run that is finished, still being written, or left by a crash."""
 
+import math
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -14,6 +15,7 @@ from protocols.base import (
     CurveColumn,
     EntryStarted,
     EstimatedQuantity,
+    InterferenceMeasured,
     Recording,
     ReferenceModel,
     ResultCurve,
@@ -46,7 +48,7 @@ from protocols.runfile.open import (
 )
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.structure import StructureError, is_run_beside
-from protocols.runfile.trace import RunTrace, read_sensor
+from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 from protocols.runfile.writing_process import writer_is_alive
 
 if TYPE_CHECKING:
@@ -238,7 +240,7 @@ class Run(Closeable):
     @property
     def trace(self) -> RunTrace:
         """The sampled data."""
-        return RunTrace(self.path, self._entry, lambda: self.sensor)
+        return RunTrace(self.path, self._entry, lambda: self.sensor, self._rest_record)
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings, in order, exactly as in the live run; those of the resumed run first."""
@@ -321,6 +323,19 @@ class Run(Closeable):
             for name in estimates
             for one in (subgroup(estimates, name),)
         )
+
+    def _rest_record(self) -> RestRecord | None:
+        """Return where interference was measured at rest; None where it was not."""
+        for event in self.events():
+            if event.kind == InterferenceMeasured.kind:
+                first, last = event.fields["rows"]
+                folded = {
+                    float(line["frequency_hz"]): float(true_hz)
+                    for line in event.fields["lines"]
+                    if isinstance(true_hz := line.get("folded_from_hz"), float) and math.isfinite(true_hz)
+                }
+                return RestRecord((int(first), int(last)), folded)
+        return None
 
     def _own_entries(self) -> dict[int, StartedEntry]:
         return {

@@ -1,6 +1,8 @@
 """Run trace: samples of a run file as counts, volts and metres, and its recordings."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from model import Array
-from protocols.base import ChannelCalibration, Quality, Recording, parse_json_object, visible_text
+from protocols.base import ChannelCalibration, InterferenceLine, Quality, Recording, parse_json_object, visible_text
 from protocols.runfile.fields import column, read_number, read_text, subgroup, table
 from protocols.runfile.open import reads_run
 from protocols.runfile.schema import (
@@ -19,6 +21,7 @@ from protocols.runfile.schema import (
     MAX_FURTHER_CHANNELS,
     MAX_SCALING_COEFFICIENTS,
 )
+from protocols.signals import find_lines, mark_folded
 
 if TYPE_CHECKING:
     import h5py
@@ -46,6 +49,14 @@ MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9
 RECORDING_FIELDS = ("start_row", "stop_row", "quality", "drive")
 
 
+@dataclass(frozen=True, slots=True)
+class RestRecord:
+    """Where the displacement at rest was recorded, and the true frequency of each line known to be folded."""
+
+    rows: tuple[int, int]
+    folded_from_hz: Mapping[float, float]
+
+
 @reads_run
 class RunTrace:
     """The samples of one run file. Rows are counted from its first sample; a growing file has more of them each time.
@@ -54,11 +65,28 @@ class RunTrace:
         path: the file.
         entry: its /entry.
         sensor: calibration from volts to metres.
+        rest_record: where interference was measured at rest; None where it was not.
     """
 
-    def __init__(self, path: Path, entry: "h5py.Group", sensor: Callable[[], LaserSensor]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        entry: "h5py.Group",
+        sensor: Callable[[], LaserSensor],
+        rest_record: Callable[[], RestRecord | None] = lambda: None,
+    ) -> None:
         self.path = path
-        self._entry, self._sensor = entry, sensor
+        self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
+
+    @cached_property
+    def interference(self) -> tuple[InterferenceLine, ...]:
+        """Hum and other lines of the displacement at rest, before the first drive; none where they were not measured."""
+        if (rest := self._rest_record()) is None:
+            return ()
+        first, last = rest.rows
+        if not 0 <= first < last <= self.sample_count:
+            raise ValueError(f"interference was measured in rows {first} to {last}, which it does not have")
+        return mark_folded(find_lines(self.displacement_m(first, last), self.rate_hz), rest.folded_from_hz)
 
     @property
     def rate_hz(self) -> float:
@@ -182,4 +210,5 @@ class RunTrace:
             quality=Quality(int(row["quality"])),
             sensor_delay_s=delay_s,
             entry=int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
+            interference=self.interference,
         )

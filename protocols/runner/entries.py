@@ -64,6 +64,8 @@ class EntryRunner:
         self._progress.queue_remaining(resumed.repeat_entries)
         self._recorder.publish(self._progress.progress_event())
         self._operator_actions.prepare(armed, preparation)
+        if self._protocol.rest_record_s:
+            self._executor.measure_interference(armed, self._protocol.rest_record_s)
         self._check_drift(armed, resumed)
         while (index := self._progress.next_entry()) is not None:
             self._progress.complete(index, self._measure_entry(armed, index))

@@ -23,6 +23,8 @@ from protocols.base import (
     Ask,
     DetectionResult,
     DriveStarted,
+    InterferenceLine,
+    InterferenceMeasured,
     Log,
     LogMessage,
     PlanEntry,
@@ -47,13 +49,17 @@ from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.recording_buffer import RecordingBuffer
-from protocols.signals import SettlingDetector
+from protocols.signals import SettlingDetector, find_lines
 
 BLOCK_LATENCY_S = 0.05
 """After a drive starts, scans older than this may still be in transfer."""
 
 DRIVE_READBACK_TOLERANCE_V = 0.25
 """A larger deviation means that the drive does not reach the amplifier; nothing is measured then."""
+
+
+MAX_PUBLISHED_LINES = 8
+"""Largest number of interference lines in the log."""
 
 
 class StepExecutor:
@@ -76,6 +82,7 @@ class StepExecutor:
         self._bench, self._run_file, self._recorder = bench, run_file, recorder
         self._acquisition, self._prompts, self._calibration_warning = acquisition, prompts, calibration_warning
         self._recording_count = 0
+        self._interference: tuple[InterferenceLine, ...] = ()
         self._rest_v = bench.amplifier.map.rest_v
 
     def run_entry(
@@ -124,6 +131,26 @@ class StepExecutor:
                     case Log(text):
                         self._recorder.publish(LogMessage(text))
                         answer = None
+
+    def measure_interference(self, armed: ArmedBench, duration_s: float) -> None:
+        """Record the displacement at rest, before the first drive, and publish the hum and the lines found in it."""
+        scans, start_row = math.ceil(duration_s * armed.rate_hz), self._run_file.row_count
+        buffer = RecordingBuffer(self._acquisition.channels, self._acquisition.read_block(armed))
+        while buffer.scans < scans:
+            buffer.add(self._acquisition.read_block(armed))
+        samples, quality = buffer.finish(scans)
+        rows = (start_row, start_row + scans)
+        if not quality.usable:
+            self._recorder.publish(
+                LogMessage(
+                    f"Interference at rest could not be measured: {quality.description} in the recording at rest"
+                )
+            )
+            return
+        displacement_m = samples[1] if samples else self._read_stored(rows, drive=False)
+        self._interference = self._acquisition.run_analysis(armed, partial(find_lines, displacement_m, armed.rate_hz))
+        significant = tuple(line for line in self._interference if line.significant)
+        self._recorder.publish(InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES]))
 
     def _settle(self, armed: ArmedBench, step: Settle) -> SettlingResult:
         if not isinstance(step.drive, Sine):
@@ -192,6 +219,7 @@ class StepExecutor:
             "quality": quality,
             "sensor_delay_s": self._bench.sensor.delay_s - channel_skew_s(armed.scales),
             "entry": entry,
+            "interference": self._interference,
         }
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)

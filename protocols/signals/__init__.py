@@ -5,6 +5,7 @@ suffice raise ValueError with the reason.
 
     sine       fit_sine, fit_frequency                amplitude and phase of a sine with harmonics
     extremes   estimate_max_min                       max - min of a waveform without the bias of noise and sampling
+    interference  find_lines, remove_lines            hum and other lines at rest, and recordings without them
     settling   SettlingDetector                       has the response to a sine become steady?
     response   FrequencyResponse                      a frequency response with coherence and error bars,
                                                       from a sweep (swept_response) or periods (periodic_response)

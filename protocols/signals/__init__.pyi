@@ -2,6 +2,11 @@ from .creep import fit_creep as fit_creep
 from .decay import fit_decay as fit_decay
 from .extremes import MaxMin as MaxMin
 from .extremes import estimate_max_min as estimate_max_min
+from .interference import MAINS_HZ as MAINS_HZ
+from .interference import SEPARATION_BINS as SEPARATION_BINS
+from .interference import find_lines as find_lines
+from .interference import mark_folded as mark_folded
+from .interference import remove_lines as remove_lines
 from .levels import DetectedRamp as DetectedRamp
 from .levels import LevelEstimate as LevelEstimate
 from .levels import combine_errors as combine_errors

@@ -66,12 +66,12 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
     # The basis is nearly orthogonal over whole cycles, so the normal equations lose nothing.
     gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for part, basis in _basis_chunks(n, rate_hz, frequency_hz, orders):
+    for part, basis in sine_basis(n, rate_hz, _harmonics_hz(frequency_hz, orders)):
         gram += basis @ basis.T
         moment += basis @ samples[part]
     solution = np.linalg.solve(gram, moment)
     left = 0.0
-    for part, basis in _basis_chunks(n, rate_hz, frequency_hz, orders):
+    for part, basis in sine_basis(n, rate_hz, _harmonics_hz(frequency_hz, orders)):
         residual = samples[part] - solution @ basis
         left += float(residual @ residual)
     noise = float(np.sqrt(left / (n - unknowns)))
@@ -89,7 +89,7 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
 def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Array]:
     """Return the straight line and the periodic waveform of a fit at its samples, (count,) each."""
     line, waveform = np.empty(count), np.empty(count)
-    for part, basis in _basis_chunks(count, rate_hz, fit.frequency_hz, len(fit.components)):
+    for part, basis in sine_basis(count, rate_hz, _harmonics_hz(fit.frequency_hz, len(fit.components))):
         line[part] = fit.offset + fit.drift_per_s * (count - 1) / (2 * rate_hz) * basis[1]
         waveform[part] = fit.components.real @ basis[2::2] + fit.components.imag @ basis[3::2]
     return line, waveform
@@ -105,7 +105,7 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
         amplitude = fit_sine(samples, rate_hz, frequency_hz).fundamental
         s, c = amplitude.real, amplitude.imag
         gram, moment = np.zeros((5, 5)), np.zeros(5)
-        for part, basis in _basis_chunks(n, rate_hz, frequency_hz, 1):
+        for part, basis in sine_basis(n, rate_hz, np.array([frequency_hz])):
             centred = (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
             slope = 2 * np.pi * centred * (s * basis[3] - c * basis[2])
             extended = np.vstack([basis, slope])
@@ -118,22 +118,25 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
     return frequency_hz
 
 
-def _basis_chunks(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Iterator[tuple[slice, Array]]:
-    """The fit's basis in pieces, so that a long record at a high rate costs no memory.
+def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[slice, Array]]:
+    """Yield the basis of a fit in pieces, so that a long record at a high rate costs no memory.
 
-    Rows of a piece: 1, t scaled to -1..1 over the whole record, then sin and cos of each order.
+    Rows of a piece: 1, t scaled to -1..1 over the whole record, then sin and cos of each frequency.
     """
-    order = np.arange(1, orders + 1)
-    step = 2j * np.pi * frequency_hz / rate_hz
-    first = np.exp(np.multiply.outer(step * order, np.arange(min(n, CHUNK_SAMPLES))))
+    step = 2j * np.pi * frequencies_hz / rate_hz
+    first = np.exp(np.multiply.outer(step, np.arange(min(n, CHUNK_SAMPLES))))
     for start in range(0, n, CHUNK_SAMPLES):
         part = slice(start, min(start + CHUNK_SAMPLES, n))
         length = part.stop - part.start
         # A later piece is the first one turned on: one multiplication in place of a sine.
-        turned = first[:, :length] * np.exp(step * order * start)[:, np.newaxis]
-        basis = np.empty((2 + 2 * orders, length))
+        turned = first[:, :length] * np.exp(step * start)[:, np.newaxis]
+        basis = np.empty((2 + 2 * len(frequencies_hz), length))
         basis[0] = 1.0
         basis[1] = 2 * np.arange(part.start, part.stop) / (n - 1) - 1
         basis[2::2] = turned.imag
         basis[3::2] = turned.real
         yield part, basis
+
+
+def _harmonics_hz(frequency_hz: float, orders: int) -> Array:
+    return frequency_hz * np.arange(1.0, orders + 1)

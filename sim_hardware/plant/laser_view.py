@@ -44,7 +44,8 @@ class LaserView:
         with self._lock:
             views = list(self._views)
         number = np.searchsorted([view.start_s for view in views], t, side="right") - 1
-        out = self._parameters.beyond.drift_m_per_s * delayed
+        beyond = self._parameters.beyond
+        out = beyond.drift_m_per_s * delayed + beyond.interference_m(t)
         for i in range(number[0], number[-1] + 1) if t.size else ():
             here, view = number == i, views[i]
             if here.any():

@@ -13,6 +13,8 @@ VOLTAGE_SPAN_V = 2000.0
 """The whole stroke of the specimen's voltage, of which a loop's width is a share."""
 BACKLASH_V = 250.0
 """Half the voltage that must be turned back before the hysteresis has turned its own way."""
+HUM_HARMONICS = {1: 1.0, 2: 0.3, 3: 0.5, 5: 0.2}
+"""Amplitude of each order of the mains hum over that of the first."""
 CREEP_TIME_CONSTANTS_S = np.logspace(-1, 5, 13)
 """Time constants of the creep, two a decade: their sum follows the logarithm of time from 0.1 s to a day."""
 
@@ -30,6 +32,9 @@ class Nonidealities:
         weight_error: relative standard deviation of the weights' masses about their nominal ones.
         mass_share: share of a mass in the cylinder that moves with the centre.
         membrane_slip: share of an elongation that the membrane's clamps lose.
+        hum_m: peak amplitude of the mains hum on the laser's signal; its harmonics follow `HUM_HARMONICS`.
+        mains_hz: frequency of the mains.
+        tone_m, tone_hz: amplitude and frequency of another disturbance, e.g. of a switching supply.
     """
 
     creep_per_decade: float = 0.0
@@ -40,6 +45,10 @@ class Nonidealities:
     weight_error: float = 0.0
     mass_share: float = 1.0
     membrane_slip: float = 0.0
+    hum_m: float = 0.0
+    mains_hz: float = 50.02
+    tone_m: float = 0.0
+    tone_hz: float = 4900.0
 
     def __post_init__(self) -> None:
         for name, most in (
@@ -51,8 +60,18 @@ class Nonidealities:
         ):
             if not 0 <= getattr(self, name) <= most:
                 raise ValueError(f"beyond.{name} must lie between 0 and {most:g}, not {getattr(self, name):g}")
+        for name in ("hum_m", "mains_hz", "tone_m", "tone_hz"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"beyond.{name} must not be negative, not {getattr(self, name):g}")
         if not -1 < self.side_difference < 1:
             raise ValueError(f"beyond.side_difference must lie between -1 and 1, not {self.side_difference:g}")
+
+    def interference_m(self, t: Array) -> Array:
+        """Hum and tone on the laser's signal at bench times `t`, (n,)."""
+        out = np.zeros_like(t)
+        for order, share in HUM_HARMONICS.items() if self.hum_m else ():
+            out += share * self.hum_m * np.sin(2 * np.pi * order * self.mains_hz * t + order)
+        return out + self.tone_m * np.sin(2 * np.pi * self.tone_hz * t) if self.tone_m else out
 
     def actual_mass_kg(self, nominal_kg: float, seed: int) -> float:
         """What a weight of a nominal mass really has."""

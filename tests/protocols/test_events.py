@@ -11,6 +11,7 @@ IN_FILES = {
     "StreamStarted",
     "Armed",
     "EntryBegan",
+    "InterferenceMeasured",
     "BlockTaken",
     "BlockSeen",
     "Playing",

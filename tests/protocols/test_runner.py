@@ -44,6 +44,7 @@ def test_events_come_in_order_and_the_file_has_them_too(tmp_path: Path) -> None:
         *prompts,
         "Armed",
         "Progressed",
+        "InterferenceMeasured",
         *point,
         *point,
         "GoingToRest",

@@ -1,0 +1,165 @@
+"""Hum and other spectral lines of the displacement at rest, and their removal from recordings under a sine.
+
+Lines that the recording resolves from the response are fitted with it and taken off. A line at the frequency of the response
+cannot be told from it, as its phase is unknown: its amplitude is counted as an uncertainty.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from model import Array
+from protocols.base import InterferenceLine
+from protocols.signals.extremes import WAVEFORM_ORDERS
+from protocols.signals.sine import NYQUIST_SHARE, sine_basis
+
+MAINS_HZ = (50.0, 60.0)
+"""Mains of the world; their harmonics are looked at whether or not they are significant."""
+
+MAX_MAINS_LINE_HZ = 1000.0
+MAX_REST_SAMPLES = 1 << 17
+MAX_LINES = 16
+"""Largest number of lines besides those of the mains."""
+
+LINE_POWER_RATIO = 20.0
+"""Of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand records."""
+
+SEPARATION_BINS = 1.25
+"""Least distance of two lines that are fitted beside each other, in units of the inverse duration."""
+
+
+def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
+    """Find the spectral lines of the displacement at rest, and measure it at the harmonics of the mains.
+
+    Args:
+        samples: (N,), metres, evenly spaced.
+        rate_hz: samples per second.
+
+    Returns:
+        Lines by amplitude, the largest first; those of no size are left out.
+    """
+    x = np.asarray(samples[:MAX_REST_SAMPLES], float)
+    resolution_hz = rate_hz / x.size
+    found: list[float] = []
+    left = _without(x, rate_hz, found)
+    while len(found) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
+        if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in found):
+            break  # no line but a peak with a width: noise, which no sine removes
+        found.append(peak)
+        left = _without(x, rate_hz, found)
+    for f in _mains_multiples(min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)):
+        if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in found):
+            found.append(f)
+    solution, left = _fit(x, rate_hz, found)
+    noise = float(left.std())
+    error = noise * math.sqrt(2 / x.size)
+    lines = [
+        # Noise adds its own power to that of a line.
+        InterferenceLine(f, math.sqrt(max(abs(component) ** 2 - 2 * error**2, 0.0)), error)
+        for f, component in zip(found, solution, strict=True)
+    ]
+    return tuple(sorted((line for line in lines if line.amplitude_m > 0), key=lambda line: -line.amplitude_m))
+
+
+def remove_lines(
+    samples: Array, rate_hz: float, frequency_hz: float, lines: Sequence[InterferenceLine]
+) -> tuple[Array, Mapping[int, float]]:
+    """Remove interference from a recording under a sine.
+
+    Args:
+        samples: (N,), metres.
+        rate_hz: samples per second.
+        frequency_hz: of the sine.
+        lines: measured at rest.
+
+    Returns:
+        The samples without the lines that can be told from the response, and by order of a harmonic the amplitude of the
+        interference that cannot, in metres.
+    """
+    resolution_hz = rate_hz / len(samples)
+    orders = np.arange(1, max(min(WAVEFORM_ORDERS, int(NYQUIST_SHARE * rate_hz / frequency_hz)), 1) + 1)
+    apart: list[float] = []
+    coincident: dict[int, float] = {}
+    for line in lines:
+        bins = np.abs(orders * frequency_hz - line.frequency_hz) / resolution_hz
+        nearest = int(bins.argmin())
+        if bins[nearest] < SEPARATION_BINS:
+            seen = line.amplitude_m * min(1.0, 1 / max(math.pi * bins[nearest], 1e-9))
+            order = int(orders[nearest])
+            coincident[order] = math.hypot(coincident.get(order, 0.0), seen)
+        elif line.significant and all(abs(f - line.frequency_hz) >= SEPARATION_BINS * resolution_hz for f in apart):
+            apart.append(line.frequency_hz)
+    if not apart:
+        return samples, coincident
+    frequencies = np.concatenate([orders * frequency_hz, apart])
+    solution = _solve(samples, rate_hz, frequencies)
+    solution[: 2 + 2 * orders.size] = 0.0
+    cleaned = np.empty(len(samples))
+    for part, basis in sine_basis(len(samples), rate_hz, frequencies):
+        cleaned[part] = samples[part] - solution @ basis
+    return cleaned, coincident
+
+
+def mark_folded(
+    lines: Sequence[InterferenceLine], folded_from_hz: Mapping[float, float]
+) -> tuple[InterferenceLine, ...]:
+    """Return the lines with the true frequencies of those known to be folded, given by their frequencies as sampled."""
+    return tuple(
+        replace(
+            line,
+            folded_from_hz=next(
+                (true for f, true in folded_from_hz.items() if math.isclose(f, line.frequency_hz, rel_tol=1e-6)),
+                math.nan,
+            ),
+        )
+        for line in lines
+    )
+
+
+def _mains_multiples(top_hz: float) -> Iterator[float]:
+    yield from sorted({k * f for f in MAINS_HZ for k in range(1, int(top_hz / f) + 1)})
+
+
+def _largest_peak(samples: Array, rate_hz: float) -> float | None:
+    """Return the frequency of the largest line that stands out of the noise; None if there is none."""
+    n = samples.size
+    length = 4 * n
+    spectrum = np.fft.rfft(samples * np.hanning(n), length)
+    power = np.abs(spectrum) ** 2
+    usable = slice(math.ceil(3 * length / n), max(int(0.49 * length), math.ceil(3 * length / n) + 1))
+    band = power[usable]
+    if not band.size or not (floor := float(np.median(band)) / math.log(2)) > 0:
+        return None
+    top = int(band.argmax())
+    if band[top] < LINE_POWER_RATIO * floor:
+        return None
+    bent = 0.0
+    if 0 < top < band.size - 1:
+        low, middle, high = np.sqrt(band[top - 1 : top + 2])
+        bent = 0.5 * (low - high) / (low - 2 * middle + high) if low - 2 * middle + high else 0.0
+    return float((usable.start + top + bent) * rate_hz / length)
+
+
+def _without(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> Array:
+    return _fit(samples, rate_hz, frequencies_hz)[1]
+
+
+def _fit(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> tuple[Array, Array]:
+    """Return the complex amplitudes of lines fitted together, and what they leave of the samples."""
+    frequencies = np.asarray(frequencies_hz, float)
+    solution = _solve(samples, rate_hz, frequencies)
+    left = np.empty(len(samples))
+    for part, basis in sine_basis(len(samples), rate_hz, frequencies):
+        left[part] = samples[part] - solution @ basis
+    return solution[2::2] + 1j * solution[3::2], left
+
+
+def _solve(samples: Array, rate_hz: float, frequencies_hz: Array) -> Array:
+    unknowns = 2 + 2 * len(frequencies_hz)
+    gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    for part, basis in sine_basis(len(samples), rate_hz, frequencies_hz):
+        gram += basis @ basis.T
+        moment += basis @ samples[part]
+    return np.asarray(np.linalg.solve(gram, moment))

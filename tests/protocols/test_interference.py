@@ -1,0 +1,43 @@
+"""Hum on the simulated bench: measured at rest, stored, counted in the points, the same from the file."""
+
+from pathlib import Path
+
+import pytest
+
+from app.session.messages import describe_event
+from protocols.base import InterferenceMeasured, Quality
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from tests.helpers.simulated_bench import laboratory, run, simulated
+
+
+@pytest.mark.deep
+def test_hum_is_measured_at_rest_and_counts_in_the_points_live_and_from_the_file(tmp_path: Path) -> None:
+    with laboratory(simulated(beyond={"hum_m": 1e-6})) as lab:
+        ran = run(SineDwell(frequencies_hz=(50, 155)), tmp_path, lab)
+    (event,) = [event for event in ran.events if isinstance(event, InterferenceMeasured)]
+    assert event.lines[0].amplitude_m == pytest.approx(1e-6, rel=0.05)
+    assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.01)
+    described = describe_event(event)
+    assert described is not None
+    assert "µm at 50.0" in described[1]
+    assert "(mains, 50 Hz)" in described[1]
+    at_mains, beside = ran.points
+    assert at_mains.fundamental_errors == pytest.approx(1e-6 / 2**0.5, rel=0.1)
+    assert Quality.INTERFERENCE in Quality(at_mains.quality)
+    assert beside.fundamental_errors < 3e-8
+    assert Quality(beside.quality) is Quality.SIMULATED
+    with Run(ran.path) as file:
+        again = [SineDwell().point((), [recording], True) for recording in file.recordings()]
+        first, last = next(e.fields["rows"] for e in file.events() if e.kind == InterferenceMeasured.kind)
+        assert abs(file.trace.drive_v(first, last) - 2.5).max() < 0.05
+    assert again == ran.points
+
+
+@pytest.mark.deep
+def test_a_shifted_list_measures_beside_the_mains(tmp_path: Path) -> None:
+    with laboratory(simulated(beyond={"hum_m": 1e-6})) as lab:
+        ran = run(SineDwell(frequencies_hz=(50,), mains_shift_hz=3), tmp_path, lab)
+    (point,) = ran.points
+    assert point.frequency == pytest.approx(47, abs=0.01)
+    assert point.fundamental_errors < 3e-8
