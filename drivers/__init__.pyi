@@ -23,6 +23,7 @@ from .drive import LinearSweep as LinearSweep
 from .drive import PeriodicSweep as PeriodicSweep
 from .drive import Ramp as Ramp
 from .drive import Sine as Sine
+from .drive import SquareWave as SquareWave
 from .drive import Steps as Steps
 from .drive import as_record as as_record
 from .drive import from_record as from_record

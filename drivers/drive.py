@@ -1,4 +1,4 @@
-"""Drives: sine, sweep, ramp, steps and hold as parametric waveforms at the amplifier's input.
+"""Drives: sine, sweep, square wave, ramp, steps and hold as parametric waveforms at the amplifier's input.
 
 A generator plays a drive natively, an analogue output renders `volts(t)`, the model evaluates it exactly, and the drive
 limits check its extremes, its steepest slope and its end levels before anything moves. All volts are at the amplifier's
@@ -280,6 +280,86 @@ class PeriodicSweep(_Oscillation):
         return np.asarray(self.offset_v + np.where(turn % 2 == 0, away, -away))
 
 
+@dataclass(frozen=True, slots=True)
+class SquareWave(_CheckedDrive):
+    """`cycles` periods of a square wave with the edges of an RC circuit, as an astable multivibrator makes it.
+
+    It relaxes with the time constant `edge_s` towards `offset_v + amplitude_v` for the fraction `duty` of a period, and towards
+    `offset_v - amplitude_v` for the rest. It begins and ends where it rises through the offset, in the periodic state from
+    the first period on.
+    """
+
+    kind: ClassVar[str] = "SquareWave"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("frequency_hz", "amplitude_v", "duty", "edge_s", "cycles")
+    frequency_hz: float
+    amplitude_v: float
+    offset_v: float
+    duty: float
+    edge_s: float
+    cycles: int
+
+    def __post_init__(self) -> None:
+        _CheckedDrive.__post_init__(self)
+        if not self.duty < 1:
+            raise ValueError(f"{self.kind}: duty must lie between 0 and 1, not {self.duty}")
+        low, high = self._turning_points
+        if not low < 0 < high:
+            raise ValueError(
+                f"{self.kind}: with edges of {self.edge_s:g} s and a duty of {self.duty:g} it does not cross its offset at "
+                f"{self.frequency_hz:g} Hz; lower the frequency, shorten the edges or move the duty towards 0.5"
+            )
+
+    @property
+    def _turning_points(self) -> tuple[float, float]:
+        """Lowest and highest value from the offset, as a share of the amplitude: where it ends to fall and to rise."""
+        rise = math.exp(-self.duty * self.period_s / self.edge_s)
+        fall = math.exp(-(1 - self.duty) * self.period_s / self.edge_s)
+        return -(1 - 2 * fall + rise * fall) / (1 - rise * fall), (1 - 2 * rise + rise * fall) / (1 - rise * fall)
+
+    @property
+    def low_v(self) -> float:
+        """Lowest level."""
+        return self.offset_v + self.amplitude_v * self._turning_points[0]
+
+    @property
+    def high_v(self) -> float:
+        """Highest level."""
+        return self.offset_v + self.amplitude_v * self._turning_points[1]
+
+    @property
+    def period_s(self) -> float:
+        """Duration of one period, s."""
+        return 1 / self.frequency_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Duration, s."""
+        return self.cycles / self.frequency_hz
+
+    @property
+    def slew_v_per_s(self) -> float:
+        """Largest slope, V/s: where an edge begins."""
+        low, high = self._turning_points
+        return self.amplitude_v * max(1 - low, 1 + high) / self.edge_s
+
+    @property
+    def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
+        return self.offset_v, self.offset_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
+        time = np.asarray(t, float)
+        live = (time >= 0) & (time <= self.duration_s)
+        low, high = self._turning_points
+        since_rise = np.mod(time + self.edge_s * math.log(1 - low), self.period_s)
+        since_fall = since_rise - self.duty * self.period_s
+        rising = 1 - (1 - low) * np.exp(-since_rise / self.edge_s)
+        falling = -1 + (1 + high) * np.exp(-np.maximum(since_fall, 0.0) / self.edge_s)
+        shape = np.where(since_fall < 0, rising, falling)
+        return np.asarray(self.offset_v + np.where(live, self.amplitude_v * shape, 0.0))
+
+
 @renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Steps(_Levels):
@@ -320,7 +400,7 @@ class Steps(_Levels):
         return np.asarray(np.interp(np.asarray(t, float), knots, levels))
 
 
-Drive = Hold | Ramp | Sine | LinearSweep | PeriodicSweep | Steps
+Drive = Hold | Ramp | Sine | LinearSweep | PeriodicSweep | Steps | SquareWave
 
 DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in get_args(Drive)}
 """Drive types by the name that files, JSON and messages use; a `kind` never changes once it was released."""

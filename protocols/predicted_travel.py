@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from model import AmplifierMap, Array, Tactor
-from model.response import amplifier_response, poles, samples_per_period, voltage_gain
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from model import AmplifierMap, Array, Complex, Tactor
+from model.response import amplifier_response, poles, samples_per_period, square_wave_response, voltage_gain
 from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101
@@ -45,6 +45,10 @@ def predict_travel(
             case Hold(level_v, _):  # the guard ramps there, too slowly to excite a vibration
                 moved = float(voltage_gain(loaded) * amplifier.specimen_v(level_v))
                 yield PredictedTravel(entry.label, min(moved, 0.0), max(moved, 0.0))
+            case SquareWave(f, a, offset_v, duty, edge_s, _):
+                response = square_wave_response(loaded, f, a, offset_v, duty=duty, edge_s=edge_s, amplifier=amplifier)
+                low, high = _range_of(response.harmonics)
+                yield PredictedTravel(entry.label, float(low[0]), float(high[0]))
             case Ramp() | Steps():
                 yield _step_travel(entry.label, drive, loaded, amplifier)
     for (mass, amplitude_v, offset_v), asked in sines.items():
@@ -61,6 +65,11 @@ def _extremes(
 ) -> tuple[Array, Array]:
     """Return lowest and highest displacement of a period with all the amplifier's harmonics, each (F,)."""
     harmonics = amplifier_response(tactor, frequency, amplitude_v, offset_v, amplifier).harmonics
+    return _range_of(harmonics)
+
+
+def _range_of(harmonics: Complex) -> tuple[Array, Array]:
+    """Return lowest and highest value of a period of each response, (F,), from its harmonics (F, K + 1)."""
     points = samples_per_period(harmonics.shape[1])
     spectrum = harmonics / 2j
     spectrum[:, 0] = harmonics[:, 0].real

@@ -21,6 +21,7 @@ BUILT_IN_PROTOCOLS = {
     "mass-resonance": ("Mass resonance", "protocols.measurements.mass_resonance:MassResonance"),
     "voltage-steps": ("Voltage steps", "protocols.measurements.voltage_steps:VoltageSteps"),
     "hysteresis": ("Hysteresis", "protocols.measurements.hysteresis:Hysteresis"),
+    "square-dwell": ("Square dwell", "protocols.measurements.square_dwell:SquareDwell"),
     "sine-dwell": ("Sine dwell", "protocols.measurements.sine_dwell:SineDwell"),
     "membrane-series": ("Membrane series", "protocols.measurements.membrane_series:MembraneSeries"),
     "membrane-sag": ("Membrane sag", "protocols.measurements.membrane_sag:MembraneSag"),

@@ -62,6 +62,7 @@ SHORT: dict[str, list[str]] = {
     "voltage-steps": ["repeats=2", "hold_s=2", "levels_v=0.5,1.5,3.5,5"],
     "hysteresis": ["frequencies_hz=0.5,2,5", "cycles=3"],
     "sine-dwell": [],
+    "square-dwell": ["frequencies_hz=60,160"],
     "membrane-series": ["elongations_m=0,0.00254", "frequencies_hz=50,125,160,200"],
     "membrane-sag": ["repeats=2"],
     "sweep": [],

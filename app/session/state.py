@@ -8,7 +8,7 @@ from typing import Any
 
 from app.session.messages import LogLine
 from app.session.session import SessionEvent
-from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from model import AmplifierMap
 from protocols.base import PromptShown, Quality, RestMeasured, ResultCurve, RunEnded, RunStatus
 
@@ -258,7 +258,7 @@ def format_voltage_range(low: float, high: float) -> str:
 def describe_drive(drive: Drive) -> str:
     """Describe the frequency of a drive: `160 Hz`, `25 … 525 Hz`, `held`."""
     match drive:
-        case Sine(frequency_hz=f):
+        case Sine(frequency_hz=f) | SquareWave(frequency_hz=f):
             return f"{f:g} Hz"
         case LinearSweep(start_hz=a, stop_hz=b) | PeriodicSweep(start_hz=a, stop_hz=b):
             return f"{a:g} … {b:g} Hz"

@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import LinearSweep, PeriodicSweep, Steps
+from drivers.drive import LinearSweep, PeriodicSweep, SquareWave, Steps
 
 Points = NDArray[np.float64]
 """Values between -1 and 1; 0 is the level where the source idles, and the first value."""
 
-ArbitraryDrive = LinearSweep | PeriodicSweep | Steps
+ArbitraryDrive = LinearSweep | PeriodicSweep | Steps | SquareWave
 """Drives that no generator has built in."""
 
 MIN_POINTS = 256
@@ -58,7 +58,7 @@ def render_waveform(drive: ArbitraryDrive, max_points: int, max_step_v: float) -
 
 
 def _period_s(drive: ArbitraryDrive) -> float:
-    return drive.period_s if isinstance(drive, PeriodicSweep) else drive.duration_s
+    return drive.period_s if isinstance(drive, PeriodicSweep | SquareWave) else drive.duration_s
 
 
 def definite_length_block(data: bytes) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed, renamed_parameters
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, reason_memory_too_small, render_waveform
 from drivers.generators.expected_setting import ExpectedSetting
@@ -208,14 +208,23 @@ class BurstGenerator(ABC):
             case PeriodicSweep():
                 points, full_v = render_waveform(drive, self._max_points(), self._max_step_v(drive))
                 self._start_burst(points, full_v, 1 / drive.period_s, drive.periods, drive.offset_v)
+            case SquareWave():
+                points, full_v = render_waveform(drive, self._max_points(), self._max_step_v(drive))
+                self._start_burst(points, full_v, drive.frequency_hz, drive.cycles, drive.offset_v)
 
     def reason_unsupported(self, drive: Drive) -> str:
         name = self._scpi.instrument
-        if isinstance(drive, LinearSweep | PeriodicSweep | Steps) and (
+        if isinstance(drive, LinearSweep | PeriodicSweep | Steps | SquareWave) and (
             why := reason_memory_too_small(drive, self._max_points(), self._max_step_v(drive))
         ):
             return f"{name}: {why}"
-        cycles = drive.cycles if isinstance(drive, Sine) else drive.periods if isinstance(drive, PeriodicSweep) else 1
+        cycles = (
+            drive.cycles
+            if isinstance(drive, Sine | SquareWave)
+            else drive.periods
+            if isinstance(drive, PeriodicSweep)
+            else 1
+        )
         if cycles > self.MAX_BURST_CYCLES:
             return f"{name} plays {self.MAX_BURST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
         if not isinstance(drive, Hold | Ramp) and drive.high_v - drive.low_v < self.MIN_AMPLITUDE_VPP * (1 - 1e-9):

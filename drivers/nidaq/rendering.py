@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine
+from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine, SquareWave
 
 SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 250e3, 500e3)
 """Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
@@ -66,7 +66,7 @@ def render_samples(drive: Drive, rate_hz: float, first: int, count: int) -> Arra
 def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
     """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
     last = sample_count(drive, rate_hz) - 1
-    if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep | SquareWave) and first <= last:
         return drive.offset_v
     return float(render_samples(drive, rate_hz, min(first, last), 1)[0])
 
@@ -76,7 +76,7 @@ def fade_out(drive: Drive, rate_hz: float, first: int) -> Array:
     fade = min(math.ceil(FADE_S * rate_hz), sample_count(drive, rate_hz) - first)
     level_v = idle_level_after_stop_v(drive, rate_hz, first)
     wave = np.full(fade, level_v)
-    if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep | SquareWave):
         wave += np.linspace(1.0, 0.0, fade) * (render_samples(drive, rate_hz, first, fade) - level_v)
     return wave
 

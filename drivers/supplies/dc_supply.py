@@ -19,7 +19,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dialects import SupplyChannel
 from drivers.transport.safe_ramp_down import RampDown
@@ -156,7 +156,7 @@ class DcSupply:
             case Ramp() | Steps():
                 self._check_start_level(drive)
                 self._staircase = StaircaseThread(self, drive, self._clock)
-            case Sine() | LinearSweep() | PeriodicSweep():
+            case Sine() | LinearSweep() | PeriodicSweep() | SquareWave():
                 raise InstrumentError(self.reason_unsupported(drive))
 
     def reason_unsupported(self, drive: Drive) -> str:
@@ -166,7 +166,7 @@ class DcSupply:
                 f"{self._name} follows {steepest:.3g} V/s at most, not {drive.slew_v_per_s:.4g} V/s; lengthen the rise of the "
                 "steps, or use a generator or the card's output. Nothing was sent"
             )
-        if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
+        if not isinstance(drive, Sine | LinearSweep | PeriodicSweep | SquareWave):
             return ""
         return (
             f"{self._name} can hold and step, but not play a {drive.kind}: its output falls "

@@ -31,6 +31,8 @@ from .perception import usable_bands as usable_bands
 from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY
 from .shape_choice import ShapeChoice as ShapeChoice
 from .shape_choice import choose_shapes as choose_shapes
+from .square_wave import square_wave_response as square_wave_response
+from .square_wave import square_wave_series as square_wave_series
 from .statics import deflection as deflection
 from .statics import load_compliance as load_compliance
 from .statics import voltage_gain as voltage_gain

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Sine, SquareWave
 from model import Array
 
 SINE_SAMPLES_PER_CYCLE = 16
@@ -119,6 +119,11 @@ class DriveReadback:
                 return self._check_sine(self.drive, start, raw, to_volts)
             case LinearSweep() | PeriodicSweep():
                 return self._check_sweep(self.drive, start, raw.size, low, high)
+            case SquareWave(frequency_hz):
+                self.compared = raw.size / self.rate_hz * frequency_hz >= 1
+                missing = 0.5 * (self.drive.high_v - self.drive.low_v - (high - low))
+                if self.compared and missing > self.swing_limit_v + COARSE_SAMPLES_LOSS * self.drive.amplitude_v:
+                    return Deviation(_range_text(low, high), missing, self.swing_limit_v)
         return None
 
     def _check_sine(
@@ -182,7 +187,7 @@ class DriveReadback:
 def _swings(drive: Drive, duration_s: float) -> bool:
     """Whether a drive passes a whole cycle within this time."""
     match drive:
-        case Sine(frequency_hz):
+        case Sine(frequency_hz) | SquareWave(frequency_hz):
             return frequency_hz * duration_s >= 1
         case LinearSweep() | PeriodicSweep():
             return min(drive.start_hz, drive.stop_hz) * duration_s >= 1
@@ -203,6 +208,8 @@ def drive_text(drive: Drive) -> str:
     match drive:
         case Sine(frequency_hz, amplitude_v, offset_v):
             return f"a sine of {amplitude_v:g} V around {offset_v:g} V at {frequency_hz:g} Hz is driven"
+        case SquareWave(frequency_hz):
+            return f"a square wave of {drive.low_v:.3g} to {drive.high_v:.3g} V at {frequency_hz:g} Hz is driven"
         case Hold(level_v):
             return f"{level_v:g} V are driven"
     return f"{drive.low_v:g} to {drive.high_v:g} V are driven"

@@ -20,6 +20,7 @@ from drivers import (
     Ramp,
     Sine,
     Source,
+    SquareWave,
     Steps,
 )
 from sim_hardware.bench import SimulatedBench
@@ -81,8 +82,9 @@ def largest_deviation_v(bench: SimulatedBench, drive: Drive, begin_s: float, end
         PeriodicSweep(10.0, 30.0, 0.5, 2, 0.5, 2.5),
         Steps((2.5, 3.0, 2.0, 2.5), 0.1, 0.05),
         Steps((2.5, 3.2, 2.5), 0.1, 0.05),
+        SquareWave(20.0, 0.5, 2.5, 0.4, 3e-3, 10),
     ],
-    ids=["sweep", "periodic sweep", "steps", "steps to one side"],
+    ids=["sweep", "periodic sweep", "steps", "steps to one side", "square wave"],
 )
 def test_sweep_and_steps_follow_the_drive_and_end_at_rest(drive: Drive, device_under_test: SourceUnderTest) -> None:
     source, bench, clock = energised(device_under_test)

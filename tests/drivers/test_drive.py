@@ -8,7 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.drive import DRIVES, Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps, as_record, from_record
+from drivers.drive import (
+    DRIVES,
+    Drive,
+    Hold,
+    LinearSweep,
+    PeriodicSweep,
+    Ramp,
+    Sine,
+    SquareWave,
+    Steps,
+    as_record,
+    from_record,
+)
 
 volts = st.floats(-1, 6)
 seconds = st.floats(0.01, 5)
@@ -18,6 +30,9 @@ drives: st.SearchStrategy[Drive] = st.one_of(
     st.builds(Ramp, volts, volts, seconds),
     st.builds(Sine, hertz, st.floats(0.01, 3), volts, st.integers(1, 50)),
     st.builds(LinearSweep, hertz, hertz, seconds, st.floats(0.01, 3), volts),
+    st.builds(
+        SquareWave, hertz, st.floats(0.01, 3), volts, st.floats(0.2, 0.8), st.floats(1e-5, 2e-4), st.integers(1, 50)
+    ),
     st.builds(Steps, st.lists(volts, min_size=1, max_size=6).map(tuple), seconds, seconds),
 )
 periodic = st.builds(PeriodicSweep, hertz, hertz, seconds, st.integers(1, 9), st.floats(0.01, 3), volts)
@@ -46,7 +61,7 @@ def test_a_drive_survives_its_record(drive: Drive) -> None:
 
 
 def test_kinds_in_files_never_change_and_every_drive_has_its_own() -> None:
-    assert set(DRIVES) == {"Hold", "Ramp", "Sine", "LinearSweep", "PeriodicSweep", "Steps"}
+    assert set(DRIVES) == {"Hold", "Ramp", "Sine", "LinearSweep", "PeriodicSweep", "Steps", "SquareWave"}
     assert list(DRIVES.values()) == list(get_args(Drive))
     assert as_record(Hold(2.5, 1.0)) == {"kind": "Hold", "level_v": 2.5, "duration_s": 1.0}
 

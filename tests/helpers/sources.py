@@ -36,6 +36,7 @@ SHORTER: dict[str, dict[str, Any]] = {
     "voltage-steps": {"levels_v": (0.5, 5.0), "repeats": 1},
     "hysteresis": {"frequencies_hz": (0.5, 1.0, 2.0, 5.0), "cycles": 4},
     "sine-dwell": {"frequencies_hz": (25.0, 150.0)},
+    "square-dwell": {"frequencies_hz": (60.0, 160.0)},
     "membrane-series": {"frequencies_hz": (150.0,), "elongations_m": (6.35e-3,)},
     "free-decay": {"edges": 2},
 }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
-from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine
+from drivers import Block, Hold, LevelAction, LevelSettings, LinearSweep, Scale, Sine, SquareWave
 from protocols.base import (
     BlockStored,
     DriveReadbackChanged,
@@ -256,6 +256,7 @@ def deviation(drive: Any, volts: Any, start_s: float = 0.2, previous: Any = None
 
 SINE, LEVEL = Sine(100, 0.5, 2.5, 1000), Hold(3.0, 5.0)
 SWEEP = LinearSweep(25, 525, 20.0, 0.5, 2.5)
+SQUARE = SquareWave(100, 0.5, 2.5, 0.4, 5e-4, 1000)
 
 
 @pytest.mark.parametrize(
@@ -276,6 +277,10 @@ SWEEP = LinearSweep(25, 525, 20.0, 0.5, 2.5)
         (SWEEP, lambda t: 2.5 + 0 * t, False),
         (SWEEP, lambda t: 0 * t, False),
         (SWEEP, lambda t: 2.5 + 0.5 * (SWEEP.volts(t) - 2.5), False),
+        (SQUARE, SQUARE.volts, True),
+        (SQUARE, lambda t: 2.5 + 0 * t, False),
+        (SQUARE, lambda t: 2.5 + 0.5 * (SQUARE.volts(t) - 2.5), False),
+        (SQUARE, lambda t: 0 * t, False),
         (Sine(0.5, 2.5, 2.5, 10), lambda t: 0 * t, False),
         (Sine(0.5, 2.5, 2.5, 10), Sine(0.5, 2.5, 2.5, 10).volts, True),
     ],

@@ -1,0 +1,226 @@
+"""Square dwell: response to a square wave beside the response to a sine, at one frequency after the other.
+
+A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle, whose edges are those of an
+RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for the same time and more; both swing by
+the same volts. Displacement over drive, fundamental by fundamental, is the same under both where the tactor is linear and the duty is 0.5: else
+the amplifier's two slopes add to the square wave's fundamental.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from drivers import Sine, SquareWave
+from protocols.base import (
+    CheckResult,
+    EstimatedQuantity,
+    PlanEntry,
+    Play,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Settle,
+    SettlingResult,
+    Step,
+)
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
+from protocols.measurements.result_checks import signal_to_noise_check, usable_points
+from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, sine_point
+from protocols.signals import estimate_max_min, fit_frequency, fit_sine
+
+SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
+"""Relative change between windows that counts as settled under the sine, and how long it is waited for."""
+
+MIN_CYCLES = 20
+DRIVE_MARGIN_S = 1.5
+"""How much longer than needed a drive lasts; finite, so that a generator left alone comes to rest."""
+
+MIN_SAMPLES_PER_CYCLE = 20
+DRIVE_TOLERANCE = 0.05
+SYMMETRIC_DUTY = 0.5
+"""Only here the amplifier's two slopes make even harmonics alone."""
+
+LINEARITY_LIMIT = 0.05
+"""Largest deviation from 1 of the response per volt under the square wave over that under the sine."""
+
+
+@dataclass(frozen=True, slots=True)
+class SquarePoint:
+    """One frequency under a square wave and under a sine. Uncertainties are standard; the sensor's gain is common to all."""
+
+    frequency: FittedFrequency
+    peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement under the square wave"]
+    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
+    sine_peak_to_peak: Annotated[float, Unit("m"), "max - min under the sine of the same volts peak to peak"]
+    sine_peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of that max - min"]
+    ratio: Annotated[float, Unit("1"), "max - min under the square wave over that under the sine"]
+    ratio_errors: Annotated[float, Unit("1"), "standard uncertainty of the ratio"]
+    fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the square wave"]
+    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    sine_fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental under the sine"]
+    sine_fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of that fundamental"]
+    linearity: Annotated[
+        float,
+        Unit("1"),
+        "fundamental per volt of the drive's, square wave over sine; 1 where the tactor is linear and the duty 0.5",
+    ]
+    linearity_errors: Annotated[float, Unit("1"), "standard uncertainty of the linearity"]
+    harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
+    drive_fundamental: Annotated[float, Unit("V"), "peak amplitude of the recorded square wave's fundamental"]
+    drive_peak_to_peak: Annotated[float, Unit("V"), "max - min of the recorded square wave"]
+    duty: Annotated[float, Unit("1"), "share of the time in which the recorded square wave is above its offset"]
+    quality: QualityFlags
+
+    @property
+    def summary(self) -> str:
+        """The point in a line, for a log."""
+        return (
+            f"{self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} ± {1e6 * self.peak_to_peak_errors:.2g} µm under the "
+            f"square wave, {1e6 * self.sine_peak_to_peak:.1f} ± {1e6 * self.sine_peak_to_peak_errors:.2g} µm under the sine, "
+            f"ratio {self.ratio:.4f} ± {self.ratio_errors:.2g}"
+        )
+
+
+class SquareDwell(Protocol):
+    """Response to a square wave with a duty cycle and RC edges, beside that to a sine of the same volts."""
+
+    name: ClassVar[str] = "square-dwell"
+    title: ClassVar[str] = "Square dwell"
+    point_type: ClassVar[type] = SquarePoint
+    axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
+    substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
+
+    frequencies_hz: Annotated[
+        tuple[Annotated[float, Interval(ge=1, le=500)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
+    ] = (50.0, 75.0, 100.0, 125.0, 150.0, 160.0, 175.0, 200.0, 225.0, 250.0)
+    peak_to_peak_v: Annotated[DriveVpp, "of the sine, and between the levels that the square wave relaxes to"] = 4.5
+    duty: Annotated[float, Unit("1"), Interval(ge=0.1, le=0.9), "fraction of a period towards the upper level"] = 0.5
+    edge_s: Annotated[float, Unit("s"), Interval(ge=1e-5, le=0.01), "time constant of the edges, R times C"] = 5e-4
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=60), "at least this long is recorded of each drive"] = (
+        0.5
+    )
+    sample_rate_hz: SampleRate = 10_000.0
+
+    @model_validator(mode="after")
+    def _check_parameters(self) -> Self:
+        highest = max(self.frequencies_hz)
+        if self.sample_rate_hz < MIN_SAMPLES_PER_CYCLE * highest:
+            raise ValueError(
+                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a square wave of {highest:g} Hz; "
+                f"at least {MIN_SAMPLES_PER_CYCLE * highest:g} Hz is needed"
+            )
+        for f in self.frequencies_hz:
+            self._square(f, 0.0)  # it must cross its offset
+        return self
+
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
+        return tuple(
+            PlanEntry(
+                f"{f:g} Hz",
+                (self._sine(f, rest_v), self._square(f, rest_v)),
+                1.0 + 8 * self._window_s(f) + 2 * self._record_duration_s(f),
+                (f,),
+            )
+            for f in self.frequencies_hz
+        )
+
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
+        f = float(entry.key[0])
+        sine, square = entry.drives
+        settled: SettlingResult = yield Settle(sine, self._window_s(f), SETTLE_TOLERANCE, SETTLE_LIMIT_S)
+        yield Record(self._record_duration_s(f))
+        yield Play(square, max(settled.after_s, 4 * self._window_s(f)))
+        yield Record(self._record_duration_s(f))
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SquarePoint:
+        drive = recordings[-1].drive
+        if len(recordings) < 2 or not isinstance(drive, SquareWave):
+            raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
+        sine, square = sine_point(recordings[:-1], simulated), recordings[-1]
+        rate = square.rate_hz
+        frequency = fit_frequency(square.drive_v, rate, drive.frequency_hz)
+        driven = fit_sine(square.drive_v, rate, frequency, HARMONIC_COUNT)
+        moved = fit_sine(square.displacement_m, rate, frequency, HARMONIC_COUNT)
+        extremes = estimate_max_min(square.displacement_m, rate, frequency)
+        error = math.hypot(extremes.scatter, extremes.systematic)
+        ratio = extremes.value / sine.peak_to_peak
+        fundamental, drive_v = abs(moved.fundamental), abs(driven.fundamental)
+        linearity = fundamental / drive_v / (sine.fundamental / sine.drive_amplitude)
+        harmonics = np.full(HARMONIC_COUNT, np.nan)
+        harmonics[: len(moved.components)] = np.abs(moved.components)
+        seen_vpp, told_vpp = float(np.ptp(square.drive_v)), drive.high_v - drive.low_v
+        detected = {
+            Quality.DRIVE_OFF: abs(seen_vpp - told_vpp) > DRIVE_TOLERANCE * told_vpp,
+            Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * moved.standard_error,
+        }
+        return SquarePoint(
+            frequency=frequency,
+            peak_to_peak=extremes.value,
+            peak_to_peak_errors=error,
+            sine_peak_to_peak=sine.peak_to_peak,
+            sine_peak_to_peak_errors=sine.peak_to_peak_errors,
+            ratio=ratio,
+            ratio_errors=ratio * math.hypot(error / extremes.value, sine.peak_to_peak_errors / sine.peak_to_peak),
+            fundamental=fundamental,
+            fundamental_errors=moved.standard_error,
+            sine_fundamental=sine.fundamental,
+            sine_fundamental_errors=sine.fundamental_errors,
+            linearity=linearity,
+            linearity_errors=linearity
+            * math.hypot(
+                moved.standard_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty
+            ),
+            harmonics=tuple(harmonics.tolist()),
+            drive_fundamental=drive_v,
+            drive_peak_to_peak=seen_vpp,
+            duty=float(np.mean(square.drive_v > drive.offset_v)),
+            quality=point_quality((square,), simulated, detected) | sine.quality,
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
+        """Largest max - min under the square wave."""
+        good = usable_points(list(points))
+        if not good:
+            return ()
+        top = max(good, key=lambda p: p.peak_to_peak)
+        source = f"highest of the square dwell, at {top.frequency:.4g} Hz"
+        return (
+            EstimatedQuantity("largest max - min, square wave", top.peak_to_peak, top.peak_to_peak_errors, "m", source),
+        )
+
+    def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
+        good = usable_points(points)
+        if not good:
+            return ()
+        checks = signal_to_noise_check("fundamental, smallest", [(p.fundamental, p.fundamental_errors) for p in good])
+        if self.duty != SYMMETRIC_DUTY:
+            return checks
+        worst = max((p.linearity - 1 for p in good), key=abs)
+        remedy = (
+            "look at the drive's trace and at the amplifier's current limit: an edge needs more current than a sine"
+        )
+        name = "response per volt, square wave / sine - 1, worst"
+        return (*checks, CheckResult(name, worst, "1", -LINEARITY_LIMIT, LINEARITY_LIMIT, remedy))
+
+    def _window_s(self, frequency_hz: float) -> float:
+        return max(2, math.ceil(0.04 * frequency_hz)) / frequency_hz
+
+    def _record_duration_s(self, frequency_hz: float) -> float:
+        return max(MIN_CYCLES, math.ceil(self.record_s * frequency_hz)) / frequency_hz
+
+    def _cycles(self, frequency_hz: float) -> int:
+        longest_s = max(SETTLE_LIMIT_S, 4 * self._window_s(frequency_hz)) + self._record_duration_s(frequency_hz)
+        return math.ceil((longest_s + DRIVE_MARGIN_S) * frequency_hz)
+
+    def _sine(self, frequency_hz: float, rest_v: float) -> Sine:
+        return Sine(frequency_hz, self.peak_to_peak_v / 2, rest_v, self._cycles(frequency_hz))
+
+    def _square(self, frequency_hz: float, rest_v: float) -> SquareWave:
+        amplitude_v = self.peak_to_peak_v / 2
+        return SquareWave(frequency_hz, amplitude_v, rest_v, self.duty, self.edge_s, self._cycles(frequency_hz))
