@@ -3,7 +3,11 @@
 Every wait of a driver or protocol goes through a clock, so that tests need not wait.
 """
 
+import math
+import mmap
+import struct
 import time
+from pathlib import Path
 from typing import Protocol
 
 
@@ -18,16 +22,64 @@ class Clock(Protocol):
         """Wait for this bench time, s; return immediately if it is not positive."""
 
 
-class WallClock:
-    """Real time, multiplied by `speed` (1 on a real bench; up to 20 on a simulated one)."""
+READER_GONE_S = 0.5
+"""Real seconds without a read after which bench time no longer waits for the reader."""
 
-    def __init__(self, speed: float = 1.0) -> None:
-        self.speed = speed
+SHORTEST_SLEEP_S = 1e-6
+_NUMBER = struct.Struct("d")
+
+
+class SharedTime:
+    """Bench time of a simulated bench at raised speed, the same in all its processes; it waits for a card's reader that is late.
+
+    A file holds the real time of its beginning, the bench seconds for which it has waited, the bench time at which it waits
+    and the real time until which it does so.
+
+    Args:
+        path: of the file.
+        speed: bench seconds per real second.
+        new: whether time begins now, in a new file.
+    """
+
+    def __init__(self, path: Path, speed: float, new: bool = False) -> None:
+        self.path, self.speed = path, speed
+        if new:
+            path.write_bytes(struct.pack("4d", time.monotonic(), 0.0, math.inf, 0.0))
+        with path.open("r+b") as file:
+            self._numbers = mmap.mmap(file.fileno(), 4 * _NUMBER.size)
+        self._latest_s = 0.0
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        start, waited_s, limit_s, until = struct.unpack_from("4d", self._numbers)
+        real = time.monotonic()
+        present_s = (real - start) * self.speed - waited_s
+        if present_s > limit_s and real < until:
+            self._write(1, waited_s + present_s - limit_s)
+            present_s = limit_s
+        self._latest_s = max(self._latest_s, present_s)  # another process may have set the limit a moment too late
+        return self._latest_s
+
+    def wait_at(self, limit_s: float) -> None:
+        """Let time run to this bench time only, as long as this is called every READER_GONE_S."""
+        self._write(2, max(limit_s, self.now()))
+        self._write(3, time.monotonic() + READER_GONE_S)
+
+    def _write(self, place: int, number: float) -> None:
+        _NUMBER.pack_into(self._numbers, place * _NUMBER.size, number)
+
+
+class WallClock:
+    """Real time, multiplied by `speed` (1 on a real bench; up to 20 on a simulated one), or `shared` with other processes."""
+
+    def __init__(self, speed: float = 1.0, shared: SharedTime | None = None) -> None:
+        self.speed, self.shared = speed, shared
         self._start = time.monotonic()
 
     def now(self) -> float:
-        return (time.monotonic() - self._start) * self.speed
+        return (time.monotonic() - self._start) * self.speed if self.shared is None else self.shared.now()
 
     def sleep(self, seconds: float) -> None:
-        if seconds > 0:
-            time.sleep(seconds / self.speed)
+        end_s = self.now() + seconds
+        while (left_s := end_s - self.now()) > 0:
+            time.sleep(max(left_s / self.speed, SHORTEST_SLEEP_S))

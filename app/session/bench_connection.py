@@ -118,10 +118,11 @@ def connect(
             from sim_hardware.service.process import BenchProcess
 
             process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
+            clock = HeartbeatClock(speed, process.time)
             connection = _open_instruments(
                 config,
                 stack,
-                HeartbeatClock(speed),
+                clock,
                 process.resource,
                 process.server,
                 wrap_link,
@@ -247,6 +248,7 @@ def _make_watchdog(
             map=config.amplifier.amplifier_map,
             limits=config.amplifier.drive_limits,
             speed=clock.speed,
+            time_file="" if clock.shared is None else str(clock.shared.path),
             # Of bench time: only a simulated bench runs at raised speed, and its card then takes turns with the program.
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
             own_connection=config.watchdog.own_connection

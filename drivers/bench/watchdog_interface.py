@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Protocol
 
-from drivers.clock import WallClock
+from drivers.clock import SharedTime, WallClock
 
 HEARTBEAT_PERIOD_S = 0.1
 """Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""
@@ -103,13 +103,13 @@ class HeartbeatClock(WallClock):
     A driver that was delayed in a staircase must not continue it after the watchdog has taken over.
     """
 
-    def __init__(self, speed: float = 1.0) -> None:
-        super().__init__(speed)
+    def __init__(self, speed: float = 1.0, shared: SharedTime | None = None) -> None:
+        super().__init__(speed, shared)
         self.watchdog: Watchdog = NoWatchdog()
 
     def sleep(self, seconds: float) -> None:
-        end = time.monotonic() + seconds / self.speed
-        while (left := end - time.monotonic()) > 0:
-            time.sleep(min(left, HEARTBEAT_PERIOD_S))
+        end_s = self.now() + seconds
+        while (left_s := end_s - self.now()) > 0:
+            time.sleep(min(left_s / self.speed, HEARTBEAT_PERIOD_S))
             self.watchdog.send_heartbeat()
         self.watchdog.raise_if_taken_over()

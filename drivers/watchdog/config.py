@@ -22,6 +22,7 @@ class WatchdogConfig:
         map: input range and rest level of the amplifier.
         limits: drive limits of the ramp to rest.
         speed: bench seconds per wall second of a simulated bench.
+        time_file: of the bench time that a simulated bench shares with its program, or empty.
         silence_s: longest silence of the run thread while live.
         own_connection: whether the source accepts a second connection in addition to the program's. Where it does not, the
             watchdog kills a program that hangs, and connects then.
@@ -38,6 +39,7 @@ class WatchdogConfig:
     map: AmplifierMap = field(default_factory=AmplifierMap)
     limits: DriveLimits = field(default_factory=DriveLimits)
     speed: float = 1.0
+    time_file: str = ""
     silence_s: float = 0.4
     own_connection: bool = True
     patience_s: float = 30.0

@@ -20,7 +20,7 @@ from typing import NoReturn
 
 from drivers import deprecated
 from drivers.bench.amplifier import HvAmplifier
-from drivers.clock import WallClock
+from drivers.clock import SharedTime, WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
 from drivers.transport.lock import lock_as_watchdog
@@ -52,7 +52,8 @@ class WatchdogLoop:
 
     def __init__(self, config: WatchdogConfig) -> None:
         self._config = config
-        self._clock = WallClock(config.speed)
+        shared = SharedTime(Path(config.time_file), config.speed) if config.time_file else None
+        self._clock = WallClock(config.speed, shared)
         self._source: Source | None = None
         self._amplifier: HvAmplifier | None = None
         self._log_folder: Path | None = None

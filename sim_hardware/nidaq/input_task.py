@@ -5,11 +5,15 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.clock import SharedTime
 from sim_hardware.nidaq.card import TIMEBASE_HZ, SampleRateError, actual_rate
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.task import CONTINUOUS, FINITE, NiTask, SimulatedNiDevice, TaskChannel
 
 ALL_AVAILABLE = -1
+
+LATE_S = 0.5
+"""Real seconds by which a reader may be late before bench time waits for it, where it can."""
 
 
 def default_buffer_size(rate_hz: float) -> int:
@@ -109,14 +113,23 @@ class NiInputTask(NiTask):
             count = self.available()
         if self.mode == FINITE and self.read_position + count > self.samples_per_channel:
             raise NiError(-200278, f"Task Name: {self.name}", samples_read=0)
+        self._let_time_run(count)
         status = 0 if self._wait_for_scans(count, timeout_s) else -200284
         run = self.acquisition
         if run is None:
             raise NiError(-200088, samples_read=0)
-        count = min(count, self.available())
+        wanted, count = count, min(count, self.available())
         raw = run.read_raw(self.read_position, count)
         self.read_position += count
+        self._let_time_run(wanted)
         return raw, status
+
+    def _let_time_run(self, count: int) -> None:
+        """At raised speed, let bench time run until the next read of so many scans, and a little further."""
+        shared: SharedTime | None = getattr(self.device.clock, "shared", None)
+        run = self.acquisition
+        if shared is not None and run is not None and self.mode == CONTINUOUS:
+            shared.wait_at(run.available_at(self.read_position + count) + LATE_S * self.device.speed)
 
     def is_done(self) -> bool:
         return self.acquisition is None or (self.mode == FINITE and self.acquired() >= self.samples_per_channel)

@@ -10,8 +10,10 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Any, TextIO
 
+from drivers.clock import SharedTime, WallClock
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant import SimulationParameters
 
@@ -26,14 +28,17 @@ def main() -> int:
     os.dup2(2, 1)  # output of libraries must not mix with the replies
     with answers, contextlib.suppress(BrokenPipeError):
         try:
-            parameters = SimulationParameters.from_record(json.loads(sys.stdin.readline())["truth"])
+            first = json.loads(sys.stdin.readline())
+            parameters = SimulationParameters.from_record(first["truth"])
         except (ValueError, KeyError, TypeError) as error:
             _write_response(answers, error=f"the simulated bench was given a wrong configuration: {error}")
             return 2
         # Imported late: a rejected configuration need not wait for the servers' libraries.
         from sim_hardware.service.served_bench import ServedBench
 
-        with ServedBench(SimulatedBench(parameters)) as served:
+        path = first.get("time_file", "")
+        clock = WallClock(parameters.speed, SharedTime(Path(path), parameters.speed) if path else None)
+        with ServedBench(SimulatedBench(parameters, clock)) as served:
             _write_response(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
             for line in sys.stdin:
                 try:

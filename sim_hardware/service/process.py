@@ -8,9 +8,11 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from drivers import BenchError, Closeable
+from drivers.clock import SharedTime
 from drivers.watchdog.subprocesses import python_command, python_environment, terminate
 from sim_hardware.plant import SimulationParameters, VoltageReport
 from sim_hardware.wires.port import HOST
@@ -34,6 +36,11 @@ class BenchProcess(Closeable):
         parameters = parameters or SimulationParameters()
         parameters = parameters if speed is None else replace(parameters, speed=speed)
         self._timeout_s = timeout_s
+        self._folder = tempfile.TemporaryDirectory(prefix="tactor-bench-", ignore_cleanup_errors=True)
+        self.time = (
+            SharedTime(Path(self._folder.name, "time"), parameters.speed, new=True) if parameters.speed > 1 else None
+        )
+        """Bench time, which waits for a late reader; None at real speed."""
         self._lock = threading.Lock()
         self._stderr = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
         self._child = subprocess.Popen(  # noqa: S603 - this very Python
@@ -50,7 +57,8 @@ class BenchProcess(Closeable):
         self._reader = threading.Thread(target=self._listen, name="simulated bench answers", daemon=True)
         self._reader.start()
         try:
-            ports = self._exchange({"truth": parameters.as_record()})
+            time_file = "" if self.time is None else str(self.time.path)
+            ports = self._exchange({"truth": parameters.as_record(), "time_file": time_file})
         except BaseException:
             self.close()
             raise
@@ -115,6 +123,7 @@ class BenchProcess(Closeable):
         if self._child.stdout is not None:
             self._child.stdout.close()
         self._stderr.close()
+        self._folder.cleanup()
 
     def _listen(self) -> None:
         if self._child.stdout is not None:

@@ -54,6 +54,8 @@ def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path:
     with Run(ran.path) as file:
         flags = [Quality(int(q)) for q in file.points()["quality"]]
         assert [Quality.SUPERSEDED in flag for flag in flags] == [False, False, True, False, False]
+        assert file.earlier_runs() == [first.path]
+        assert list(file.entries()) == [0, 1, 2, 3]
 
 
 def test_a_moved_sensor_is_noticed_before_a_run_goes_on(known: None, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def gone(pid: int) -> bool:
 @pytest.mark.deep
 def test_both_wires_share_one_plant():
     with BenchProcess(SimulationParameters(), speed=10.0) as bench:
-        clock = WallClock(10.0)
+        clock = WallClock(10.0, bench.time)
         link = VisaLink(bench.resource, timeout_s=2.0)
         source = Keysight33500(link, clock)
         source.initialize_at_rest(2.5, 0.0, 5.0)
