@@ -25,6 +25,9 @@ class HighVoltageSwitch(Protocol):
 class BlockMonitor(Protocol):
     """Evaluates every block of an armed bench before it is stored; must not raise."""
 
+    def drive_commanded(self) -> None:
+        """Note that a drive is about to be started."""
+
     def drive_changed(self, drive: Drive | None) -> None:
         """Note that a drive was started, or that the source returned to rest (None)."""
 
@@ -71,6 +74,8 @@ class ArmedBench:
             DriveRejectedError: it exceeds the drive limits, or the source cannot play it.
             InstrumentError: the source rejected it or does not answer.
         """
+        if self.monitor is not None:
+            self.monitor.drive_commanded()
         self.amplifier.start_drive(drive)
         if self.monitor is not None:
             self.monitor.drive_changed(drive)

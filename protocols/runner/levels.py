@@ -96,6 +96,8 @@ class LevelMonitor:
         speed = float(getattr(clock, "speed", 1.0))
         self._latency_s = max(MIN_LATENCY_S, LATENCY_PER_SPEED_S * speed)
         self._confirmed_s = CONFIRMED_LATENCIES * self._latency_s if speed > 1 else 0.0
+        self._starting_s = math.nan
+        """When the present drive was commanded, at raised speed: its replies may have been late; else NaN."""
         self._muted: set[str] = set()
         self._reported: set[str] = set()
         self._events: list[LevelExceeded | DriveReadbackChanged] = []
@@ -139,16 +141,31 @@ class LevelMonitor:
         events, self._events = self._events, []
         return events
 
+    def drive_commanded(self) -> None:
+        """Note that a drive is about to be started."""
+        if self._confirmed_s:
+            self._starting_s = self._clock.now()
+
     def drive_changed(self, drive: Drive | None) -> None:
         """Note that a drive was started, or that the source returned to rest (None)."""
-        scan = round((self._clock.now() - self._start_time_s) * self._rate_hz)
+        now_s = self._clock.now()
+        scan = round((now_s - self._start_time_s) * self._rate_hz)
+        early_s = 0.0 if math.isnan(self._starting_s) else now_s - self._starting_s
+        self._starting_s = math.nan
         self._fresh_scan = scan + math.ceil(self._latency_s * self._rate_hz)
         previous, self._drive, self._readback = self._drive, drive, None
         self._lost_scans = 0
         self._deviating_since = None
         if drive is not None:
             self._readback = DriveReadback(
-                drive, scan, self._fresh_scan, self._rate_hz, self._rest_v, self._settings.drive_tolerance, previous
+                drive,
+                scan,
+                self._fresh_scan,
+                self._rate_hz,
+                self._rest_v,
+                self._settings.drive_tolerance,
+                previous,
+                early_s,
             )
 
     def block_read(self, block: Block) -> None:

@@ -50,6 +50,7 @@ class DriveReadback:
         rest_v: rest at the amplifier's input.
         relative_tolerance: of the drive's amplitude, or of a level's distance from rest.
         previous: the drive before, if there was one.
+        early_s: by how much the drive may have started before `start_scan`, because replies were late.
     """
 
     drive: Drive
@@ -59,6 +60,7 @@ class DriveReadback:
     rest_v: float
     relative_tolerance: float
     previous: Drive | None = None
+    early_s: float = 0.0
     compared: bool = field(default=False, init=False)
     """Whether the last block was compared with the drive; not before `fresh_scan` or where it has too little of a cycle."""
     _sine_scans: list[Array] = field(default_factory=list)
@@ -70,7 +72,7 @@ class DriveReadback:
             span = self.drive.amplitude_v
         self.swing_limit_v = max(self.relative_tolerance * span, min(MIN_TOLERANCE_V, 0.5 * span))
         self.level_limit_v = max(self.relative_tolerance * span, MIN_TOLERANCE_V)
-        self._late_s = (self.fresh_scan - self.start_scan) / self.rate_hz
+        self._late_s = (self.fresh_scan - self.start_scan) / self.rate_hz + self.early_s
 
     def check(
         self, start: int, raw: NDArray[np.int16], to_volts: Callable[[NDArray[np.int16]], Array]

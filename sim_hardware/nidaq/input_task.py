@@ -12,8 +12,8 @@ from sim_hardware.nidaq.task import CONTINUOUS, FINITE, NiTask, SimulatedNiDevic
 
 ALL_AVAILABLE = -1
 
-LATE_S = 0.5
-"""Real seconds by which a reader may be late before bench time waits for it, where it can."""
+LATE_S = 1.0
+"""Bench seconds by which a reader may be late before bench time waits for it, where it can: longer than a ramp, in which nobody reads."""
 
 
 def default_buffer_size(rate_hz: float) -> int:
@@ -129,7 +129,7 @@ class NiInputTask(NiTask):
         shared: SharedTime | None = getattr(self.device.clock, "shared", None)
         run = self.acquisition
         if shared is not None and run is not None and self.mode == CONTINUOUS:
-            shared.wait_at(run.available_at(self.read_position + count) + LATE_S * self.device.speed)
+            shared.wait_at(run.available_at(self.read_position + count) + LATE_S)
 
     def is_done(self) -> bool:
         return self.acquisition is None or (self.mode == FINITE and self.acquired() >= self.samples_per_channel)

@@ -72,6 +72,8 @@ class Journal(NoWatchdog):
         self.note("watchdog: closed")
 
     # the monitor
+    def drive_commanded(self) -> None: ...
+
     def drive_changed(self, drive: Drive | None) -> None:
         self.note(f"drive: {drive.kind if drive else 'rest'}")
 

@@ -390,3 +390,28 @@ def test_a_block_of_500_kilosamples_a_second_is_evaluated_in_a_fraction_of_its_d
         monitor.block_read(Block(125_000 + 12_500 * i, counts))
     assert monitor.take_events() == []
     assert time.perf_counter() - begin < 100 * 0.05 / 4
+
+
+@pytest.mark.parametrize(("speed", "is_lost"), [(1.0, True), (15.0, False)])
+def test_a_reply_that_is_late_at_raised_speed_does_not_make_a_drive_end_early(speed: float, is_lost: bool) -> None:
+    """The drive ends 1.5 s before the end that follows from the reply; at real speed that is a lost drive."""
+
+    class Clock(VirtualClock):
+        pass
+
+    clock, drive = Clock(), Sine(5.0, 2.5, 2.5, 20)
+    clock.speed = speed  # type: ignore[attr-defined]
+    with laboratory() as lab:
+        monitor = LevelMonitor(LevelSettings(), lab.bench.sensor, 2.5, clock)
+    monitor.attach((VOLTS, VOLTS), 1000.0, 0.0)
+    clock.sleep(1.0)
+    monitor.drive_commanded()
+    clock.sleep(1.5)
+    monitor.drive_changed(drive)
+    t = np.arange(2500, 6500) / 1000.0 - 1.0
+    volts = np.where(t < drive.duration_s, drive.volts(np.minimum(t, drive.duration_s)), 2.5)
+    raw = np.stack([np.round(volts / VOLTS.coefficients[1]), np.zeros(t.size)]).astype(np.int16)
+    for first in range(0, t.size, 500):
+        monitor.block_read(Block(2500 + first, raw[:, first : first + 500]))
+    lost = [event for event in monitor.take_events() if isinstance(event, DriveReadbackChanged) and event.lost]
+    assert bool(lost) is is_lost
