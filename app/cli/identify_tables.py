@@ -8,7 +8,14 @@ import numpy as np
 
 from app.cli.output import CommandResult
 from app.common import Column, Table, display_unit, track
-from app.identification import IdentificationResult, budget_record, budget_tables, sheet_unit
+from app.identification import (
+    IdentificationResult,
+    budget_record,
+    budget_tables,
+    contradictions,
+    sheet_unit,
+    unstated_errors,
+)
 from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
@@ -244,8 +251,14 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
-    heading = [text for text in (dimensions_line(identification), held_parameters(identification)) if text]
+    unstated = unstated_errors(identification)
+    heading = [
+        dimensions_line(identification),
+        held_parameters(identification),
+        f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
+    ]
     notes = [
+        *(f"{text}." for text in contradictions(identification)),
         f"{identification.verdict}.",
         *(f"not identifiable from these runs: {text}" for text in identification.unidentified),
     ]
@@ -273,9 +286,13 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         "covariance": np.asarray(identification.covariance).tolist(),
         "verdict": identification.verdict,
         "budget": budget_record(identification.budget),
+        "unstated": list(unstated),
+        "contradictions": list(contradictions(identification)),
         "dimensions": "" if identification.sheet is None else identification.sheet.description,
     }
-    return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more, heading=tuple(heading))
+    return CommandResult(
+        "identify", fixed, tuple(tables), tuple(notes), extra=more, heading=tuple(filter(None, heading))
+    )
 
 
 def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[str, float] | None = None) -> Table:

@@ -46,6 +46,9 @@ class AmplifierTable(ConfigTable):
     high_v: Annotated[float, Unit("V"), "highest input"] = 5.0
     slope_below: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt under rest"] = 200.0
     slope_above: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt over rest"] = 600.0
+    slope_relative_uncertainty: Annotated[
+        float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty common to both slopes, relative; 0: not stated"
+    ] = 0.0
     slew_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "steepest drive admitted at the input"] = 10_000.0
     step_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "largest jump of a staircase at the input"] = 0.05
     ramp_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "slope between held levels at the input"] = 5.0
@@ -104,6 +107,9 @@ class SensorTable(ConfigTable):
     valid_low_v: Annotated[float, Unit("V"), "below this the sensor reports 'out of range'"] = -10.0
     valid_high_v: Annotated[float, Unit("V"), "above this the sensor reports 'out of range'"] = 10.0
     delay_s: Annotated[float, Unit("s"), Interval(ge=0, le=0.1), "from the motion to the voltage"] = 0.0
+    delay_uncertainty_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=0.1), "standard uncertainty of the delay; 0: not stated"
+    ] = 0.0
     gain_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative"
     ] = 0.0
@@ -125,7 +131,7 @@ class SensorTable(ConfigTable):
 
     @property
     def laser_sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump(exclude={"preset"}))
+        return LaserSensor(**self.model_dump(exclude={"preset", "delay_uncertainty_s"}))
 
     @model_validator(mode="before")
     @classmethod

@@ -23,6 +23,7 @@ low_v = 0.0             # -500 V on the specimen
 high_v = 5.0            # +1500 V on the specimen
 slope_below = 200.0     # volts on the specimen per volt at the input, under rest
 slope_above = 600.0     # over rest
+# slope_relative_uncertainty = 0.005   # standard uncertainty of both; without it the slopes count as exact
 slew_v_per_s = 10000.0  # steepest drive admitted at the input
 step_v = 0.05           # largest jump of a staircase at the input
 ramp_v_per_s = 5.0      # slope between held levels at the input

@@ -31,5 +31,7 @@ from .specimen_sheet import sheet_unit as sheet_unit
 from .table_one import TABLE_ONE as TABLE_ONE
 from .uncertainty_tables import budget_record as budget_record
 from .uncertainty_tables import budget_tables as budget_tables
+from .uncertainty_tables import contradictions as contradictions
 from .uncertainty_tables import format_shares as format_shares
 from .uncertainty_tables import known_tables as known_tables
+from .uncertainty_tables import unstated_errors as unstated_errors

@@ -40,6 +40,13 @@ DEFAULT_SHAPE_COUNT = 20
 MAX_INPUT_ERRORS = 100
 """Errors of single inputs, such as masses or levels, that a fit takes from one run."""
 
+INSTRUMENT_ERRORS: dict[str, tuple[ErrorTarget, ...]] = {
+    "sine-dwell": ("displacement", "delay", "volts"),
+    "membrane-series": ("displacement", "delay", "volts"),
+    "voltage-steps": ("displacement", "volts"),
+}
+"""What the errors of sensor and amplifier act on in a protocol; otherwise the sensor's gain alone."""
+
 Columns = dict[str, Array]
 
 
@@ -145,11 +152,18 @@ def run_observations(run: Run, duplicate: Mask | None = None) -> Iterator[Observ
 
 
 def _common_arguments(run: Run) -> dict[str, Any]:
-    """Return the gain error of the displacement sensor, which all its values share, and whether the run is simulated."""
-    sensor, errors = run.sensor, tuple[SharedError, ...]()
-    if sensor.gain_relative_uncertainty > 0:
-        name = f"gain of {sensor.name} {sensor.serial}".strip()
-        errors = (SharedError(name, "displacement", sensor.gain_relative_uncertainty),)
+    """Return the errors of sensor and amplifier, which all values of a run share, and whether it is simulated."""
+    sensor, bench = run.sensor, run.configuration
+    amplifier = bench.get("amplifier", {})
+    label = f"{sensor.name} {sensor.serial}".strip()
+    slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
+    stated: tuple[tuple[str, ErrorTarget, float], ...] = (
+        (f"gain of {label}", "displacement", sensor.gain_relative_uncertainty),
+        (f"delay of {label}", "delay", float(bench.get("sensor", {}).get("delay_uncertainty_s", 0.0))),
+        (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
+    )
+    acting = INSTRUMENT_ERRORS.get(run.protocol, ("displacement",))
+    errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
     return {"shared_errors": errors, "simulated": run.simulated}
 
 

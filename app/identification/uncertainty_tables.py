@@ -3,15 +3,45 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from app.common import Column, Table
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
 from model import EstimatedQuantity
-from model.identification import UncertaintyBudget, parameter_spec
+from model.identification import (
+    ErrorTarget,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    StaticLoadingObservation,
+    UncertaintyBudget,
+    VoltageStepsObservation,
+    observed_values,
+    parameter_spec,
+)
 from protocols.base import format_with_uncertainty
 
 MIN_SHARE = 0.01
 """Share of the squared total uncertainty from which on a source is named."""
+
+CONTRADICTION_SIGMAS = 3.0
+"""Correction of a known value, in its standard uncertainties, from which on it is questioned."""
+UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
+    (
+        "displacement",
+        (StaticLoadingObservation, VoltageStepsObservation, FrequencyResponseObservation),
+        "gain of the sensor (gain_relative_uncertainty of [sensor])",
+    ),
+    ("delay", (FrequencyResponseObservation,), "delay of the sensor (delay_uncertainty_s of [sensor])"),
+    (
+        "volts",
+        (VoltageStepsObservation, FrequencyResponseObservation),
+        "slopes of the amplifier (slope_relative_uncertainty of [amplifier])",
+    ),
+    ("load", (StaticLoadingObservation,), "weights"),
+    ("mass", (MassResonanceObservation,), "added masses (mass_offset of the specimen sheet)"),
+)
+"""Errors of instruments, the runs they act on, and where their uncertainty is stated."""
 
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
@@ -94,3 +124,33 @@ def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:
         }
         for i, name in enumerate(budget.names)
     }
+
+
+def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
+    """Return what counts as exact because no uncertainty of it is stated, with where to state it."""
+    runs, missing = identification.observations.runs, []
+    for acts_on, kinds, words in UNSTATED:
+        concerned = [run for run in runs if isinstance(run, kinds)]
+        if acts_on == "delay":
+            concerned = [run for run in concerned if np.iscomplexobj(observed_values(run)[0])]
+        if acts_on == "mass" and "mass_offset" in identification.known:
+            continue
+        if any(all(error.acts_on != acts_on for error in run.shared_errors) for run in concerned):
+            missing.append(words)
+    return tuple(missing)
+
+
+def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
+    """Return the values known beforehand that the runs contradict, as text."""
+    found, texts = {e.name: e for e in identification.estimates}, []
+    for name, (value, uncertainty) in identification.known.items():
+        after = found.get(name)
+        if after is None or not after.standard_error < uncertainty:
+            continue
+        sigmas = (after.value - value) / (uncertainty**2 - after.standard_error**2) ** 0.5
+        if abs(sigmas) > CONTRADICTION_SIGMAS:
+            texts.append(
+                f"the runs contradict {name}: {_format(name, value, uncertainty)} {sheet_unit(name)[1]} was known, "
+                f"{_format(name, after.value, after.standard_error)} fits, {abs(sigmas):.1f} standard uncertainties away: measure it again"
+            )
+    return tuple(texts)

@@ -21,12 +21,27 @@ from model.identification.observations import (
 )
 from model.identification.residuals import LeastSquaresProblem
 
+AGAIN_BETTER, AGAIN_MINUTES = 5.0, 5.0
+"""A length or mass measured again: a caliper instead of a ruler, a micrometer instead of a caliper; and how long it takes."""
+
+
+@dataclass(frozen=True)
+class BetterKnowledge:
+    """A parameter that is known beforehand, such as a length, measured again with a better instrument."""
+
+    label: str
+    parameter: str
+    standard_error: float
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """A run that could be done: settings and expected errors (its values are not used), and how long it takes."""
+    """A run, or a better measurement of a length or mass, that could be done, and how long it takes.
 
-    run: Observation
+    Of a run, settings and expected errors count; its values are not used.
+    """
+
+    run: Observation | BetterKnowledge
     minutes: float
 
 
@@ -88,25 +103,55 @@ def rank_candidates(
 
 def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     """Scaled information of the fit and the candidate together; new shared errors come last."""
+    P, run = len(fit.names), candidate.run
+    if isinstance(run, BetterKnowledge):
+        F = (fit.jacobian * fit.parameter_scale).T @ (fit.jacobian * fit.parameter_scale)
+        at = fit.names.index(run.parameter)
+        F[at, at] += (fit.parameter_scale[at] / run.standard_error) ** 2
+        return np.asarray(F)
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
+    skin = _unknown_skin(fit, run)
     setting = replace(
-        fit.options, free=fit.free_parameters, priors={}, start={n: values[n] for n in fit.free_parameters}
+        fit.options,
+        free=(*fit.free_parameters, *skin),
+        priors={},
+        start={n: values[n] for n in fit.free_parameters},
     )
-    problem = LeastSquaresProblem(ObservationSet((candidate.run,)), setting)
-    theta = np.array([values.get(n, 0.0) for n in problem.names])
+    problem = LeastSquaresProblem(ObservationSet((run,)), setting)
+    begin = dict(zip(problem.names, problem.start.tolist(), strict=True))
+    theta = np.array([values.get(n, begin[n]) for n in problem.names])
     _, J = problem.evaluate(theta)
     J = J[: J.shape[0] - len(problem.observations.shared_errors)]  # the priors of shared errors are the last rows
     new = [n for n in problem.names if n not in fit.names]
     names = (*fit.names, *new)
-    scale = np.array([*fit.parameter_scale, *(10 * problem.observations.shared_errors[n].standard_error for n in new)])
+    shared = problem.observations.shared_errors
+    scale = np.array(
+        [
+            *fit.parameter_scale,
+            *(10 * shared[n].standard_error if n in shared else known.typical_size(n, begin[n]) for n in new),
+        ]
+    )
     F = np.zeros((len(names), len(names)))
-    P = len(fit.names)
     F[:P, :P] = (fit.jacobian * fit.parameter_scale).T @ (fit.jacobian * fit.parameter_scale)
-    F[np.arange(P, len(names)), np.arange(P, len(names))] = 100.0  # ten standard errors are one hundred percent
+    for i in range(P, len(names)):
+        F[i, i] = 100.0 if names[i] in shared else 0.0  # ten standard errors are one hundred percent
     place = [names.index(n) for n in problem.names]
     J = J * scale[place]
     F[np.ix_(place, place)] += J.T @ J
     return F
+
+
+def _unknown_skin(fit: JointFit, run: Observation) -> tuple[str, ...]:
+    """Return stiffness and damping of the skin under a candidate, where the runs done so far do not tell them."""
+    elongation = getattr(run, "elongation_m", None)
+    if elongation is None:
+        return ()
+    names = {"k_s": ("E_m",), "c_s": ("c_s_0", "c_s_delta")}
+    return tuple(
+        known.elongation_parameter(symbol, elongation)
+        for symbol, own in names.items()
+        if not {*own, known.elongation_parameter(symbol, elongation)} & set(fit.free_parameters)
+    )
 
 
 def _standard_errors(F: Array) -> Array:
@@ -186,9 +231,18 @@ def default_candidates(
     problem = LeastSquaresProblem(campaign, setting)
     theta = np.array([values.get(n, 0.0) for n in problem.names])
     predicted = with_predictions(campaign, problem.forward_model, theta)
-    return tuple(
+    again = tuple(
+        Candidate(
+            BetterKnowledge(f"{name} measured {AGAIN_BETTER:g} times as well", name, error / AGAIN_BETTER),
+            AGAIN_MINUTES,
+        )
+        for name, (_, error) in fit.options.priors.items()
+        if name in fit.free_parameters
+    )
+    runs = tuple(
         Candidate(_with_errors(run, e), minutes) for run, (_, minutes) in zip(predicted.runs, plan, strict=True)
     )
+    return (*runs, *again)
 
 
 def _with_errors(run: Observation, expected: ExpectedPrecision) -> Observation:

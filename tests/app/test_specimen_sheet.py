@@ -13,11 +13,14 @@ from app.identification.active_model import PAPER_MODEL, load_active_model
 from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_path, sheet_template
 from app.identification.specimen_sheet import DIMENSIONS, SpecimenSheet
 from app.identification.table_one import TABLE_ONE
+from app.identification.uncertainty_tables import unstated_errors
 from model.identification.fit_options import FitOptions
 from model.identification.observations import MembraneSagObservation, ObservationSet, StaticLoadingObservation
 from model.parameter_spec import parameter_specs
 from model.parameters import Membrane, Tactor
+from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.importing import brought
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 STATIC = "load [N],deflection [um],u_deflection [um]\n" + "".join(
     f"{n},{137.9 * n * (1 + e):.4f},0.1\n"
@@ -222,3 +225,28 @@ def test_the_report_has_dimensions_sources_and_both_uncertainties(static: Path, 
     for text in ("steel rule", "MFC-042", "Sources of the uncertainties", "statistical", "directly measured (ruler)",
                  "identified from static deflection under a voltage"):  # fmt: skip
         assert text in page, text
+
+
+@pytest.mark.deep
+def test_uncertainties_of_slopes_and_delay_of_the_bench_file_enter_the_fit(tmp_path: Path) -> None:
+    """mu is never better known than the slopes of the amplifier."""
+    config = simulated(seed=3)
+    slopes = config.amplifier.model_copy(update={"slope_relative_uncertainty": 0.01})
+    late = config.sensor.model_copy(update={"delay_uncertainty_s": 5e-6})
+    with laboratory(config.model_copy(update={"amplifier": slopes, "sensor": late})) as lab:
+        path = run(SineDwell(frequencies_hz=(50, 100, 145, 160, 200), record_s=0.1), tmp_path, lab).path
+    found = tb.identify(path, sheet="none")
+    assert found.budget is not None
+    shares = dict(zip(found.budget.sources, found.budget.components[:, found.names.index("mu")], strict=True))
+    assert shares["slopes of AMT2012-CE3"] == pytest.approx(0.01 * abs(found.tactor.mu), rel=0.02)
+    assert any(source.startswith("delay of ") for source in found.budget.sources)
+    assert not unstated_errors(found.found)
+
+
+@pytest.mark.deep
+def test_a_length_that_the_runs_contradict_is_named(static: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With k2 known, a load test tells the length."""
+    capsys.readouterr()
+    known = ("--prior", "k2=0.007 N m^2 +- 0.1 %", "--prior", "h_Al=0.2 mm +- 0.1 %", "--prior", "L=24 mm +- 0.2 mm")
+    result = answer(capsys, "identify", str(static), *known)
+    assert any(text.startswith("the runs contradict L: 24.00 ± 0.20 mm was known") for text in result["contradictions"])

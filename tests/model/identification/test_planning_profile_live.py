@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.experiment_design import Candidate, ExpectedPrecision, default_candidates, rank_candidates
+from model.identification.experiment_design import (
+    BetterKnowledge,
+    Candidate,
+    ExpectedPrecision,
+    default_candidates,
+    rank_candidates,
+)
 from model.identification.fit_options import FitCancelled, FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.live_fit import LiveFit
@@ -36,6 +42,29 @@ def test_the_promise_of_a_candidate_is_kept_when_it_is_measured() -> None:
     done = {e.name: e for e in joint_fit(ObservationSet((*FEW.runs, masses))).estimates()}["k2"]
     assert proposal.error_after == pytest.approx(done.standard_error / done.value, rel=0.01)
     assert proposal.error_after < proposal.error_before
+
+
+@pytest.mark.deep
+def test_a_better_ruler_is_a_candidate_and_keeps_its_promise() -> None:
+    known = {"L": (22e-3, 3e-4), "h_Al": (2e-4, 1e-5)}
+    fit = joint_fit(FEW, FitOptions(priors=known))
+    best, *_ = rank_candidates(fit, default_candidates(fit, ExpectedPrecision(shared_errors=SHARED)), "k2")
+    assert isinstance(best.candidate.run, BetterKnowledge)
+    name, error = best.candidate.run.parameter, best.candidate.run.standard_error
+    better = joint_fit(FEW, FitOptions(priors={**known, name: (known[name][0], error)}))
+    done = {e.name: e for e in better.estimates()}["k2"]
+    assert best.error_after == pytest.approx(done.standard_error / done.value, rel=0.02)
+    assert rank_candidates(fit, default_candidates(fit, ExpectedPrecision()))[0].parameter not in known
+
+
+@pytest.mark.deep
+def test_a_candidate_on_an_unknown_skin_has_the_skin_to_find_as_well() -> None:
+    fit = joint_fit(FEW)
+    (run,) = (r for r in PERFECT.runs if r.label == "membrane 6.35 mm")
+    (proposal,) = rank_candidates(fit, (Candidate(run, 5.0),), "k2")
+    free = (*fit.free_parameters, "c_s(6.35 mm)", "k_s(6.35 mm)")
+    done = {e.name: e for e in joint_fit(ObservationSet((*FEW.runs, run)), FitOptions(free=free)).estimates()}["k2"]
+    assert proposal.error_after == pytest.approx(done.standard_error / done.value, rel=0.02)
 
 
 def test_the_best_is_what_tells_the_worst_parameter() -> None:
