@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers import BenchError, Drive, DriveRejectedError, HvAmplifier, LaserSensor, Meter
+from drivers import BenchError, Drive, DriveRejectedError, Hold, HvAmplifier, LaserSensor, Meter
 from model import Tactor
 from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import MAX_RECORDING_SCANS, PlanEntry, Protocol, recording_too_long_message
@@ -84,7 +84,7 @@ def rehearse(
         raise CannotRunError(
             f"{longest.label}: {recording_too_long_message(longest.expected_s * protocol.sample_rate_hz)}"
         )
-    duration_s = protocol.rest_record_s + sum(entry.expected_s for entry in plan)
+    duration_s = protocol.rest_record_s + sum(_entry_duration_s(entry, amplifier) for entry in plan)
     file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_PER_SAMPLE) + FILE_OVERHEAD_BYTES
     if folder is not None:
         check_disk_space(file_bytes, folder)
@@ -137,6 +137,13 @@ def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
             f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
             f"[meters.{missing[0]}] to the bench file"
         )
+
+
+def _entry_duration_s(entry: PlanEntry, amplifier: HvAmplifier) -> float:
+    """Return how long an entry takes; a source that cannot stop plays its drives to their ends."""
+    if not amplifier.plays_to_the_end:
+        return entry.expected_s
+    return max(entry.expected_s, sum(drive.duration_s for drive in entry.drives if not isinstance(drive, Hold)))
 
 
 def _substitutes_text(protocol: Protocol, amplifier: HvAmplifier) -> str:

@@ -118,6 +118,11 @@ class HvAmplifier:
         """Return why the source cannot play a drive, with the remedy; empty if it can."""
         return self._source.reason_unsupported(drive) if isinstance(self._source, DriveChecker) else ""
 
+    @property
+    def plays_to_the_end(self) -> bool:
+        """Whether a drive of the source can only be stopped by waiting for its end."""
+        return bool(getattr(self._source, "plays_to_the_end", False))
+
     def peak_current_a(self, drive: Drive) -> float:
         """Return the peak charging current of a drive in amperes: capacitance times slope at the electrodes."""
         gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)

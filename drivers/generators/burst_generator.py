@@ -114,6 +114,8 @@ class BurstGenerator(ABC):
     """End of the burst that was started here; unknown at first."""
     _rest_v: float | None = None
     """The rest level: a ramp to it continues despite errors. None in a watchdog that only goes to rest: every ramp does there."""
+    _waveform_span: float | None = None
+    """Volts of the amplitude setting per volt of the waveform's largest point, between 1 (to one side) and 2; unknown at first."""
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
     """The last settings sent, for use when they cannot be read back."""
@@ -250,6 +252,11 @@ class BurstGenerator(ABC):
             else self._step_v
         )
 
+    @property
+    def plays_to_the_end(self) -> bool:
+        """Whether a drive can only be stopped by waiting for its end."""
+        return not self.CAN_FREEZE_RANGE
+
     def stop(self) -> None:
         if not self.CAN_FREEZE_RANGE:
             self._wait_for_burst_end()
@@ -267,7 +274,8 @@ class BurstGenerator(ABC):
         if self._burst_has_ended() and amplitude <= self.IDLE_AMPLITUDE_VPP * (1 + 1e-6):
             return  # under a held level an abort may play the idle amplitude once more, beyond the amplifier's range
         # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
-        steps = max(math.ceil((amplitude - self.IDLE_AMPLITUDE_VPP) / 2 / self._step_v), 0)
+        span = self._waveform_span or (1.0 if self.AMPLITUDE_IS_WAVEFORM_SPAN else 2.0)
+        steps = max(math.ceil((amplitude - self.IDLE_AMPLITUDE_VPP) / span / self._step_v), 0)
         for i in range(1, steps + 1):
             self._last_amplitude_vpp = vpp = amplitude + (self.IDLE_AMPLITUDE_VPP - amplitude) * i / steps
             way.step(self._amplitude_command(vpp), partial(self._set_amplitude, vpp))
@@ -390,6 +398,7 @@ class BurstGenerator(ABC):
         self._set_cycles(cycles)
         if self.CAN_FREEZE_RANGE:
             expected = self._amplitude_setting_vpp(points, full_v)
+            self._waveform_span = expected / full_v
             self._change_amplitude(expected)
             self._check_readback(
                 self._query_amplitude(), expected, LEVEL_TOLERANCE_V, "the amplitude in volts peak to peak"

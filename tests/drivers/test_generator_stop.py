@@ -7,7 +7,7 @@ import pytest
 
 from app.config.driver_registry import open_generator
 from drivers.clock import WallClock
-from drivers.drive import Sine
+from drivers.drive import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.transport.scpi import Link
@@ -63,6 +63,25 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
         bench.clock.sleep(0.1)
         assert_safe_voltage(bench.report())
         assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["by the driver that started it", "by another program"])
+@pytest.mark.parametrize("drive", [Steps((2.5, 4.9, 2.5), 2.0, 0.5), Steps((2.5, 0.1, 4.9, 2.5), 1.0, 0.5)])
+@pytest.mark.parametrize("model", HOLDERS)
+def test_a_waveform_to_one_side_is_stopped_in_no_larger_steps_than_a_sine(
+    model: str, drive: Steps, known: bool
+) -> None:
+    with direct(model) as (source, bench, _):
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        bench.clock.sleep(0.1)
+        bench.enable_hv()
+        source.start_drive(drive)
+        bench.clock.sleep(drive.duration_s / 2)
+        (BOXES[model](bench.link(2.0), bench.clock) if not known else source).stop()
+        bench.clock.sleep(0.1)
+        report = bench.report()
+    assert report.outside_rest_s > 0.1
+    assert_safe_voltage(report)
 
 
 @pytest.mark.one_in(4)

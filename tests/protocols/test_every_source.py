@@ -18,6 +18,7 @@ from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequenc
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.mass_resonance import MassResonance
+from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -141,3 +142,12 @@ def test_the_rehearsal_of_a_campaign_lists_every_item_and_what_is_refused(tmp_pa
     ((item, reason),) = rehearsal.refusals
     assert item.name == "dwell"
     assert "not play a Sine" in reason
+
+
+@pytest.mark.deep
+def test_the_rehearsal_counts_the_whole_of_a_drive_that_cannot_be_stopped() -> None:
+    dwell = SineDwell(frequencies_hz=(100.0, 150.0))
+    played_s = sum(drive.duration_s for entry in dwell.plan(2.5) for drive in entry.drives)
+    for source, whole in (("33511B", False), ("SDG1032X", True)):
+        with laboratory(source_bench(source)) as lab:
+            assert (rehearse(dwell, lab.bench.amplifier).duration_s >= played_s) is whole
