@@ -176,7 +176,7 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
         table.add_column(head, overflow="fold")
     for each in record["assumptions"]:
         table.add_row(Text(each["verdict"], styles.get(each["verdict"], "")), each["property"], each["value"])
-    console.print(table if record["assumptions"] else "No table of assumptions: the driver is not of this program.")
+    console.print(table if record["assumptions"] else "There is no table of assumptions about this source.")
     for error in record["errors"]:
         print_message(error)
     times = record["times"]

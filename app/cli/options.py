@@ -141,6 +141,13 @@ class BenchSelection:
 class BenchOptions(BenchSelection):
     """Options that choose the bench, the specimen and the folder of run files."""
 
+    without_commissioning: str | None = option(
+        "--without-commissioning",
+        inherited=True,
+        metavar="REASON",
+        help="real bench only: switch high voltage on although the source has no valid commissioning record; "
+        "the reason is stored in every run",
+    )
     out: Path | None = option(
         "--out",
         inherited=True,

@@ -68,6 +68,8 @@ class HvAmplifier:
         self.limits = limits
         self._clock = clock
         self._drive_end_s = 0.0
+        self.measured_stop_s = 0.0
+        """Duration of Stop as measured when the source was commissioned; 0 if it was not."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         """Called at the first failed command of a way to rest, before the rest of it is sent."""
 
@@ -158,7 +160,8 @@ class HvAmplifier:
         if not isinstance(self._source, RestTimer):
             return math.nan
         furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
-        return self._source.predict_rest_s(furthest_v, self.limits.ramp_v_per_s)
+        predicted_s = self._source.predict_rest_s(furthest_v, self.limits.ramp_v_per_s)
+        return max(predicted_s, self.measured_stop_s + furthest_v / self.limits.ramp_v_per_s)
 
     def check_way_to_rest(self) -> float:
         """Return the predicted duration of the way to rest in seconds, NaN if unknown.

@@ -1,6 +1,7 @@
 """The command `commission` and its records."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,11 +9,16 @@ import pytest
 from app.cli.main import main
 from app.common import ExitCode
 from app.session import commissioning_record
+from app.session.commissioning_gate import commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record
 from drivers import Identity
 from drivers.generators.assumptions import OutputCheck
+from protocols.base import RunStatus
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 IDENTITY = Identity("Keysight Technologies", "33511B", "MY/12 34", "5.02-3.02")
 
@@ -60,6 +66,78 @@ def test_a_record_that_cannot_be_read_is_none(text: str) -> None:
     path.parent.mkdir(parents=True)
     path.write_text(text, encoding="utf-8")
     assert load_record(IDENTITY) is None
+
+
+def test_a_simulated_bench_is_exempt() -> None:
+    state = commissioning_state(IDENTITY, simulated=True)
+    assert not state.refusal
+    assert state.stored == {"status": "exempt", "why": "simulated bench"}
+
+
+def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
+    state = commissioning_state(IDENTITY, simulated=False)
+    assert state.refusal.startswith(
+        "There is no commissioning record of Keysight Technologies 33511B #MY/12 34 with firmware"
+    )
+    assert "--without-commissioning REASON" in state.refusal
+    state = commissioning_state(IDENTITY, simulated=False, reason="first look")
+    assert not state.refusal
+    assert "first look" in state.note
+    assert state.stored["status"] == "overridden"
+    assert state.stored["reason"] == "first look"
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    state = commissioning_state(IDENTITY, simulated=False)
+    assert not state.refusal
+    assert state.stored["status"] == "commissioned"
+    assert state.stored["stop_s"] == 0.2
+
+
+def test_a_firmware_change_invalidates_the_record() -> None:
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    updated = replace(IDENTITY, firmware="5.03")
+    assert (
+        "was commissioned with firmware 5.02_3.02, and now has 5.03"
+        in commissioning_state(updated, simulated=False).refusal
+    )
+
+
+def test_a_record_that_did_not_pass_or_is_of_a_simulated_instrument_admits_no_high_voltage() -> None:
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result(0.7))
+    assert (
+        "did not pass (dangerous: level between bursts 0.7 V" in commissioning_state(IDENTITY, simulated=False).refusal
+    )
+    save_record(IDENTITY, simulated=True, rate_hz=1e5, found=result())
+    assert "is of a simulated instrument" in commissioning_state(IDENTITY, simulated=False).refusal
+
+
+def test_a_bench_that_is_not_commissioned_never_switches_high_voltage_on(tmp_path: Path) -> None:
+    config = simulated(amplifier={"enabled": False})
+    with laboratory(config) as lab:
+        lab.bench.high_voltage_refusal = "There is no commissioning record"
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+    assert ran.status is RunStatus.FAILED
+    assert "high voltage is not switched on: There is no commissioning record" in ran.reason
+    assert "Armed" not in ran.kinds()
+
+
+def test_the_reason_is_stored_in_the_run_and_logged(tmp_path: Path) -> None:
+    state = commissioning_state(IDENTITY, simulated=False, reason="first look")
+    with laboratory() as lab:
+        lab.bench.commissioning_note = state.note
+        lab.bench.configuration = {**lab.bench.configuration, "commissioning": state.stored}
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+    with Run(ran.path) as stored:
+        assert stored.configuration["commissioning"]["reason"] == "first look"
+    assert any(
+        "High voltage without a valid commissioning of the source: first look" in getattr(e, "text", "")
+        for e in ran.events
+    )
+
+
+@pytest.mark.parametrize("command", [["run", "sine-dwell"], ["check"]])
+def test_a_reason_is_refused_on_the_simulated_bench(command: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    assert main([*command, "--without-commissioning", "why"]) == ExitCode.USAGE
+    assert "the simulated bench needs no commissioning" in capfd.readouterr().err
 
 
 def bench_file(folder: Path, traits: str) -> str:
