@@ -53,7 +53,7 @@ class TimePlot(TracePlotBase):
         self.strips = ChannelStrips(feed, theme)
         self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
         self._axis_label = make_label(kind="note", wrap=False)
-        self.held_label = make_label(kind="caution", wrap=False, name="traces.held")
+        self.held_label = make_label(kind="note", wrap=False, name="traces.held")
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
         self._drive_plot.setYRange(amplifier.low_v - margin, amplifier.high_v + margin, padding=0)
