@@ -176,6 +176,7 @@ def style_sheet(theme: Theme) -> str:
         color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
         font-size: 13pt; font-weight: bold; padding: 0 8px;
     }}
+    QLabel[kind="simulated-mark"] {{ color: {theme.simulated}; font-weight: bold; }}
     QLineEdit, QPlainTextEdit {{
         background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 5px;
         selection-background-color: {theme.accent}; selection-color: white;
