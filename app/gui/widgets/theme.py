@@ -167,6 +167,7 @@ def style_sheet(theme: Theme) -> str:
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
     QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8pt; }}
     QLabel[kind="small"] {{ font-size: 8pt; }}
+    QLabel[kind="value"] {{ font-size: 13pt; font-weight: bold; }}
     QLabel[kind="fault"] {{ color: {theme.error}; font-size: 9pt; }}
     QLabel[kind="caution"] {{ color: {theme.warning}; font-size: 9pt; }}
     QLabel[kind="caption"] {{ font-weight: bold; }}
