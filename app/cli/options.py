@@ -124,7 +124,7 @@ class BenchSelection:
         default="sim",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file, or 'sim' (default) for the simulated bench",
+        help="bench file; 'sim' (default) or 'ideal': the paper's specimen, simulated; 'realistic': one that is not perfect",
     )
     speed: str | None = option(
         "--speed",
