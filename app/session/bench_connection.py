@@ -267,7 +267,7 @@ def _make_watchdog(
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
             own_connection=config.watchdog.own_connection
             and not card_output
-            and _allows_second_connection(resource)
+            and allows_second_connection(resource)
             and not getattr(source, "SINGLE_SESSION", False),
             patience_s=config.watchdog.patience_s,
             locks=locks,
@@ -281,7 +281,7 @@ def _backend(config: BenchConfig) -> str:
     return "@py" if config.simulated else config.source_connection.backend
 
 
-def _allows_second_connection(resource: str) -> bool:
+def allows_second_connection(resource: str) -> bool:
     """Whether the connection allows two clients: on a serial, USB or GPIB line they would read each other's replies."""
     return not resource.upper().startswith(("ASRL", "USB", "GPIB"))
 

@@ -49,9 +49,8 @@ def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -
         stop_s = record.stop_s if math.isfinite(record.stop_s) else None
         stored = {"status": "commissioned", "date": record.date, "stop_s": stop_s, "record": str(record.path)}
         stop = f"; Stop took {stop_s:.2f} s" if stop_s is not None else ""
-        return CommissioningState(
-            "", f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}", stored
-        )
+        note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}"
+        return CommissioningState("", note, stored, stop_s or 0.0)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}

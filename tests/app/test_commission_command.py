@@ -1,6 +1,7 @@
 """The command `commission` and its records."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,16 +9,20 @@ import pytest
 
 from app.cli.main import main
 from app.common import ExitCode
-from app.session import commissioning_record
+from app.config import BenchConfig
+from app.session import commissioning_record, connect
+from app.session.commissioning import commission
 from app.session.commissioning_gate import commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record
-from drivers import Identity
+from drivers import Identity, WallClock
 from drivers.generators.assumptions import OutputCheck
 from protocols.base import RunStatus
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 IDENTITY = Identity("Keysight Technologies", "33511B", "MY/12 34", "5.02-3.02")
@@ -166,7 +171,9 @@ def test_commission_passes_or_names_what_differs(tmp_path: Path, capfd: pytest.C
 @pytest.mark.deep
 def test_the_page_names_the_instrument_and_what_differs(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     bench = bench_file(tmp_path, "abort=drops")
-    assert main(["commission", "--bench", bench, "--speed", "max"]) == ExitCode.FAILED
+    picture = tmp_path / "page.png"
+    assert main(["commission", "--bench", bench, "--speed", "max", "--picture", str(picture)]) == ExitCode.FAILED
+    assert picture.stat().st_size > 10_000
     page = capfd.readouterr().out
     assert "33511B" in page
     assert "dangerous" in page
@@ -178,3 +185,27 @@ def test_an_unknown_trait_is_refused_with_those_that_the_model_has(
 ) -> None:
     assert main(["commission", "--bench", bench_file(tmp_path, "no-such=trait"), "--speed", "max"]) == ExitCode.USAGE
     assert "'no-such=trait' is no trait of a 33511B; it has" in capfd.readouterr().err
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(("model", "answers_two"), [("33511B", True), ("SDG1032X", False)])
+def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(model: str, answers_two: bool) -> None:
+    control = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(1.0))
+    with ServedBench(control) as served:
+        config = BenchConfig.model_validate(
+            {
+                "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"},
+                "card": {"server": f"127.0.0.1:{served.card.port}"},
+                "sensor": {"delay_s": 1e-4},
+                "watchdog": {"enabled": False},
+            }
+        )
+        with connect(config) as before:
+            assert before.bench.high_voltage_refusal.startswith("There is no commissioning record")
+        done = commission(config, 1.0, control.disable_hv)
+        assert not [check for check in done.result.checks if not check.passed]
+        assert math.isfinite(done.result.times.second_client_s) == answers_two
+        with connect(config) as after:
+            assert after.bench.high_voltage_refusal == ""
+            assert after.bench.amplifier.measured_stop_s == done.result.times.stop_s
+        assert after.bench.configuration["commissioning"]["status"] == "commissioned"
