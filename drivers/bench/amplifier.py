@@ -12,7 +12,7 @@ from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, RestTimer, Source
+from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, OutputReporter, RestTimer, Source
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
@@ -215,10 +215,16 @@ class HvAmplifier:
         """Stop the drive and ramp to rest; return when the source reports that it idles there.
 
         Raises:
-            InstrumentError: the source does not answer. Rest must then be established by measurement.
+            InstrumentError: the source does not answer, or its output is off. Rest must then be established by measurement.
         """
         if self._drive_end_s > 0:
             self.force_rest()
+            if isinstance(self._source, OutputReporter) and not self._source.is_output_on():
+                raise InstrumentError(
+                    f"the output of {self.identity} is off after a drive: the amplifier's input is open or at 0 V, up to "
+                    f"{float(self.map.specimen_v(0.0)):+.0f} V on the specimen. Switch high voltage off at the amplifier; then see "
+                    "at the instrument's front panel which protection or who switched it off"
+                )
 
     def force_rest(self) -> None:
         """Stop and ramp to rest unconditionally, also when no drive was started through this object.
