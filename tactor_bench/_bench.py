@@ -55,14 +55,7 @@ class BenchSession(Closeable):
     """
 
     def __init__(
-        self,
-        config: BenchConfig,
-        speed: float | None,
-        folder: Path,
-        specimen: str,
-        *,
-        progress: bool,
-        without_commissioning: str = "",
+        self, config: BenchConfig, speed: float | None, folder: Path, specimen: str, *, progress: bool
     ) -> None:
         self.folder, self.specimen, self._config = folder, specimen, config
         self.name, self.simulated, self.identities = config.name, config.simulated, dict[str, str]()
@@ -71,7 +64,7 @@ class BenchSession(Closeable):
         self._running = threading.Lock()
         self._front = front_end(progress=progress)
         self._session = Session(
-            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
+            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S),
             [self._observe, self._front.observe],
             self._front.operator,
             folder,
@@ -212,7 +205,6 @@ def connect(
     speed: float | str | None = None,
     seed: int | None = None,
     progress: bool = True,
-    without_commissioning: str = "",
 ) -> BenchSession:
     """Connect a bench; use it with `with`, or close it.
 
@@ -223,8 +215,6 @@ def connect(
         speed: of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
         seed: of the simulated bench's noise.
         progress: whether to show it; without, only prompts and problems are shown.
-        without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record
-            (`tactor-bench commission`); every run stores it.
 
     Raises:
         ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.
@@ -239,9 +229,7 @@ def connect(
         config, pace = choose_bench(str(bench), speed, seed)
     except UsageError as error:
         raise ValueError(str(error)) from None
-    return BenchSession(
-        config, pace, Path(folder), specimen, progress=progress, without_commissioning=without_commissioning.strip()
-    )
+    return BenchSession(config, pace, Path(folder), specimen, progress=progress)
 
 
 def _protocol(protocol: str | Path | Protocol, values: Mapping[str, Any]) -> Protocol:

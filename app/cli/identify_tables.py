@@ -276,6 +276,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         }
         if identification.adequacy.diagnosis is not None and identification.adequacy.diagnosis.likeliest:
             notes += [hint] if (hint := also_hint(identification.adequacy.diagnosis.likeliest)) else []
+        notes += [f"{error.words}." for error in identification.adequacy.undecidable]
     notes += identification.notes
     fixed = {name: value for name, value in identification.fixed.items() if value is not None}
     more |= {

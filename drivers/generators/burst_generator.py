@@ -153,9 +153,6 @@ class BurstGenerator(ABC):
             raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
         self._stored_waveform = None  # it may have lost power in between
 
-    def is_output_on(self) -> bool:
-        return self._is_output_on()
-
     def close(self) -> None:
         self._scpi.link.close()
 
@@ -275,7 +272,6 @@ class BurstGenerator(ABC):
             way.raise_first_error()  # neither read nor set: a step could increase it
             return
         if self._burst_has_ended() and amplitude <= self.IDLE_AMPLITUDE_VPP * (1 + 1e-6):
-            way.raise_first_error()
             return  # under a held level an abort may play the idle amplitude once more, beyond the amplifier's range
         # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
         span = self._waveform_span or (1.0 if self.AMPLITUDE_IS_WAVEFORM_SPAN else 2.0)

@@ -12,8 +12,11 @@ import numpy as np
 from scipy.special import chdtrc, ndtr
 
 from model import Array, Mask
-from model.identification.attribution.diagnosis import diagnose, fit_subspace
+from model.identification.attribution.causes import Cause
+from model.identification.attribution.diagnosis import diagnose, effects, fit_subspace
 from model.identification.attribution.explanation import Diagnosis
+from model.identification.attribution.significance import Pattern, chance_of_smallest
+from model.identification.attribution.undecidable import UndecidableError, undecidable_errors
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,
@@ -22,12 +25,16 @@ from model.identification.forward_model import (
     skin_from_values,
     specimen_harmonic,
 )
-from model.identification.model_discrepancy import Discrepancy, possible_discrepancies
+from model.identification.model_discrepancy import Discrepancy, clamp_discrepancy, possible_discrepancies
+from model.identification.nonidealities import with_flexible_clamp
 from model.identification.observations import FrequencyResponseObservation, observed_values
 from model.identification.receptance import ReceptanceSolver
 
-SIGNIFICANCE_LEVEL = 0.01
-"""Probability, over all tests together, below which a finding is reported."""
+SIGNIFICANCE_LEVEL = 0.05
+"""Probability, over all tests together, below which the model is not adequate: false alarms among runs without any departure."""
+MIN_PATTERN_ROWS = 6
+"""Residuals of a run from which on its neighbours are compared."""
+CLAMP = Cause("parameter", "clamp_flexibility")
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
 """Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
@@ -58,6 +65,8 @@ class Adequacy:
     test_count: int
     diagnosis: Diagnosis | None = None
     """Of a model that is not adequate: causes that explain the misfit."""
+    undecidable: tuple[UndecidableError, ...] = ()
+    """Scale errors that these runs cannot show, with the measurement that would."""
 
 
 def assess_adequacy(fit: JointFit, attribute: bool = True) -> Adequacy:
@@ -67,17 +76,29 @@ def assess_adequacy(fit: JointFit, attribute: bool = True) -> Adequacy:
     """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, discrepancies = fit_subspace(fit), possible_discrepancies(fit)
-    findings, tests = _significant_findings(fit, Q, discrepancies, 1.0)
+    Q, discrepancies, known = fit_subspace(fit), possible_discrepancies(fit), effects(fit)
+    if (clamp := known.get(CLAMP)) is not None:
+        discrepancies = (*discrepancies, clamp_discrepancy(fit, clamp))
+    directions = [*(d.direction for d in discrepancies), *known.values()]
+    unseen = undecidable_errors(fit, known)
+    harmonics = _harmonic_tests(fit, 1.0)
+    chance = chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
+    tests = len(directions) + len(harmonics) + sum(run.values.size > 1 for run in fit.residuals) + 1
+    if harmonics:
+        least = min(1.0, min(f.probability for f in harmonics) * len(harmonics))
+        chance = float(-np.expm1(2 * np.log1p(-min(chance, least, 1 - 1e-12))))
+    if chance > SIGNIFICANCE_LEVEL:
+        return Adequacy(True, _noise_message(fit, tests, chance), (), tests, undecidable=unseen)
+    findings, _ = _significant_findings(fit, Q, discrepancies, 1.0)
     left = _residual_error_scale(
         fit, Q, [w for w in discrepancies if any((w.kind, w.runs) == (f.kind, f.runs) for f in findings)]
     )
     if left > 1 and findings:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
-        findings, tests = _significant_findings(fit, Q, discrepancies, left)
-    adequate = not findings and fit.p_value > MIN_P_VALUE
-    diagnosis = diagnose(fit) if attribute and not adequate else None
-    return Adequacy(adequate, _verdict_message(fit, findings, tests, diagnosis), tuple(findings), tests, diagnosis)
+        findings, _ = _significant_findings(fit, Q, discrepancies, left)
+    diagnosis = diagnose(fit, known) if attribute else None
+    message = _verdict_message(fit, findings, tests, diagnosis, chance)
+    return Adequacy(False, message, tuple(findings), tests, diagnosis, unseen)
 
 
 def _cause_message(diagnosis: Diagnosis) -> str:
@@ -85,7 +106,7 @@ def _cause_message(diagnosis: Diagnosis) -> str:
     first, *others = diagnosis.likeliest
     text = f"the model is wrong for these runs, most likely because {first.words}"
     if others:
-        text += "; these runs do not tell this from: " + "; or ".join(e.words for e in others[:2])
+        text += "; these runs do not tell this from: " + "; or ".join(e.cause_words for e in others)
     return text
 
 
@@ -119,8 +140,21 @@ def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discr
     return float(np.sqrt(rest @ rest / freedom))
 
 
-def _verdict_message(fit: JointFit, findings: list[Finding], tests: int, diagnosis: Diagnosis | None) -> str:
-    chi = f"chi-square {fit.chi_square:.0f} for {fit.degrees_of_freedom} degrees of freedom, {format_p_value(fit.p_value, 2)}"
+def _chi_square_text(fit: JointFit) -> str:
+    return f"chi-square {fit.chi_square:.0f} for {fit.degrees_of_freedom} degrees of freedom, {format_p_value(fit.p_value, 2)}"
+
+
+def _noise_message(fit: JointFit, tests: int, chance: float) -> str:
+    return (
+        f"the misfit is noise: none of {tests} tests for a wrong model is significant ({format_p_value(chance, 2)} for the least "
+        f"likely of them). {_chi_square_text(fit)}"
+    )
+
+
+def _verdict_message(
+    fit: JointFit, findings: list[Finding], tests: int, diagnosis: Diagnosis | None, chance: float
+) -> str:
+    chi = _chi_square_text(fit)
     if diagnosis is not None and diagnosis.likeliest:
         seen = "; ".join(f"{f.words} ({format_p_value(f.probability)})" for f in findings[:2])
         return f"{_cause_message(diagnosis)}{f'. Without it: {seen}' if seen else ''}. {chi}"
@@ -134,7 +168,10 @@ def _verdict_message(fit: JointFit, findings: list[Finding], tests: int, diagnos
             f"the misfit is {np.sqrt(fit.chi_square / fit.degrees_of_freedom):.2g} times the errors given but follows no pattern of {tests} "
             f"looked for: the errors are too small, or points are wrong, most of all in {worst.label}. {chi}"
         )
-    return f"the misfit is noise: none of {tests} tests for a wrong model is significant. {chi}"
+    return (
+        f"the misfit is more than noise ({format_p_value(chance, 2)} for the least likely of {tests} tests), but none of them by itself "
+        f"tells the cause: measure again what is doubtful. {chi}"
+    )
 
 
 def _score_tests(
@@ -153,12 +190,12 @@ def _score_tests(
     return out
 
 
-def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
-    """Neighbours of one run: sum of products, normal by its exact mean and variance for r = (1 - H) e."""
+def _patterns(fit: JointFit, Q: Array) -> list[tuple[str, Pattern]]:
+    """Return for each run the sum of products of neighbours, with its exact mean and deviation for r = (1 - H) e."""
     out = []
     for run, part, observation in zip(fit.residuals, fit.run_slices, fit.observations.runs, strict=True):
-        n = r[part].size
-        if n < 6:
+        n = part.stop - part.start
+        if n < MIN_PATTERN_ROWS:
             continue
         q = Q[part]
         S = np.eye(n) - q @ q.T  # covariance of the run's residuals
@@ -168,12 +205,20 @@ def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
             if i + 1 != half:
                 L[i, i + 1] = L[i + 1, i] = 0.5
         A = L @ S
-        z = (float(r[part] @ L @ r[part]) - float(np.trace(A))) / float(np.sqrt(2 * np.sum(A * A.T)))
-        correlation = float(r[part] @ L @ r[part] / max(float(r[part] @ r[part]), 1e-300))
-        message = f"residuals of {run.label} follow each other (correlation of neighbours {correlation:+.2f}): a pattern, not noise"
+        out.append((run.label, Pattern(part, L, float(np.trace(A)), float(np.sqrt(2 * np.sum(A * A.T))))))
+    return out
+
+
+def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
+    out = []
+    for label, (part, L, mean, deviation) in _patterns(fit, Q):
+        products = float(r[part] @ L @ r[part])
+        z = (products - mean) / deviation
+        correlation = products / max(float(r[part] @ r[part]), 1e-300)
+        message = f"residuals of {label} follow each other (correlation of neighbours {correlation:+.2f}): a pattern, not noise"
         # skewed like a chi-square, so the tail of the normal is taken with twice its probability
         p = min(1.0, 2 * float(2 * ndtr(-max(z, 0.0))))
-        out.append(Finding("pattern", (run.label,), correlation, float(1 / np.sqrt(n)), p, message))
+        out.append(Finding("pattern", (label,), correlation, float(1 / np.sqrt(r[part].size)), p, message))
     return out
 
 
@@ -208,7 +253,7 @@ def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
 
 
 def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: Mask) -> Array:
-    v: Values = fit.values
+    v: Values = with_flexible_clamp(fit.values)
     factors = equation_factors(beam_under(run, v), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]

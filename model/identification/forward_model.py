@@ -13,7 +13,14 @@ import numpy as np
 from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values, parameter_specs, point_stiffness, sag
 from model.beam import matrices, modal_form, receptance
 from model.identification import parameters as known
-from model.identification.nonidealities import DEFAULTS, acting_mass, acting_masses, with_acting_mass
+from model.identification.nonidealities import (
+    DEFAULTS,
+    NonidealResponse,
+    acting_mass,
+    acting_masses,
+    with_acting_mass,
+    with_flexible_clamp,
+)
 from model.identification.observations import (
     ErrorTarget,
     FrequencyResponseObservation,
@@ -36,7 +43,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
     if observation.elongation_m is None:
         return 0.0, 0.0
     errors = (v.get(e.name, 0.0) for e in observation.shared_errors if e.acts_on == "elongation")
-    delta = sum(errors, start=observation.elongation_m) / v["L_m"]
+    delta = sum(errors, start=observation.elongation_m + v["elongation_offset"]) / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
     k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
     if k_s is None:
@@ -177,6 +184,7 @@ class ForwardModel:
         self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
         self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
+        self._nonideal = NonidealResponse(observations, amplifier)
         self._responses = observations.of_type(FrequencyResponseObservation)
         self._drives = {
             r.label: 1j * specimen_harmonic(r, amplifier) for r in self._responses if r.fundamental_m is not None
@@ -188,7 +196,7 @@ class ForwardModel:
 
     def predict(self, theta: Array) -> list[Prediction]:
         """One entry a run, in the campaign's order."""
-        at = FiniteDifferences(theta, self._scale, self._all_values)
+        at = FiniteDifferences(theta, self._scale, lambda columns: with_flexible_clamp(self._all_values(columns)))
         fundamentals = self._fundamentals(at)
         return [fundamentals.get(run.label) or self._predict_run(run, at) for run in self.observations.runs]
 
@@ -208,13 +216,16 @@ class ForwardModel:
                 per_newton = np.broadcast_to(
                     load_compliance(beam) * gain * (1 + sign * v["asymmetry"]), differences.set_count
                 )
-                y = per_newton[:, None] * load * (1 + differences.input_error(run, "load", load))
+                errors = differences.input_error(run, "load", load) + np.reshape(v["load_gain"], (-1, 1))
+                acting = load * (1 + errors) + np.reshape(v["load_offset"], (-1, 1))
+                y = per_newton[:, None] * acting * self._nonideal.factor(run, v) + self._nonideal.drift(run, v)
             case VoltageStepsObservation():
                 per_volt = voltage_gain(beam) * gain * (1 + differences.shared_error(run, "volts"))
                 level = run.input_v[good]
                 slope = self._amplifier.slope_at(level)
                 volts = self._amplifier.specimen_v(level) + slope * differences.input_error(run, "level", level)
-                y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts
+                volts = self._nonideal.volts(run, v, volts)
+                y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts * self._nonideal.factor(run, v)
             case MembraneSagObservation():
                 return self._sag(run, differences, gain)
             case MassResonanceObservation():
@@ -237,6 +248,7 @@ class ForwardModel:
             strip = Membrane(L_m, b_m, h_m, E_m, 0.0, 0.0)
             centres.append(sag(strip, run.load_per_length(strip), run.delta).centre_m)
         y = np.multiply.outer(np.array(centres)[where.ravel()] * gain, np.ones(int(run.usable.sum())))
+        y = y * self._nonideal.factor(run, differences.values)
         return Prediction(y[0], differences.derivatives(y))
 
     def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
@@ -280,9 +292,14 @@ class ForwardModel:
             2 * np.pi * np.concatenate([r.frequency_hz[r.usable] + e[0] for r, e in zip(runs, errors_hz, strict=True)])
         )
         d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
-        rows = stacked.take_rows(of)
+        rows, dK = stacked.take_rows(of), slopes.K[:, of]
+        if np.any(v["stiffening"]):
+            gain = np.concatenate([self._nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
+            dK[:, :, 3:] *= 1 + gain[0][:, None]
+            dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
+            rows.K[:, 3:] *= 1 + gain[0][:, None]
         H, t = ReceptanceSolver(*differences.geometry, self.n).response(rows, omega)
-        z = slopes.K[:, of] - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
+        z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
         dH = -np.einsum("rj,prj->pr", t, z)
         dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
         for ends, dl in differences.geometry_derivatives():
@@ -303,6 +320,11 @@ class ForwardModel:
             y = A * moment[0] * H[here]
             dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
             dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega[:, here]) * y
+            factor = self._nonideal.factor(run, v)
+            if np.ndim(factor):
+                factor = np.broadcast_to(factor, (differences.set_count, size))
+                dy = dy * factor[0] + y * differences.derivatives(factor)
+                y = y * factor[0]
             out[run.label] = (
                 Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
             )
@@ -334,6 +356,7 @@ class ForwardModel:
         drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
         V = np.array([fourier_series("sine", a, o, self._amplifier, k.size - 1) for a, o in drives])
         width = np.stack([peak_to_peak(rows * V) for rows in H])
+        width = width * np.abs(self._nonideal.factor(run, v))
         return np.asarray(width * (gain * (1 + differences.shared_error(run, "volts")))[:, None])
 
 

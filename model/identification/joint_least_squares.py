@@ -80,11 +80,12 @@ def joint_fit(
     cancelled: CancelCheck | None = None,
     time_limit_s: float = 20.0,
     max_starts: int = 4,
+    tolerance: float = 1e-10,
 ) -> JointFit:
     """Fit the free parameters to all runs together.
 
     A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, and the best is kept. After
-    `time_limit_s` the best so far is returned, with a note in `message`.
+    `time_limit_s` the best so far is returned, with a note in `message`. `tolerance` is relative, of cost and parameters.
 
     Raises:
         ParameterError, IdentificationError: these runs cannot be fitted.
@@ -92,7 +93,7 @@ def joint_fit(
     """
     problem = LeastSquaresProblem(observations, options or FitOptions())
     began = monotonic()
-    watch = _FitMonitor(problem, progress, cancelled, began + time_limit_s)
+    watch = _FitMonitor(problem, progress, cancelled, began + time_limit_s, tolerance)
     best: JointFit | None = None
     for start in _starting_points(problem)[:max_starts]:
         if best is not None and monotonic() > watch.deadline:
@@ -143,10 +144,15 @@ class _FitMonitor:
     """Runs fits and stops them: in time, on request, and with the best point it saw."""
 
     def __init__(
-        self, problem: LeastSquaresProblem, progress: FitProgress | None, cancelled: CancelCheck | None, deadline: float
+        self,
+        problem: LeastSquaresProblem,
+        progress: FitProgress | None,
+        cancelled: CancelCheck | None,
+        deadline: float,
+        tolerance: float = 1e-10,
     ) -> None:
         self._problem, self._progress, self._cancelled = problem, progress, cancelled
-        self.deadline, self.evaluations = deadline, 0
+        self.deadline, self.evaluations, self._tolerance = deadline, 0, tolerance
 
     def fit(self, start: Array) -> JointFit | None:
         """One descent; None where the model cannot be evaluated at the start."""
@@ -159,7 +165,7 @@ class _FitMonitor:
             with np.errstate(all="ignore"):
                 got = least_squares(
                     descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=_row_losses(p),
-                    xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=200,
+                    xtol=self._tolerance, ftol=self._tolerance, gtol=1e-10, max_nfev=200,
                 )  # fmt: skip
         except _TimeLimitReached:
             if descent.best is None:

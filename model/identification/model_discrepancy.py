@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from model import Array, Skin, Tactor, parameter_specs
+from model import Array
 from model.identification.fit_result import JointFit
-from model.identification.forward_model import skin_from_values
-from model.identification.nonidealities import acting_mass
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -25,9 +23,7 @@ from model.identification.observations import (
     observed_values,
     over_errors,
 )
-from model.identification.paper_chain import parabola_vertex
 from model.identification.residuals import LeastSquaresProblem
-from model.response import Excitation, exact_response
 
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
@@ -64,8 +60,15 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
                 d[place[run.label]] = over_errors(run, parts[run.label] if complex_run else np.real(parts[run.label]))
         return d
 
-    found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y), _clamp_discrepancy(fit, y))
+    found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
     return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in found)
+
+
+def clamp_discrepancy(fit: JointFit, effect: Array) -> Discrepancy:
+    """Return the discrepancy of a clamp that rotates, from the effect of its flexibility on the weighted residuals."""
+    runs = [run.label for run, part in zip(fit.observations.runs, fit.run_slices, strict=True) if np.any(effect[part])]
+    words = "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>"
+    return Discrepancy("clamp", tuple(runs), words, effect)
 
 
 DiscrepancyParts = tuple[str, str, dict[str, Any]]
@@ -173,56 +176,6 @@ def _repeated_settings(
     for same in settings.values():
         if len(same) > 1:
             yield same[0], same[-1]
-
-
-CLAMP_FLEXIBILITY = 0.01
-"""Flexibility of the clamp, relative to that of the plate without MFC, at which the difference to a rigid one is taken."""
-
-
-def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
-    """A clamp that rotates: the change in each run by the closed form with a rotational spring at x = 0."""
-    v = fit.values
-    tactor = Tactor(**{q.name: float(v[q.name] or 0) for q in parameter_specs(Tactor)})
-    spring = tactor.k1 / tactor.L1 / CLAMP_FLEXIBILITY
-
-    def ratio(t: Tactor, f: Array, skin: Skin | None, source: Excitation = "voltage") -> Any:
-        return (
-            exact_response(t, f, skin, excitation=source, clamp_stiffness=spring)
-            / exact_response(t, f, skin, excitation=source)
-            - 1
-        )
-
-    parts: dict[str, Any] = {}
-    for run in fit.observations.runs:
-        p = y[run.label]
-        match run:
-            case StaticLoadingObservation():
-                parts[run.label] = p * ratio(tactor, np.zeros(1), None, "load").real / CLAMP_FLEXIBILITY
-            case VoltageStepsObservation():
-                parts[run.label] = p * ratio(tactor, np.zeros(1), None).real / CLAMP_FLEXIBILITY
-            case MassResonanceObservation():
-                peaks = zip(run.mass_kg[run.usable], p, strict=True)
-                shifts = [_peak_shift(replace(tactor, m_add=max(acting_mass(v, m), 0.0)), f, spring) for m, f in peaks]
-                parts[run.label] = p * np.array(shifts) / CLAMP_FLEXIBILITY
-            case FrequencyResponseObservation():
-                t = tactor if run.added_mass_kg is None else replace(tactor, m_add=acting_mass(v, run.added_mass_kg))
-                skin = None if run.elongation_m is None else Skin(*(float(x) for x in skin_from_values(run, v)))
-                r = ratio(t, run.frequency_hz[run.usable], skin) / CLAMP_FLEXIBILITY
-                parts[run.label] = p * (r if np.iscomplexobj(p) else r.real)
-            case MembraneSagObservation():
-                pass
-    return (
-        "clamp",
-        "the clamp <turns by|holds more than rigidly, by> {} % of what the bare plate bends: it is not <rigid|the model's>",
-        parts,
-    )
-
-
-def _peak_shift(t: Tactor, f: float, spring: float) -> float:
-    """Relative change of the peak's frequency, from the parabolas through three points about it."""
-    near = f * np.array([0.98, 1.0, 1.02])
-    soft, rigid = (parabola_vertex(near, np.abs(exact_response(t, near, clamp_stiffness=c)))[0] for c in (spring, None))
-    return soft / rigid - 1
 
 
 def _frequency_stretch_derivatives(fit: JointFit) -> dict[str, Any]:

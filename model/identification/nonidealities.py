@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from model import Array, ParameterSpec
+from model import AmplifierMap, Array, Mask, ParameterSpec
+from model.identification.observations import (
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    Observation,
+    ObservationSet,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+)
+from model.response import fourier_series
 
 Values = Mapping[str, Any]
 
@@ -29,8 +38,60 @@ NONIDEALITIES = {
             "mass put in the cylinder for the dwells, of which m_add acts; 0: unknown, m_add is identified by itself",
             0.0,
         ),
+        ParameterSpec(
+            "load_gain", "1", Interval(gt=-1), "relative error common to all loads: the balance's scale", 0.0
+        ),
+        ParameterSpec("sensor_gain", "1", Interval(gt=-1), "relative error common to all displacements", 0.0),
+        ParameterSpec("load_offset", "N", Interval(), "load of pan and hook, or an error common to all loads", 0.0),
+        ParameterSpec(
+            "zero_drift", "m", Interval(), "drift of the sensor's zero from first to last row of a static loading", 0.0
+        ),
+        ParameterSpec(
+            "clamp_flexibility",
+            "1",
+            Interval(gt=-1),
+            "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer",
+            0.0,
+        ),
+        ParameterSpec(
+            "creep", "1", Interval(), "share of a deflection gained per decade of time, none at the time of 100 Hz", 0.0
+        ),
+        ParameterSpec(
+            "hysteresis",
+            "1",
+            Interval(),
+            "share of the deflection at full drive that comes late, in proportion to the drive",
+            0.0,
+        ),
+        ParameterSpec(
+            "stiffening",
+            "1",
+            Interval(),
+            "share by which the stiffness grows up to a deflection of 1 mm, with its square",
+            0.0,
+        ),
+        ParameterSpec(
+            "gain_below_rest", "1", Interval(gt=-1), "relative error of the amplifier's slope below rest", 0.0
+        ),
+        ParameterSpec(
+            "gain_above_rest", "1", Interval(gt=-1), "relative error of the amplifier's slope above rest", 0.0
+        ),
+        ParameterSpec(
+            "delay", "s", Interval(), "lateness of the displacement that was not corrected in the phases", 0.0
+        ),
+        ParameterSpec(
+            "gain_drift", "1", Interval(gt=-1), "share by which the dwells grow from the first to the last", 0.0
+        ),
+        ParameterSpec("elongation_offset", "m", Interval(), "error common to all elongations of the membrane", 0.0),
     )
 }
+REFERENCE_S = 1 / (2 * np.pi * 100)
+"""Time at which creep counts as none: that of 100 Hz, about the resonance."""
+LOADING_TIME_S = 10.0
+STEP_TIME_S = 1.0
+"""From a weight, or a level, to its reading, where a run does not state it."""
+STIFFENING_M = 1e-3
+"""Deflection at which the stiffness has grown by `stiffening`."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
 
@@ -47,3 +108,119 @@ def acting_masses(v: Values, mass_kg: Array) -> Array:
 def with_acting_mass(v: Values) -> Values:
     """Return the parameters with the m_add that follows from a known `mass_put_in`."""
     return {**v, "m_add": acting_mass(v, v["mass_put_in"])} if np.any(v["mass_put_in"]) else v
+
+
+def with_flexible_clamp(v: Values) -> Values:
+    """Return the parameters with the bare plate longer by what bends as far as the clamp turns.
+
+    Deflection and mass of the piece that is added are of second order: of a clamp of 5 %, less than 0.05 % of the response.
+    """
+    if not np.any(v["clamp_flexibility"]):
+        return v
+    longer = v["clamp_flexibility"] * v["L1"]
+    return {**v, **{name: v[name] + longer for name in ("L", "L1", "L2")}}
+
+
+class NonidealResponse:
+    """Effects of the nonidealities on the predictions of a campaign.
+
+    Args:
+        observations: the runs.
+        amplifier: its map without errors.
+    """
+
+    def __init__(self, observations: ObservationSet, amplifier: AmplifierMap) -> None:
+        self._amplifier = amplifier
+        orders = [r.order for r in observations.of_type(FrequencyResponseObservation) if r.order is not None]
+        self._first, self._last = (min(orders), max(orders)) if orders else (0.0, 0.0)
+
+    def factor(self, run: Observation, v: Values) -> Any:
+        """Return the factor of the predictions at a run's usable points, (S, F) or what broadcasts to it."""
+        factor = self._factor(run, v)
+        if np.any(v["sensor_gain"]) and not isinstance(run, MassResonanceObservation):
+            factor = factor * (1 + _column(v["sensor_gain"]))
+        return factor
+
+    def _factor(self, run: Observation, v: Values) -> Any:
+        match run:
+            case FrequencyResponseObservation():
+                return self._dwell_factor(run, v)
+            case StaticLoadingObservation():
+                return self._static_factor(v, np.full(1, LOADING_TIME_S), run.deflection_m[run.usable])
+            case VoltageStepsObservation():
+                time = np.full(1, STEP_TIME_S) if run.time_s is None else run.time_s[run.usable]
+                return self._static_factor(v, time, run.deflection_m[run.usable])
+        return 1.0
+
+    def _static_factor(self, v: Values, time_s: Array, deflection_m: Array) -> Any:
+        factor: Any = 1.0
+        if np.any(v["creep"]):
+            factor = factor * (1 + _column(v["creep"]) * np.log10(np.maximum(time_s, 1e-6) / REFERENCE_S))
+        if np.any(v["stiffening"]):
+            factor = factor / (1 + _column(v["stiffening"]) * (deflection_m / STIFFENING_M) ** 2)
+        return factor
+
+    def _dwell_factor(self, run: FrequencyResponseObservation, v: Values) -> Any:
+        f = run.frequency_hz[run.usable]
+        factor: Any = 1.0
+        if np.any(v["creep"]):  # a compliance that grows with the logarithm of time, at the frequency f
+            decades = (np.log(2j * np.pi * f * REFERENCE_S) + np.euler_gamma) / np.log(10)
+            factor = factor * (1 - _column(v["creep"]) * decades)
+        if np.any(v["hysteresis"]):
+            share = np.asarray(run.drive_amplitude_v)[run.usable] / (self._amplifier.high_v - self._amplifier.low_v) * 2
+            factor = factor * (1 + _column(v["hysteresis"]) * share * (1 - 4j / (3 * np.pi)))
+        if np.any(v["delay"]):
+            factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))
+        if np.any(v["gain_drift"]) and run.order is not None and self._last > self._first:
+            factor = factor * (1 + _column(v["gain_drift"]) * (run.order - self._first) / (self._last - self._first))
+        below, above = v["gain_below_rest"], v["gain_above_rest"]
+        if np.any(below) or np.any(above):
+            share = self._share_below(run)
+            factor = factor * (1 + _column(below) * share + _column(above) * (1 - share))
+        return factor
+
+    def _share_below(self, run: FrequencyResponseObservation) -> Array:
+        """Return the share of the fundamental of the volts on the specimen that the slope below rest makes, (F,)."""
+        a = self._amplifier
+        drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+        different, where = np.unique(drives, axis=0, return_inverse=True)
+        shares = []
+        for amplitude, offset in different:
+            low, both = (
+                fourier_series("sine", amplitude, offset, each, 1)[1]
+                for each in (AmplifierMap(a.rest_v, a.low_v, a.high_v, a.slope_below, 1e-9), a)
+            )
+            shares.append(float((low / both).real))
+        return np.array(shares)[where.ravel()]
+
+    def volts(self, run: VoltageStepsObservation, v: Values, volts: Array) -> Array:
+        """Return the volts on the specimen that act, (S, F), of those by the amplifier's map."""
+        if np.any(v["gain_below_rest"]) or np.any(v["gain_above_rest"]):
+            below, above = _column(v["gain_below_rest"]), _column(v["gain_above_rest"])
+            volts = volts * (1 + np.where(volts < 0, below, above))
+        if np.any(v["hysteresis"]) and run.rising is not None:
+            full = float(self._amplifier.specimen_v(self._amplifier.high_v))
+            half_width = _column(v["hysteresis"]) * (1 - (volts / full) ** 2) * full / 2
+            volts = volts + np.where(run.rising[run.usable], -half_width, half_width)
+        return volts
+
+    def drift(self, run: StaticLoadingObservation, v: Values) -> Any:
+        """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
+        return _column(v["zero_drift"]) * _positions(run.usable)
+
+    def stiffness_gain(self, run: FrequencyResponseObservation, v: Values, sets: int) -> Array:
+        """Return the share by which the bending stiffness is larger at each usable point, (S, F), by harmonic balance."""
+        y = run.peak_to_peak_m if run.fundamental_m is None else np.abs(run.fundamental_m)
+        amplitude = np.zeros(1) if y is None else y[run.usable]
+        return np.broadcast_to(
+            0.75 * _column(v["stiffening"]) * (amplitude / STIFFENING_M) ** 2, (sets, int(run.usable.sum()))
+        )
+
+
+def _column(value: Any) -> Any:
+    """Return a parameter as a column, (S, 1) or (1, 1)."""
+    return np.reshape(value, (-1, 1))
+
+
+def _positions(usable: Mask) -> Array:
+    return np.linspace(0, 1, usable.size)[usable]

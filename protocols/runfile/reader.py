@@ -332,9 +332,7 @@ class Run(Closeable):
                 folded = {
                     float(line["frequency_hz"]): float(true_hz)
                     for line in event.fields["lines"]
-                    if isinstance(line, dict)
-                    and isinstance(true_hz := line.get("folded_from_hz"), float)
-                    and math.isfinite(true_hz)
+                    if isinstance(true_hz := line.get("folded_from_hz"), float) and math.isfinite(true_hz)
                 }
                 return RestRecord((int(first), int(last)), folded)
         return None

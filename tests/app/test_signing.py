@@ -87,10 +87,10 @@ def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[s
 )
 def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, float], capsys: Any) -> None:
     runs = made(beyond=beyond)
-    found = identify(runs, sheet="none")
+    found = identify(runs)
     assert found.adequacy is not None
     assert found.adequacy.adequate is False
-    assert main(["identify", *map(str, runs), "--sheet", "none"]) == 0
+    assert main(["identify", *map(str, runs)]) == 0
     output = capsys.readouterr().out
     assert "NOT ADEQUATE: the model is wrong for these runs" in output
     assert "How the runs depart from the model" in output
@@ -102,7 +102,7 @@ def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, f
 def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None:
     """Why a real tactor is identified with twenty: what seven lack looks like a clamp that turns."""
     runs = made(modes=20)
-    few = identify(runs, n=7, sheet="none")  # with the uncertainties of a ruler, seven are good enough
+    few = identify(runs, n=7, sheet="none")
     assert few.adequacy is not None
     assert few.adequacy.adequate is False
     # only the plant's parameters have their number

@@ -46,6 +46,7 @@ class Laboratory:
     Attributes:
         L, L1, L2, h_Al, rho1, rho2, k2, mu, c0, m_add: of the specimen, SI.
         h_m, E_m, c_s_0, c_s_delta: of the membrane, SI.
+        contact_m: length over which the skin's point stiffness is distributed.
         mass_fraction, mass_offset_kg: what acts of an added mass, and a mass that is always there with it.
         asymmetry: share by which loads deflect the MFC side more than the mean.
         creep: share of the response gained per decade of time, zero at the time constant of 100 Hz.
@@ -78,6 +79,7 @@ class Laboratory:
     E_m: float = 6.95e6
     c_s_0: float = 165.0
     c_s_delta: float = 5.48e4
+    contact_m: float = 7e-3
     mass_fraction: float = 1.0
     mass_offset_kg: float = 0.0
     asymmetry: float = 0.0
@@ -113,7 +115,7 @@ class Laboratory:
             point = 192 * self.E_m * width * self.h_m**3 / 12 / length**3 * (1 + 0.4 * u * u)
         else:
             point = 4 * tension / length / (1 - np.tanh(u) / u)
-        return point / (0.022 - 0.015), self.c_s_0 + self.c_s_delta * delta
+        return point / self.contact_m, self.c_s_0 + self.c_s_delta * delta
 
     def response(
         self,
@@ -144,12 +146,15 @@ class Laboratory:
         at = int(np.flatnonzero(keep == len(B) - 2)[0])
         return np.linalg.solve(Z[:, keep[:, None], keep], B[keep][:, None])[:, at, 0]
 
-    def vibration(self, f: np.ndarray, volts: float, mass_kg: float | None, skin: tuple[float, float]) -> np.ndarray:
+    @lru_cache(maxsize=256)  # noqa: B019
+    def vibration(
+        self, f: tuple[float, ...], volts: float, mass_kg: float | None, skin: tuple[float, float]
+    ) -> np.ndarray:
         """Amplitude (complex, m) under a sine of `volts` on the specimen; stiffening by harmonic balance."""
-        w = volts * self.response(f, mass_kg, skin)
-        for _ in range(60 if self.stiffening else 0):
+        w = volts * self.response(np.array(f), mass_kg, skin)
+        for _ in range(25 if self.stiffening else 0):
             w = 0.5 * w + 0.5 * volts * self.response(
-                f, mass_kg, skin, stiffer=0.75 * self.stiffening * (abs(w) / 1e-3) ** 2
+                np.array(f), mass_kg, skin, stiffer=0.75 * self.stiffening * (abs(w) / 1e-3) ** 2
             )
         return w
 
@@ -165,13 +170,22 @@ class Laboratory:
         return 1 + self.creep * float(np.log10(seconds * 2 * np.pi * 100))
 
     def peak_hz(self, mass_kg: float) -> float:
-        """Frequency of the largest response, by ever finer scans."""
+        """Frequency of the largest response, by ever finer scans and a last parabola."""
         low, high = 60.0, 500.0
-        for _ in range(6):
-            f = np.linspace(low, high, 17)
-            top = int(np.clip(abs(self.response(f, mass_kg)).argmax(), 1, 15))
+        for _ in range(4):
+            f = np.linspace(low, high, 13)
+            y = abs(self.response(f, mass_kg))
+            top = int(np.clip(y.argmax(), 1, 11))
             low, high = f[top - 1], f[top + 1]
-        return (low + high) / 2
+        a, b, c = y[top - 1 : top + 2]
+        return float(f[top] + (f[1] - f[0]) / 2 * (a - c) / (a - 2 * b + c))
+
+    @lru_cache(maxsize=64)  # noqa: B019
+    def peaks_hz(self) -> np.ndarray:
+        """Resonances with each of the added masses and slopes to the mass, (2, F)."""
+        masses = self.mass_fraction * MASSES_KG + self.mass_offset_kg
+        f = np.array([self.peak_hz(m) for m in masses])
+        return np.array((f, [self.peak_hz(m + 1e-4) for m in masses] - f)) / np.array([[1.0], [1e-4]])
 
 
 @dataclass(frozen=True)
@@ -223,7 +237,8 @@ def measure(lab: Laboratory, seed: int, small: bool = False) -> ObservationSet:
         runs.append(_dwell(lab, label, elongation, place, dwell_scale * grown, late, rng))
     if not small:
         w = _sag(lab.h_m, lab.E_m) * np.ones(5)
-        runs.append(MembraneSagObservation("sag", w * (1 + 0.01 * rng.standard_normal(5)), 0.01 * w, simulated=True))
+        seen = w * (scale + 0.01 * rng.standard_normal(5))
+        runs.append(MembraneSagObservation("sag", seen, 0.01 * w, shared_errors=(SENSOR,), simulated=True))
     return ObservationSet(tuple(runs))
 
 
@@ -244,7 +259,8 @@ def _loading(lab: Laboratory, side: Any, scale: float, rng: np.random.Generator)
 
 
 def _masses(lab: Laboratory, offset: float, rng: np.random.Generator) -> MassResonanceObservation:
-    f = np.array([lab.peak_hz(lab.mass_fraction * m + lab.mass_offset_kg + offset) for m in MASSES_KG])
+    f, per_kg = lab.peaks_hz()
+    f = f + per_kg * offset
     labels = MASSES_KG.copy()
     labels[4] += lab.bad_mass_kg
     errors = np.full(f.size, 0.3)
@@ -278,7 +294,7 @@ def _dwell(
     fourth = elongation == ELONGATIONS_M[3]
     skin = lab.skin(None if elongation is None else elongation + (lab.membrane_slip_m if fourth else 0.0))
     volts = 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2
-    w = lab.vibration(f, volts, None, skin)
+    w = lab.vibration(tuple(f), volts, None, skin)
     errors = 0.003 * abs(w) + 2e-7
     w = w * (1 - lab.creep * (np.log10(f / 100) + np.euler_gamma / np.log(10) + 1j * np.pi / 2 / np.log(10)))
     w = w * (1 + lab.hysteresis * (1 - 4j / (3 * np.pi))) * np.exp(-2j * np.pi * f * (late + lab.delay_s))
@@ -292,6 +308,7 @@ def _dwell(
     )  # fmt: skip
 
 
+@lru_cache(maxsize=64)
 def _sag(h_m: float, E_m: float) -> float:
     """Sag of a clamped strip under its weight, carried by bending and by the tension of its own elongation."""
     length, width, density = 0.17, 0.066, 0.906 / (G * 0.066 * 1.4e-3)

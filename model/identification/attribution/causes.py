@@ -1,5 +1,6 @@
 """Possible causes of a misfit: held parameters and nonidealities, the scale of one run, one point."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -9,6 +10,8 @@ from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
 from model.identification.observations import (
+    ErrorTarget,
+    FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
     Observation,
@@ -16,14 +19,18 @@ from model.identification.observations import (
     SharedError,
 )
 
-Kind = Literal["parameter", "scale", "point"]
+Kind = Literal["parameter", "prior", "scale", "frequency", "elongation", "point"]
 
-WIDE_GAIN_ERROR = 3.0
-"""Prior standard error of the scale of one run that may be wrong by any factor."""
+RUN_ERRORS: dict[Kind, tuple[ErrorTarget, float]] = {
+    "scale": ("displacement", 3.0),
+    "frequency": ("frequency", 10.0),
+    "elongation": ("elongation", 2e-3),
+}
+"""Errors of a single run: what they act on, and a standard error so large that the run determines them."""
 SAME_EFFECT = {"b_Al": "h_Al", "E_Al": "h_Al", "b_m": "contact_length"}
 """Parameters that enter the model only together with another one, which stands for them."""
-NO_CAUSES = ("mu", "mass_put_in")
-"""Parameters that are no cause: a wrong moment per volt is found with any drive."""
+NO_CAUSES = ("mu", "mass_put_in", "gain_above_rest")
+"""Parameters that are no cause: any drive determines the moment per volt, which takes up the slope above rest."""
 
 PLAUSIBLE_ERRORS = {
     "L": 0.05,
@@ -34,8 +41,10 @@ PLAUSIBLE_ERRORS = {
     "rho2": 0.1,
     "L_m": 0.05,
     "h_m": 0.1,
+    "load_gain": 0.03,
+    "sensor_gain": 0.03,
 }
-"""Relative standard deviation of what a ruler, caliper or balance may be misread by; a cause beyond that is less likely."""
+"""Relative standard deviation of what ruler, caliper, balance or sensor may be wrong by; a cause beyond that is less likely."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +61,18 @@ class Cause:
     def title(self) -> str:
         """What it is called in a table."""
         match self.kind:
-            case "scale":
-                return f"scale of {self.name}"
+            case "scale" | "frequency" | "elongation":
+                return f"{self.kind} of {self.name}"
             case "point":
                 return f"point {self.point + 1} of {self.name}"
+            case "prior":
+                return f"stated {self.name}"
         return self.name
+
+    @property
+    def parameter(self) -> str:
+        """The parameter of the extended fit that has its size; empty for a point."""
+        return "" if self.kind == "point" else self.title if self.kind in RUN_ERRORS else self.name
 
     def extend(self, fit: JointFit) -> tuple[ObservationSet, FitOptions]:
         """Return the observations and options of a fit with this cause, which begins where `fit` ended."""
@@ -64,19 +80,31 @@ class Cause:
         match self.kind:
             case "parameter":
                 return fit.observations, replace(options, priors=self._priors(fit))
-            case "scale":
-                error = SharedError(self.title, "displacement", WIDE_GAIN_ERROR)
-                run = self.run(fit)
+            case "prior":
+                priors = {name: prior for name, prior in options.priors.items() if name != self.name}
+                return fit.observations, replace(options, priors=priors)
+            case "scale" | "frequency" | "elongation":
+                error, run = self.shared_error, self.run(fit)
                 return _with_run(fit, run, {"shared_errors": (*run.shared_errors, error)}), options
         run = self.run(fit)
         return _with_run(fit, run, {"good": _without(run, self.point)}), options
 
-    def _priors(self, fit: JointFit) -> dict[str, tuple[float, float]]:
-        share = PLAUSIBLE_ERRORS.get(self.name)
+    @property
+    def shared_error(self) -> SharedError:
+        """Return the error of one run, as the parameter that it is."""
+        return SharedError(self.title, *RUN_ERRORS[self.kind])
+
+    def plausible(self, fit: JointFit) -> tuple[float, float] | None:
+        """Return the held value and the standard deviation that is plausible; None where any size is."""
+        share = PLAUSIBLE_ERRORS.get(self.name) if self.kind == "parameter" else None
         if share is None:
-            return dict(fit.options.priors)
+            return None
         held = known.start_value(self.name, fit.options.base_values())
-        return {**fit.options.priors, self.name: (held, share * abs(held))}
+        return held, share * (abs(held) or 1.0)
+
+    def _priors(self, fit: JointFit) -> dict[str, tuple[float, float]]:
+        plausible = self.plausible(fit)
+        return {**fit.options.priors, **({} if plausible is None else {self.name: plausible})}
 
     def run(self, fit: JointFit) -> Observation:
         """Return the run of a wrong scale or point."""
@@ -93,7 +121,7 @@ def free_as_well(fit: JointFit, names: tuple[str, ...]) -> FitOptions:
 
 
 def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
-    """Return every parameter that is held and every run whose scale may be wrong; points are found by their residuals."""
+    """Return every parameter that is held and what may be wrong with a whole run; points are found by their residuals."""
     base = fit.options.base_values()
     names = [q.name for q in (*parameter_specs(Tactor), *parameter_specs(Membrane))]
     names += ["contact_length", "asymmetry", *NONIDEALITIES]
@@ -106,9 +134,30 @@ def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
         and SAME_EFFECT.get(name) is None
         and not (name == "m_add" and (base.get("mass_put_in") or "mass_put_in" in fit.names))
     ]
-    runs = [r for r in fit.observations.runs if not isinstance(r, MassResonanceObservation | MembraneSagObservation)]
-    scales = [Cause("scale", run.label) for run in runs] if len(fit.observations.runs) > 1 else []
-    return (*(Cause("parameter", name) for name in held), *scales)
+    out = [Cause("parameter", name) for name in held]
+    out += [Cause("prior", name) for name in fit.options.priors]
+    if len(fit.observations.runs) > 1:
+        out += [Cause(kind, run.label) for run in fit.observations.runs for kind in _run_kinds(run)]
+    return tuple(out)
+
+
+def _run_kinds(run: Observation) -> Iterator[Kind]:
+    """Yield what may be wrong with a run as a whole."""
+    if not isinstance(run, MassResonanceObservation | MembraneSagObservation):
+        yield "scale"
+    if isinstance(run, FrequencyResponseObservation):
+        yield "frequency"
+        if run.elongation_m is not None:
+            yield "elongation"
+
+
+def with_errors_of_runs(fit: JointFit, causes: Sequence[Cause]) -> ObservationSet:
+    """Return the observations with the error of every cause that is one of a run."""
+    runs = []
+    for run in fit.observations.runs:
+        errors = tuple(c.shared_error for c in causes if c.kind in RUN_ERRORS and c.name == run.label)
+        runs.append(replace(run, shared_errors=(*run.shared_errors, *errors)))
+    return ObservationSet(tuple(runs))
 
 
 def _with_run(fit: JointFit, changed: Observation, changes: dict[str, Any]) -> ObservationSet:

@@ -4,47 +4,67 @@ Every cause is one parameter more, or one point less. The linearized fit at the 
 ranked by the probability of so large an improvement by chance, times the number of causes of the kind that were tried.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, log_ndtr
+from scipy.special import chdtrc
 
 from model import Array, ParameterError
-from model.identification.attribution.causes import Cause, free_as_well, possible_causes
+from model.identification.attribution.causes import (
+    RUN_ERRORS,
+    Cause,
+    free_as_well,
+    possible_causes,
+    with_errors_of_runs,
+)
 from model.identification.attribution.explanation import Diagnosis, Explanation, ParameterShift
+from model.identification.attribution.significance import log_p_value, point_gains, point_rows, unit_effect
 from model.identification.attribution.words import with_words
 from model.identification.fit_options import IdentificationError
 from model.identification.fit_result import MIN_P_VALUE, JointFit
 from model.identification.joint_least_squares import joint_fit
-from model.identification.observations import observed_values, over_errors
+from model.identification.observations import observed_values
 from model.identification.residuals import LeastSquaresProblem
 
-REFITTED_CAUSES = 7
+REFITTED_CAUSES = 5
 """Causes with the best linearized fit that are fitted."""
+WORTH_FITTING = 0.25
+"""Share of the largest improvement in the linearized fit from which on a cause is fitted."""
 MAX_EXPLANATIONS = 5
 """Explanations that are kept."""
 MAX_SHIFTS = 4
 """Parameters of the fit whose change with a cause is stated."""
-REFIT_TIME_S = 3.0
-INSIDE_FIT = 1e-6
-"""Share of an effect outside the space of the fit, squared, below which the runs cannot show it."""
+REFIT_TIME_S = 10.0
+REFIT_TOLERANCE = 1e-5
+"""Of chi-square: causes are compared by differences of some units."""
 
 
-def diagnose(fit: JointFit, level: float = 0.01, refitted: int = REFITTED_CAUSES) -> Diagnosis:
+def diagnose(
+    fit: JointFit, known: Mapping[Cause, Array] | None = None, level: float = 0.1, refitted: int = REFITTED_CAUSES
+) -> Diagnosis:
     """Compare the possible causes of the misfit of a fit; causes whose improvement can be chance are left out.
 
     Args:
         fit: a fit that is not adequate.
+        known: `effects` of the fit, if they are known.
         level: probability by chance, among all causes of a kind, above which a cause is left out.
         refitted: how many of the causes are fitted, after a comparison of all in the linearized fit.
     """
     r = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
     Q = fit_subspace(fit)
-    screened = [*_screened_parameters(fit, r, Q), *_screened_points(fit, r, Q)]
-    screened.sort(key=lambda s: s[1])
-    found = [e for cause, _, count in screened[:refitted] if (e := _explain(fit, cause, count)) is not None]
+    known = effects(fit) if known is None else known
+    screened = [
+        *_screened_effects(fit, r, Q, known),
+        *_screened_points(fit, r, Q),
+    ]
+    screened.sort(key=lambda s: s.log_probability + np.log(s.among))
+    best = max((s.gain for s in screened), default=0.0)
+    chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:refitted]
+    found = [e for s in chosen if (e := _explain(fit, s, known)) is not None]
     found = [e for e in found if e.log_probability < np.log(level)]
-    found.sort(key=lambda e: (e.log_probability, e.chi_square))
+    found.sort(key=lambda e: (e.log_probability, e.chi_square + e.penalty))
     return Diagnosis(tuple(with_words(fit, e) for e in found[:MAX_EXPLANATIONS]), len(screened))
 
 
@@ -55,65 +75,59 @@ def fit_subspace(fit: JointFit) -> Array:
     return np.asarray(U[:, s > 1e-7 * s[0]])
 
 
-Screened = tuple[Cause, float, int]
-"""A cause, the logarithm of its probability in the linearized fit, and how many there are of its kind."""
+class Screened(NamedTuple):
+    """A cause in the linearized fit."""
+
+    cause: Cause
+    gain: float
+    """By which chi-square is smaller."""
+    log_probability: float
+    among: int
+    """Causes of its kind."""
 
 
 def effects(fit: JointFit) -> dict[Cause, Array]:
     """Return what each possible cause but a point adds to the weighted residuals, (rows,), per unit of its size."""
     causes = possible_causes(fit)
     names = tuple(c.name for c in causes if c.kind == "parameter")
-    problem = LeastSquaresProblem(fit.observations, free_as_well(fit, names))
+    problem = LeastSquaresProblem(with_errors_of_runs(fit, causes), free_as_well(fit, names))
     _, J = problem.evaluate(problem.start)
-    out = {c: J[:, problem.names.index(c.name)] for c in causes if c.kind == "parameter"}
-    predictions = problem.forward_model.predict(problem.start)
-    for run, part, predicted in zip(fit.observations.runs, fit.run_slices, predictions, strict=True):
-        d = np.zeros(fit.weighted_residuals.size)
-        d[part] = over_errors(run, predicted.values)
-        out |= {c: d for c in causes if c.kind == "scale" and c.name == run.label}
+    data = fit.run_slices[-1].stop
+    J[data:] = 0.0
+    rows = fit.weighted_residuals.size
+    out = {c: J[:rows, problem.names.index(c.parameter)] for c in causes if c.kind != "prior"}
+    first = data + len(fit.observations.shared_errors)  # rows of the shared errors, then of what is known beforehand
+    for place, (name, (_, error)) in enumerate(fit.options.priors.items()):
+        out[Cause("prior", name)] = np.eye(1, rows, first + place)[0] / error
     return out
 
 
-def _screened_parameters(fit: JointFit, r: Array, Q: Array) -> Iterator[Screened]:
+def _screened_effects(fit: JointFit, r: Array, Q: Array, known: Mapping[Cause, Array]) -> Iterator[Screened]:
     visible = {}
-    for cause, effect in effects(fit).items():
-        d = np.where(fit.used_rows, effect, 0.0)
-        rest = d - Q @ (Q.T @ d)
-        weight = float(rest @ rest)
-        if weight > INSIDE_FIT * float(d @ d) and weight > 0:
-            visible[cause] = float(rest @ r) ** 2 / weight
+    for cause, effect in known.items():
+        unit = unit_effect(np.where(fit.used_rows, effect, 0.0), Q)
+        if unit is not None:
+            visible[cause] = float(unit @ r) ** 2
     for cause, gain in visible.items():
-        count = sum(c.kind == cause.kind for c in visible)
-        yield cause, _log_probability(gain, 1, count), count
+        count = sum((c.kind in RUN_ERRORS) == (cause.kind in RUN_ERRORS) for c in visible)
+        yield Screened(cause, gain, float(log_p_value(np.array(gain), 1)), count)
 
 
 def _screened_points(fit: JointFit, r: Array, Q: Array) -> Iterator[Screened]:
-    points: list[tuple[Cause, float, int]] = []
-    for run, part in zip(fit.observations.runs, fit.run_slices, strict=True):
-        usable = np.flatnonzero(run.usable)
-        rows = np.arange(part.start, part.stop).reshape(-1, usable.size)  # one row of them, or two for complex values
-        if usable.size < 2 or not fit.used_rows[part].all():
-            continue
-        for place, point in enumerate(usable.tolist()):
-            i = rows[:, place]
-            left = np.eye(i.size) - Q[i] @ Q[i].T
-            if np.linalg.eigvalsh(left)[0] > INSIDE_FIT:
-                points.append((Cause("point", run.label, point), float(r[i] @ np.linalg.solve(left, r[i])), i.size))
-    for cause, gain, freedom in points:
-        yield cause, _log_probability(gain, freedom, len(points)), len(points)
+    points = point_rows(fit)
+    gains = point_gains(r, Q, [rows for _, _, rows in points])
+    for (label, point, rows), gain in zip(points, gains.tolist(), strict=True):
+        yield Screened(Cause("point", label, point), gain, float(log_p_value(np.array(gain), rows.size)), len(points))
 
 
-def _log_probability(gain: float, freedom: int, count: int) -> float:
-    """Return the logarithm of the probability of a chi-square above `gain` in any of `count` tests; freedom is 1 or 2."""
-    one = -gain / 2 if freedom == 2 else float(log_ndtr(-np.sqrt(max(gain, 0.0)))) + float(np.log(2))
-    return min(0.0, one + float(np.log(count)))
-
-
-def _explain(fit: JointFit, cause: Cause, count: int) -> Explanation | None:
+def _explain(fit: JointFit, screened: Screened, known: Mapping[Cause, Array]) -> Explanation | None:
     """Fit with the cause; None where that is not possible."""
+    cause, count = screened.cause, screened.among
     observations, options = cause.extend(fit)
+    if cause in known and cause.kind != "prior":
+        options = replace(options, start=_linear_start(fit, cause, known[cause], options.start))
     try:
-        found = joint_fit(observations, options, time_limit_s=REFIT_TIME_S, max_starts=1)
+        found = joint_fit(observations, options, time_limit_s=REFIT_TIME_S, max_starts=1, tolerance=REFIT_TOLERANCE)
     except (ParameterError, IdentificationError):
         return None
     freedom, size, error = 1, float("nan"), float("nan")
@@ -121,13 +135,31 @@ def _explain(fit: JointFit, cause: Cause, count: int) -> Explanation | None:
     if cause.kind == "point":
         freedom = 2 if np.iscomplexobj(observed_values(cause.run(fit))[0]) else 1
     else:
-        at = found.names.index(cause.title)
+        at = found.names.index(cause.parameter)
         size, error = float(found.theta[at]), float(errors[at])
-    left = fit.degrees_of_freedom - freedom
+    left, penalty = fit.degrees_of_freedom - freedom, 0.0
+    if (plausible := cause.plausible(fit)) is not None:
+        penalty = ((size - plausible[0]) / plausible[1]) ** 2
+    chi_square = found.cost - penalty
     # where the rest is still too large, the errors may be too small: the improvement must exceed larger ones
-    enlarged = found.cost / left if left > 0 and chdtrc(left, found.cost) < MIN_P_VALUE else 1.0
-    chance = _log_probability((fit.cost - found.cost) / max(1.0, enlarged), freedom, count)
-    return Explanation(cause, size, error, found.cost, left, chance, _shifts(fit, found, errors), found)
+    enlarged = chi_square / left if left > 0 and chdtrc(left, chi_square) < MIN_P_VALUE else 1.0
+    gain = (fit.cost - found.cost) / max(1.0, enlarged)
+    chance = min(0.0, float(log_p_value(np.array(gain), freedom)) + float(np.log(count)))
+    return Explanation(cause, size, error, chi_square, penalty, left, chance, _shifts(fit, found, errors), found)
+
+
+def _linear_start(fit: JointFit, cause: Cause, effect: Array, start: Mapping[str, float]) -> dict[str, float]:
+    """Return where the linearized fit with the cause has its minimum, a step of at most half of each positive parameter."""
+    scale = np.append(fit.parameter_scale, 1.0)
+    J = np.column_stack((fit.jacobian, effect)) * scale
+    J[:, -1] *= 1 / max(float(np.linalg.norm(J[:, -1])), 1e-300)
+    scale[-1] = 1 / max(float(np.linalg.norm(effect)), 1e-300)
+    step = np.linalg.lstsq(J * fit.used_rows[:, None], fit.weighted_residuals * fit.used_rows, rcond=1e-10)[0] * scale
+    out = dict(start)
+    for name, change in zip((*fit.names, cause.parameter), step.tolist(), strict=True):
+        value = out.get(name, 0.0)
+        out[name] = value + (max(change, -0.5 * value) if value > 0 else change)
+    return out
 
 
 def _shifts(fit: JointFit, found: JointFit, errors: Array) -> tuple[ParameterShift, ...]:

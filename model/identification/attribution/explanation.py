@@ -10,6 +10,11 @@ from model.identification.fit_result import JointFit
 SAME_CHI_SQUARE = 6.0
 """Causes whose chi-squares differ by less are not told apart: odds of 20 to 1."""
 
+IMPLAUSIBLE = 25.0
+"""Penalty, five standard deviations, beyond which a cause is not named beside another."""
+MAX_TOGETHER = 3
+"""Causes that are named together."""
+
 
 @dataclass(frozen=True)
 class ParameterShift:
@@ -31,6 +36,9 @@ class Explanation:
     """Of its parameter; NaN for a point."""
     standard_error: float
     chi_square: float
+    """Without the penalty."""
+    penalty: float
+    """Square of the size over what is plausible; 0 where any size is."""
     degrees_of_freedom: int
     log_probability: float
     """Logarithm of the probability of the improvement by chance, all causes of its kind counted."""
@@ -58,8 +66,10 @@ class Diagnosis:
 
     @property
     def likeliest(self) -> tuple[Explanation, ...]:
-        """The first explanation and those that the runs do not tell from it."""
+        """The first explanation and those that the runs do not tell from it, three at most."""
         if not self.explanations:
             return ()
-        best = self.explanations[0]
-        return tuple(e for e in self.explanations if e.chi_square < best.chi_square + SAME_CHI_SQUARE)
+        first, *others = self.explanations
+        limit = first.chi_square + SAME_CHI_SQUARE
+        same = [e for e in others if e.chi_square < limit and e.penalty < IMPLAUSIBLE]
+        return (first, *same[: MAX_TOGETHER - 1])

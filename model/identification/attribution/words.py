@@ -24,6 +24,18 @@ PARAMETER_WORDS = {
     "mass_fraction": "the masses put in the cylinder act as {value} of what they weigh",
     "mass_offset": "{size} <more|less> than stated acts with every added mass: cylinder and glue, or the balance",
     "asymmetry": "loads deflect the MFC side {size} <more|less> than the mean of both sides, the aluminium side <less|more>",
+    "load_gain": "all loads are {size} <larger|smaller> than stated: weigh a weight on another balance",
+    "sensor_gain": "all displacements read {size} too <large|small>: move the sensor by a micrometer or a gauge block",
+    "load_offset": "{size} <more|less> than stated loads the centre with every weight: pan and hook, or the balance",
+    "zero_drift": "the sensor's zero drifts <up|down> by {size} from the first to the last row of a static loading",
+    "clamp_flexibility": "the clamp <turns|is stiffer than rigid>, by {size} of what the bare plate bends",
+    "creep": "deflections creep <on|back> by {size} a decade of time",
+    "hysteresis": "hysteresis: {size} of the deflection at full drive comes <late|early>",
+    "stiffening": "the specimen is {size} <stiffer|softer> at a deflection of 1 mm than at none: it is not linear",
+    "gain_below_rest": "the amplifier's slope below rest is {size} <larger|smaller> against that above rest than its map says",
+    "delay": "the displacement is {size} <later|earlier> than its phases were corrected for",
+    "gain_drift": "the dwells <grow|shrink> by {size} from the first to the last",
+    "elongation_offset": "the membrane is {size} <longer|shorter> than every elongation says",
     "h_Al": "the bare plate bends as with h_Al = {value}, not {held} (h_Al, b_Al or E_Al)",
     "contact_length": "the skin acts over a contact_length of {value}, not {held} (or b_m differs)",
 }
@@ -47,9 +59,19 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
     match cause.kind:
         case "scale":
             return f"{cause.name} reads {number(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
+        case "frequency":
+            return f"the frequencies of {cause.name} are {number(size, error, 'Hz', False)} too {'low' if size > 0 else 'high'}"
+        case "elongation":
+            return f"the elongation of {cause.name} is {number(size, error, 'm', False)} {'more' if size > 0 else 'less'} than stated"
         case "point":
             return _point_words(fit, cause)
-    spec = known.SPECIMEN_PARAMETERS[cause.name]
+    spec = known.parameter_spec(cause.name)
+    if cause.kind == "prior":
+        stated, uncertainty = fit.options.priors[cause.name]
+        return (
+            f"{cause.name} ({spec.description}) is {number(size, error, spec.unit)}, which is not what was stated beforehand, "
+            f"{number(stated, uncertainty, spec.unit)}"
+        )
     held = known.start_value(cause.name, fit.options.base_values())
     words = PARAMETER_WORDS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
     words = WORD_PAIR.sub(lambda found: found[1 if size >= held else 2], words)

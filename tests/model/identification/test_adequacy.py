@@ -30,7 +30,7 @@ def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) ->
 
 @pytest.mark.deep
 def test_noise_is_called_noise() -> None:
-    """One alarm in a hundred campaigns is what the tests promise; three are tried here, five hundred in the benchmark."""
+    """One alarm in twenty campaigns is what the tests promise; three are tried here, some hundred in docs/attribution-matrix.md."""
     campaign = perfect(World(), Noise(), SHARED)
     verdicts = []
     for seed in range(3):

@@ -1,0 +1,71 @@
+"""Errors that a set of runs cannot show because the fit takes them up, and the independent measurement that would."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from model import Array
+from model.identification.attribution.causes import Cause
+from model.identification.fit_result import JointFit
+
+UNSEEN_ERROR = 0.1
+"""Standard error of a relative scale error from these runs alone beyond which they do not show it."""
+MIN_MOVE = 0.2
+"""Relative change of a parameter, over that of the scale, from which on it is named."""
+
+CHECKS = {
+    "sensor_gain": (
+        "the scale of the displacements",
+        "moving the sensor by a micrometer or a gauge block, or loads and added masses together,",
+    ),
+    "load_gain": ("the scale of the loads", "weighing one of the weights on another balance"),
+    "mass_fraction": (
+        "the share of the added masses that acts",
+        "a static loading with known weights, or weighing the masses and fixing them at the centre,",
+    ),
+}
+"""Scale errors: what each is of, and what would show it."""
+VOLTS = "the volts on the specimen", "measuring them at the amplifier's output with a probe of known ratio"
+
+
+@dataclass(frozen=True)
+class UndecidableError:
+    """A scale error that the runs cannot show."""
+
+    name: str
+    moves: Mapping[str, float]
+    """Relative change of each parameter over that of the scale."""
+    words: str
+
+
+def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> tuple[UndecidableError, ...]:
+    """Return the scale errors that the fit takes up; `effects` are those of the causes on the weighted residuals."""
+    return tuple(_found(fit, effects))
+
+
+def _found(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[UndecidableError]:
+    data = fit.run_slices[-1].stop
+    scale = fit.parameter_scale
+    J = fit.jacobian[:data] * scale
+    own = [i for i, name in enumerate(fit.names) if name in fit.free_parameters]
+    for name, (what, remedy) in CHECKS.items():
+        effect = effects.get(Cause("parameter", name))
+        if effect is None or not np.any(effect[:data]):
+            continue
+        d = effect[:data]
+        shares = np.linalg.lstsq(J[:, own], d, rcond=1e-7)[0]
+        rest = d - J[:, own] @ shares
+        if float(rest @ rest) * UNSEEN_ERROR**2 > 1:
+            continue
+        moves = {fit.names[i]: float(-s * scale[i] / fit.theta[i]) for i, s in zip(own, shares, strict=True)}
+        yield _undecidable(name, what, remedy, moves)
+    if "mu" in fit.free_parameters:
+        yield _undecidable("volts", *VOLTS, {"mu": -1.0})
+
+
+def _undecidable(name: str, what: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
+    named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE}
+    text = ", ".join(f"{n} by {abs(m):.2g} %" for n, m in named.items())
+    moved = f": 1 % would move {text}" if text else ""
+    return UndecidableError(name, named, f"these runs cannot show an error of {what}{moved}; {remedy} would")
