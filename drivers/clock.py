@@ -26,6 +26,8 @@ READER_GONE_S = 0.5
 """Real seconds without a read after which bench time no longer waits for the reader."""
 
 SHORTEST_SLEEP_S = 1e-6
+"""Also what two readings of a time that waits differ by at least."""
+
 _NUMBER = struct.Struct("d")
 
 
@@ -57,7 +59,8 @@ class SharedTime:
         if present_s > limit_s and real < until:
             self._write(1, waited_s + present_s - limit_s)
             present_s = limit_s
-        self._latest_s = max(self._latest_s, present_s)  # another process may have set the limit a moment too late
+        # Another process may have set the limit a moment too late; and no two things happen at the same moment.
+        self._latest_s = max(self._latest_s + SHORTEST_SLEEP_S, present_s)
         return self._latest_s
 
     def wait_at(self, limit_s: float) -> None:

@@ -140,6 +140,16 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
         "(n + 1)",
     ): "where the time of the mains begins turns their phase, which is fitted",
     (
+        "protocols/runfile/reader.py",
+        "known.add(earlier.resolve())",
+        "pass",
+    ): "a ring of runs is then ended by the limit of earlier runs, with the same sentence",
+    (
+        "protocols/runfile/open.py",
+        "access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)",
+        "pass",
+    ): "h5py closes the objects of a file itself when the file is closed",
+    (
         "protocols/runfile/open.py",
         "if TYPE_CHECKING:",
         "(not (TYPE_CHECKING))",

@@ -303,6 +303,7 @@ class BurstGenerator(ABC):
             way.raise_first_error()
             return
         steps = self._step_count(abs(level_v - start), duration_s)
+        way.limit_duration(duration_s, steps, self._scpi.reply_s, getattr(self._clock, "speed", 1.0))
         for i in range(1, steps + 1):
             volts = start + (level_v - start) * i / steps
             self._last_offset_v = volts  # before it is sent: if the reply is lost, it must be assumed to be set

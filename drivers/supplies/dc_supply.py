@@ -189,6 +189,7 @@ class DcSupply:
         )
         start_v = self.idle_level_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)
+        way.limit_duration(duration_s, steps, self._output.reply_s, getattr(self._clock, "speed", 1.0))
         try:
             for i in range(1, steps + 1):
                 volts = start_v + (level_v - start_v) * i / steps

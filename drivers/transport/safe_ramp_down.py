@@ -1,5 +1,6 @@
 """Safe ramp-down: continues despite rejected steps and unreadable replies."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -12,6 +13,9 @@ T = TypeVar("T")
 
 FIRST_STEPS, PIPELINED_STEPS = 4, 64
 """Steps up to the first confirmation on a slow wire, and between two later ones."""
+
+RAMP_PATIENCE_S, REPLIES_PER_STEP = 5.0, 4
+"""By how much a ramp away from rest may take longer than commanded, in real time, and the replies of a step beside that."""
 
 WIRE_LIMITED = 1.5
 """A batch of steps that was confirmed within so many reply times was held up by the wire, not by the instrument."""
@@ -56,6 +60,17 @@ class RampDown:
         self._join = None if link.name.upper().endswith("::SOCKET") else join
         self._unconfirmed = 0
         self._pending: list[str] = []
+        self._latest_s = math.inf
+
+    def limit_duration(self, duration_s: float, steps: int, reply_s: float, speed: float) -> None:
+        """Let the steps fail from when they take much longer than commanded: of a ramp that does not lead to rest.
+
+        While it lasts, nobody reads the card. `reply_s` is the time of a reply when the ramp begins.
+        """
+        if not self._best_effort:
+            self._latest_s = (
+                self._now() + duration_s + RAMP_PATIENCE_S * max(speed, 1.0) + REPLIES_PER_STEP * steps * reply_s
+            )
 
     def query(self, action: Callable[[], T]) -> T | None:
         """Return what the action returns; None if it failed, or if replies cannot be read any more."""
@@ -72,7 +87,13 @@ class RampDown:
 
         Raises:
             LinkError: the connection is lost, nothing can be sent; or a pipelined ramp was not confirmed.
+            InstrumentError: a ramp away from rest takes too long.
         """
+        if self._now() > self._latest_s:
+            raise InstrumentError(
+                f"{self._link.name}: a ramp to a level takes more than {RAMP_PATIENCE_S:g} s longer than commanded and is not continued, because "
+                "the replies became slow; check the connection, close other programs and run again"
+            )
         if self._best_effort and not self.blind and not self._slow_reply_s:
             self._slow_reply_s = self._read_slow_reply_s()
             self._batch = FIRST_STEPS if self._slow_reply_s else 1

@@ -21,7 +21,13 @@ class ServedBench(Closeable):
 
     def __init__(self, bench: SimulatedBench) -> None:
         self.bench = bench
-        self.scpi = ScpiTcpServer(bench.message_port, bench.parameters.speed, bench.parameters.generator.command_s)
+        shared = getattr(bench.clock, "shared", None) is not None
+        self.scpi = ScpiTcpServer(
+            bench.message_port,
+            bench.parameters.speed,
+            bench.parameters.generator.command_s,
+            bench.clock if shared else None,
+        )
         self.card = NiGrpcServer(SimulatedNiDevice(bench.card, bench.clock, bench.faults, DEVICE_NAME))
         bench.add_fault_listener(self.scpi.update_from_faults)
         bench.add_fault_listener(self.card.update_from_faults)

@@ -8,6 +8,7 @@ import threading
 import time
 
 from drivers import Closeable
+from drivers.clock import Clock, WallClock
 from sim_hardware.wires.port import HOST, MessagePort
 from sim_hardware.wires.scpi_engine import split_received
 
@@ -22,13 +23,17 @@ class ScpiTcpServer(Closeable):
     Args:
         speed: bench seconds per wall second, for answers that take the instrument time.
         command_s: bench seconds until the answer to any message is ready.
+        clock: bench time that waits for a late reader, by which messages follow each other; default is real time.
 
     Attributes:
         port: the TCP port.
     """
 
-    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(
+        self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0, clock: Clock | None = None
+    ) -> None:
         self._instrument = instrument
+        self._clock = clock or WallClock(speed)
         self._speed = speed
         self._command_s = command_s
         self._selector = selectors.DefaultSelector()
@@ -147,8 +152,8 @@ class ScpiTcpServer(Closeable):
         lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
             # Messages that arrive together are carried out one after the other, as an instrument does.
-            time.sleep(max(self._busy_until_s - time.monotonic(), 0.0))
-            self._busy_until_s = time.monotonic() + self._command_s / self._speed
+            self._clock.sleep(self._busy_until_s - self._clock.now())
+            self._busy_until_s = self._clock.now() + self._command_s
             reply = self._instrument.handle(line)
             if reply is None:
                 continue

@@ -1,5 +1,6 @@
 """Run files at their edges: names of one second, locks of other programs, empty tables, results that cannot be stored."""
 
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -7,12 +8,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
-from protocols.base import RunStatus
+from protocols.base import CurveColumn, ResultCurve, RunStatus
 from protocols.runfile.errors import StorageError
 from protocols.runfile.open import RunReadError, translate_read_errors
 from protocols.runfile.reader import Run
+from protocols.runfile.schema import REPAIRED
+from protocols.runfile.transaction import journal_path
 from protocols.runfile.writer import RunFileWriter
 from tests.protocols.test_runfile import HEADER, Spot, new
 
@@ -106,3 +110,66 @@ def test_damage_of_a_growing_file_is_not_read_again_for_ever(tmp_path: Path) -> 
     left.write_bytes(content)
     with pytest.raises(RunReadError, match=r"is damaged .*; take another copy of it"):
         Run(left)
+
+
+def test_a_file_whose_results_are_being_stored_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(500))
+    journal_path(path).write_bytes(b"x")
+    with pytest.raises(RunReadError, match=r"run.h5: results are being stored in it, .*'tactor-bench verify --repair'"):
+        Run(path)
+
+
+def test_events_without_their_fields_are_named(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r+") as stored:
+        del stored["entry/events"]
+        stored.create_dataset("entry/events", data=np.zeros(2, [("x", "i4")]))
+    with Run(file.path) as run, pytest.raises(RunReadError, match=r"/entry/events has no \w+"):
+        list(run.events())
+
+
+def test_a_repaired_run_of_another_computer_is_crashed(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "")
+    with h5py.File(file.path, "r+") as stored:
+        for name, value in (("host", "elsewhere"), ("status", "running")):
+            del stored[f"entry/{name}"]
+            stored[f"entry/{name}"] = value
+    with Run(file.path) as run:
+        assert not run.crashed
+    with h5py.File(file.path, "r+") as stored:
+        stored[f"entry/{REPAIRED}"] = "2026-01-02T03:04:05+00:00"
+    with Run(file.path) as run:
+        assert run.crashed
+
+
+def test_a_curve_whose_columns_differ_in_length_is_damaged(tmp_path: Path) -> None:
+    columns = {name: CurveColumn(np.arange(3.0), "V", name) for name in ("drive", "displacement")}
+    file = new(tmp_path)
+    file.finish(RunStatus.COMPLETED, "", (), (ResultCurve("loop", "1 Hz", "drive", "displacement", columns),))
+    with Run(file.path) as run:
+        assert len(run.curves()) == 1
+    with h5py.File(file.path, "r+") as stored:
+        (curve,) = stored["entry/curves"].values()
+        attributes = dict(curve["displacement"].attrs)
+        del curve["displacement"]
+        curve["displacement"] = np.arange(2.0)
+        curve["displacement"].attrs.update(attributes)
+    with Run(file.path) as run, pytest.raises(RunReadError, match="differ in length"):
+        run.curves()
+
+
+def test_a_file_that_lost_its_latest_bytes_only_is_noticed(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    before = grown = file.path.stat().st_size
+    while grown <= before + 1:  # HDF5 takes space for several points at a time
+        before = grown
+        file.append_point(Spot(100.0, 1e-6))
+        grown = file.path.stat().st_size
+    os.truncate(file.path, grown - 1)
+    with pytest.raises(StorageError, match="bytes"):
+        file.check_presence()
+    os.truncate(file.path, grown)
+    file.finish(RunStatus.FAILED, "")

@@ -2,6 +2,7 @@
 
 import math
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -106,6 +107,22 @@ def test_a_ramp_that_does_not_lead_to_rest_confirms_every_step_on_any_wire() -> 
     for _ in range(5):
         way.step("V", lambda: wire.write("ok"))
     assert wire.sent == ["ok"] * 5
+
+
+@pytest.mark.parametrize("best_effort", [False, True])
+def test_a_ramp_that_takes_far_too_long_is_not_continued_unless_it_leads_to_rest(best_effort: bool) -> None:
+    """Nobody reads the card while it lasts, and neither Stop nor a lost card is noticed."""
+    now = [100.0]
+    way = RampDown(Wire("TCPIP::h::1::SOCKET"), best_effort=best_effort, now=lambda: now[0])
+    way.limit_duration(2.0, 40, 0.01, 1.0)
+    sent: list[float] = []
+    with nullcontext() if best_effort else pytest.raises(InstrumentError, match="replies became slow; check the conn"):
+        for _ in range(40):
+            way.step("V", lambda: now.__setitem__(0, now[0] + 0.6))
+            sent.append(now[0])
+    assert len(sent) == (
+        40 if best_effort else 15
+    )  # 2 s, 5 s of patience and 1.6 s for the replies at their usual pace
 
 
 def test_a_bench_whose_way_to_rest_takes_too_long_is_not_armed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
