@@ -272,6 +272,7 @@ class BurstGenerator(ABC):
             way.raise_first_error()  # neither read nor set: a step could increase it
             return
         if self._burst_has_ended() and amplitude <= self.IDLE_AMPLITUDE_VPP * (1 + 1e-6):
+            way.raise_first_error()
             return  # under a held level an abort may play the idle amplitude once more, beyond the amplifier's range
         # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
         span = self._waveform_span or (1.0 if self.AMPLITUDE_IS_WAVEFORM_SPAN else 2.0)
