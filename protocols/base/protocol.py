@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers import Drive
 from drivers.deprecated import renamed
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.records import EstimatedQuantity, InterferenceLine, PlanEntry, Recording, ResultCurve
 from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
@@ -113,6 +113,10 @@ class Protocol(BaseModel, ABC):
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
         """Return the names of the estimates that a plan like this must give; without any of them there is no result."""
         return ()
+
+    def folded_onto(self, point: Any, lines: Sequence[InterferenceLine]) -> bool:
+        """Return whether a line from above half the sample rate lies at the frequency of a point. Pure."""
+        return False
 
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -17,6 +17,7 @@ from drivers import Sine
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
+    InterferenceLine,
     Log,
     PlanEntry,
     Protocol,
@@ -125,7 +126,12 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         ),
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
         Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
-        Quality.FOLDED: any(_is_folded_onto(recording, drive.frequency_hz) for recording in recordings),
+        Quality.FOLDED: any(
+            is_folded_onto(
+                recording.interference, drive.frequency_hz, (recording.rows[1] - recording.rows[0]) / recording.rate_hz
+            )
+            for recording in recordings
+        ),
     }
     frequency = float(np.mean([one.frequency for one in each]))
     noise = math.sqrt(sum(one.moved.noise**2 for one in each) / len(each))
@@ -174,12 +180,11 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
     )
 
 
-def _is_folded_onto(recording: Recording, frequency_hz: float) -> bool:
-    """Whether a line from above half the sample rate lies at this frequency."""
-    resolution_hz = recording.rate_hz / max(recording.rows[1] - recording.rows[0], 1)
+def is_folded_onto(lines: Sequence[InterferenceLine], frequency_hz: float, duration_s: float) -> bool:
+    """Return whether a line from above half the sample rate lies at a frequency, in a recording of this duration."""
     return any(
-        line.folded and line.significant and abs(line.frequency_hz - frequency_hz) < SEPARATION_BINS * resolution_hz
-        for line in recording.interference
+        line.folded and line.significant and abs(line.frequency_hz - frequency_hz) * duration_s < SEPARATION_BINS
+        for line in lines
     )
 
 
@@ -329,6 +334,9 @@ class SineDwell(Protocol):
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Any:
         return sine_point(recordings, simulated)
+
+    def folded_onto(self, point: Any, lines: Sequence[InterferenceLine]) -> bool:
+        return is_folded_onto(lines, point.frequency, self._record_s(point.frequency))
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         return fit_resonance([p for p in points if Quality(p.quality).usable])

@@ -326,6 +326,7 @@ class Run(Closeable):
 
     def _rest_record(self) -> RestRecord | None:
         """Return where interference was measured at rest; None where it was not."""
+        found = None
         for event in self.events():
             if event.kind == InterferenceMeasured.kind:
                 first, last = event.fields["rows"]
@@ -334,8 +335,8 @@ class Run(Closeable):
                     for line in event.fields["lines"]
                     if isinstance(true_hz := line.get("folded_from_hz"), float) and math.isfinite(true_hz)
                 }
-                return RestRecord((int(first), int(last)), folded)
-        return None
+                found = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
+        return found
 
     def _own_entries(self) -> dict[int, StartedEntry]:
         return {

@@ -172,11 +172,15 @@ class RunFileWriter:
         return row
 
     def flag_superseded(self, row: int) -> None:
-        """Flag a point whose entry was measured again: the only value ever changed in place."""
+        """Flag a point whose entry was measured again."""
+        self.flag_point(row, Quality.SUPERSEDED)
+
+    def flag_point(self, row: int, flag: Quality) -> None:
+        """Add a flag to a point: the only value ever changed in place."""
         if "quality" in self._columns:
             with self._appending():
                 quality = self._dataset("points/quality")
-                quality[row] = int(quality[row]) | Quality.SUPERSEDED
+                quality[row] = int(quality[row]) | flag
                 quality.flush()
 
     def check_presence(self) -> None:

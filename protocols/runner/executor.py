@@ -83,6 +83,7 @@ class StepExecutor:
         self._acquisition, self._prompts, self._calibration_warning = acquisition, prompts, calibration_warning
         self._recording_count = 0
         self._interference: tuple[InterferenceLine, ...] = ()
+        self._interference_event: InterferenceMeasured | None = None
         self._rest_v = bench.amplifier.map.rest_v
 
     def run_entry(
@@ -132,6 +133,11 @@ class StepExecutor:
                         self._recorder.publish(LogMessage(text))
                         answer = None
 
+    @property
+    def interference(self) -> InterferenceMeasured | None:
+        """The interference as it was measured at rest; None before, or where it was not."""
+        return self._interference_event
+
     def measure_interference(self, armed: ArmedBench, duration_s: float) -> None:
         """Record the displacement at rest, before the first drive, and publish the hum and the lines found in it."""
         scans, start_row = math.ceil(duration_s * armed.rate_hz), self._run_file.row_count
@@ -150,7 +156,8 @@ class StepExecutor:
         displacement_m = samples[1] if samples else self._read_stored(rows, drive=False)
         self._interference = self._acquisition.run_analysis(armed, partial(find_lines, displacement_m, armed.rate_hz))
         significant = tuple(line for line in self._interference if line.significant)
-        self._recorder.publish(InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES]))
+        self._interference_event = InterferenceMeasured(rows, significant[:MAX_PUBLISHED_LINES])
+        self._recorder.publish(self._interference_event)
 
     def _settle(self, armed: ArmedBench, step: Settle) -> SettlingResult:
         if not isinstance(step.drive, Sine):

@@ -1,9 +1,20 @@
 """Plan progress: planned, measured and remaining entries of a run, and their points."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any
 
-from protocols.base import PlanEntry, PointMeasured, ProgressUpdated, Protocol, Repeat, ResultCurve, extend_plan
+from protocols.base import (
+    PlanEntry,
+    PointMeasured,
+    ProgressUpdated,
+    Protocol,
+    Quality,
+    Repeat,
+    ResultCurve,
+    extend_plan,
+    point_quality,
+)
 from protocols.base.verdict import ALL_MEASURED
 from protocols.runfile.writer import RunFileWriter
 
@@ -83,6 +94,20 @@ class PlanProgress:
         self.measured[index] = (row, point)
         self._curves[index] = []  # drops the curves of a superseded point
         return PointMeasured(row, point, index, replaces)
+
+    def flag_points(self, flag: Quality, affected: Callable[[Any], bool]) -> list[str]:
+        """Add a flag to the points that `affected` selects, in the file too; return the labels of their entries.
+
+        Raises:
+            StorageError: the file cannot be written.
+        """
+        labels = []
+        for index, (row, point) in self.measured.items():
+            if affected(point) and flag not in point_quality(point):
+                self._run_file.flag_point(row, flag)
+                self.measured[index] = (row, replace(point, quality=int(point_quality(point) | flag)))
+                labels.append(self.plan[index].label)
+        return labels
 
     def add_curve(self, curve: ResultCurve) -> None:
         """Keep a curve; it is written when the run ends."""

@@ -11,8 +11,10 @@ from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import (
     BenchArmed,
     EventBus,
+    InterferenceMeasured,
     LogMessage,
     Operator,
+    Quality,
     ReferenceModel,
     RunEnded,
     RunStarted,
@@ -36,6 +38,7 @@ from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.request import RunControl, RunRequest
+from protocols.runner.second_rate import tell_folded_lines
 
 log = logging.getLogger(__name__)
 
@@ -112,12 +115,15 @@ class Runner:
             self._acquisition.levels.mute(level)
         self._prompts = prompts = OperatorPrompts(operator, self._recorder, self._acquisition)
         self._operator_actions = OperatorActions(prompts, self._protocol.high_voltage)
+        self._executor = StepExecutor(
+            bench, self._run_file, self._recorder, self._acquisition, prompts, self._calibration_warning
+        )
         self._entries = EntryRunner(
             self._protocol,
             bench.simulated,
             self._acquisition,
             prompts,
-            StepExecutor(bench, self._run_file, self._recorder, self._acquisition, prompts, self._calibration_warning),
+            self._executor,
             self._recorder,
             self._plan_progress,
             self._operator_actions,
@@ -145,6 +151,7 @@ class Runner:
                     with contextlib.suppress(StorageError):
                         self._recorder.publish_external()
                     self._recorder.notify(ShutdownStarted())
+            self._report_folded_lines()
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:
             status, reason = describe_end(error, self._plan_progress)
@@ -154,6 +161,29 @@ class Runner:
         ended = self._conclusion.conclude(status, reason, self._armed)
         self.path = self._run_file.path  # another one if the file was moved or deleted
         return ended
+
+    def _report_folded_lines(self) -> None:
+        """Look at the interference at a second sample rate, now that rest is confirmed; flag the points it is folded onto."""
+        found, armed = self._executor.interference, self._armed
+        if found is None or not found.lines or armed is None:
+            return
+        try:
+            lines = tell_folded_lines(self._bench, found.lines, armed.rate_hz, self._protocol.rest_record_s)
+        except (BenchError, ValueError) as error:
+            self._recorder.publish(LogMessage(f"Whether interference is folded back could not be found out: {error}"))
+            return
+        if folded := tuple(line for line in lines if line.folded):
+            self._recorder.publish(InterferenceMeasured(found.rows, folded))
+            labels = self._plan_progress.flag_points(
+                Quality.FOLDED, lambda point: self._protocol.folded_onto(point, folded)
+            )
+            which = f" It lies on {', '.join(labels)}; their errors include it." if labels else ""
+            self._recorder.publish(
+                LogMessage(
+                    f"Interference from above half the sample rate is folded back.{which} Measure with another sample rate, or "
+                    "with a filter before the card"
+                )
+            )
 
     def _start(self) -> None:
         rehearsal = rehearse(

@@ -5,6 +5,7 @@ from .extremes import estimate_max_min as estimate_max_min
 from .interference import MAINS_HZ as MAINS_HZ
 from .interference import SEPARATION_BINS as SEPARATION_BINS
 from .interference import find_lines as find_lines
+from .interference import folded_frequencies as folded_frequencies
 from .interference import mark_folded as mark_folded
 from .interference import remove_lines as remove_lines
 from .levels import DetectedRamp as DetectedRamp

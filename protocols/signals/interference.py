@@ -26,6 +26,9 @@ MAX_LINES = 16
 LINE_POWER_RATIO = 20.0
 """Of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand records."""
 
+MAX_ZONES = 20
+"""Multiples of the sample rate around which the true frequency of a folded line is looked for."""
+
 SEPARATION_BINS = 1.25
 """Least distance of two lines that are fitted beside each other, in units of the inverse duration."""
 
@@ -100,6 +103,37 @@ def remove_lines(
     for part, basis in sine_basis(len(samples), rate_hz, frequencies):
         cleaned[part] = samples[part] - solution @ basis
     return cleaned, coincident
+
+
+def folded_frequencies(
+    lines: Sequence[InterferenceLine],
+    rate_hz: float,
+    seen: Sequence[InterferenceLine],
+    second_rate_hz: float,
+    tolerance_hz: float,
+) -> dict[float, float]:
+    """Return the true frequencies of the lines that lie above half the sample rate, by their frequencies as sampled.
+
+    A line is folded if it is not where it was at a second rate, and one as large is where a true frequency puts it at both.
+
+    Args:
+        lines: as sampled at `rate_hz`.
+        rate_hz: samples per second.
+        seen: as sampled at the second rate.
+        second_rate_hz: the second rate.
+        tolerance_hz: within which two frequencies are the same.
+    """
+    folded: dict[float, float] = {}
+    for line in lines:
+        alike = [other.frequency_hz for other in seen if 0.5 < other.amplitude_m / line.amplitude_m < 2]
+        if not line.significant or any(abs(f - line.frequency_hz) < tolerance_hz for f in alike):
+            continue
+        for zone in range(1, MAX_ZONES + 1):
+            for true_hz in (zone * rate_hz - line.frequency_hz, zone * rate_hz + line.frequency_hz):
+                at_second = abs(true_hz - round(true_hz / second_rate_hz) * second_rate_hz)
+                if any(abs(f - at_second) < tolerance_hz for f in alike):
+                    folded.setdefault(line.frequency_hz, true_hz)
+    return folded
 
 
 def mark_folded(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from app.session.messages import describe_event
-from protocols.base import InterferenceMeasured, Quality
+from protocols.base import InterferenceMeasured, LogMessage, Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run, simulated
@@ -41,3 +41,25 @@ def test_a_shifted_list_measures_beside_the_mains(tmp_path: Path) -> None:
     (point,) = ran.points
     assert point.frequency == pytest.approx(47, abs=0.01)
     assert point.fundamental_errors < 3e-8
+
+
+@pytest.mark.deep
+def test_a_tone_above_half_the_sample_rate_is_flagged_and_reported(tmp_path: Path) -> None:
+    """20 um at 4.9 kHz looks like 100 Hz at 5 kS/s: the point was 1300 stated errors off, without a flag."""
+    with laboratory(simulated(beyond={"tone_m": 20e-6, "tone_hz": 4900.0})) as lab:
+        ran = run(SineDwell(frequencies_hz=(100, 155)), tmp_path, lab)
+    _, event = [event for event in ran.events if isinstance(event, InterferenceMeasured)]
+    assert [line.folded_from_hz for line in event.lines] == pytest.approx([4900], abs=0.1)
+    described = describe_event(event)
+    assert described is not None
+    assert "folded back from 4900 Hz" in described[1]
+    assert any("It lies on 100 Hz" in event.text for event in ran.events if isinstance(event, LogMessage))
+    with Run(ran.path) as file:
+        flags = [Quality(int(each)) for each in file.points()["quality"]]
+        again = [SineDwell().point((), [recording], True) for recording in file.recordings()]
+        amplitude, error = (file.points()[name][0] for name in ("fundamental", "fundamental_errors"))
+    assert Quality.FOLDED in flags[0]
+    assert flags[0].usable
+    assert flags[1] is Quality.SIMULATED
+    assert [Quality(point.quality) for point in again] == flags
+    assert abs(amplitude - 361.99e-6) < 2 * error

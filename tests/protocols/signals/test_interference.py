@@ -6,7 +6,7 @@ import pytest
 from drivers import Sine
 from protocols.base import InterferenceLine, Quality, Recording
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
-from protocols.signals import find_lines
+from protocols.signals import find_lines, folded_frequencies
 
 RATE_HZ = 5000.0
 RESPONSE_M = 300e-6
@@ -121,3 +121,18 @@ def test_the_paper_s_frequencies_can_be_moved_off_the_mains() -> None:
     assert moved[:6] == (25.0, 47.0, 75.0, 97.0, 125.0, 147.0)
     assert all(min(f % mains, mains - f % mains) >= 3 for f in moved for mains in (50, 60) if f > 40)
     assert [entry.key for entry in SineDwell(mains_shift_hz=3.0).plan(2.5)][1] == (47.0,)
+
+
+@pytest.mark.parametrize("true_hz", [4900.0, 100.0, 9876.5, 30_050.0])
+def test_a_second_rate_tells_a_folded_line_from_a_genuine_one(true_hz: float) -> None:
+    random = np.random.default_rng(round(true_hz))
+    seen = []
+    for rate_hz in (RATE_HZ, 0.87 * RATE_HZ):
+        t = np.arange(round(rate_hz)) / rate_hz + random.uniform(0, 1)
+        moved = 20e-6 * np.sin(2 * np.pi * true_hz * t) + 0.3e-6 * np.sin(2 * np.pi * 50 * t)
+        seen.append(find_lines(moved + 1e-7 * random.standard_normal(t.size), rate_hz))
+    folded = folded_frequencies(seen[0], RATE_HZ, seen[1], 0.87 * RATE_HZ, 1.0)
+    if true_hz < RATE_HZ / 2:
+        assert not folded
+    else:
+        assert list(folded.values()) == pytest.approx([true_hz], abs=0.1)
