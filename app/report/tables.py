@@ -7,7 +7,7 @@ from typing import Any
 
 from app.campaign import PAPER_ITEMS
 from app.common import Table, display_unit, pluralize
-from app.identification import TABLE_ONE, budget_record, format_shares, sheet_unit
+from app.identification import TABLE_ONE, budget_record, contradictions, format_shares, sheet_unit, unstated_errors
 from app.plotting.panels import ReportPlot
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin, SpecimenSummary
@@ -69,6 +69,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         blocks.append(Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone))
         text = summary.specimen.sheet.description
         blocks.append(Paragraph(f"{text[:1].upper()}{text[1:]}."))
+        blocks += [Paragraph(f"{text[:1].upper()}{text[1:]}.", "bad") for text in contradictions(found)]
         blocks += [Paragraph(_unidentified_text(each), "bad") for each in found.unidentified]
         blocks += [Paragraph(f"{note}.") for note in found.notes]
     if summary.perception_margins:
@@ -329,6 +330,8 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
     blocks: list[Block] = [Paragraph(f"{'. '.join([*remarks, sheet.description])}.")]
     if rows:
         blocks.append(Table.of_rows("Dimensions and masses", heads, rows))
+    if found is not None and (unstated := unstated_errors(found)):
+        blocks.append(Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}."))
     if found is not None and (budget := found.budget) is not None:
         shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
         note = "Shares of the squared total; noise is the statistical part."

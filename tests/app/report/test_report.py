@@ -110,7 +110,7 @@ def test_what_the_first_page_says_is_what_the_plant_is(
     merits = {m["name"]: m for m in report.record["merits"]}  # type: ignore[attr-defined]
     for name in ("mu", "c0"):  # their errors are those of a ruler
         assert abs(merits[name]["value"] - getattr(TRUTH, name)) < 3 * merits[name]["standard_error"]
-        assert merits[name]["standard_error"] < 0.05 * abs(getattr(TRUTH, name))
+        assert merits[name]["standard_error"] < 0.15 * abs(getattr(TRUTH, name))
     # The peak as measured, against the twelve interface conditions solved at every frequency.
     f = np.arange(130.0, 165.0, 0.05)
     exact = 2 * 1000.0 * np.abs(exact_response(TRUTH, f))
