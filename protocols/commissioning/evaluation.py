@@ -15,8 +15,8 @@ from protocols.commissioning.messages import MessageKind
 EARLIEST_START_S, LATEST_START_S = -0.005, 0.04
 """When a burst may begin, after its trigger: less than half a period of the slowest sine."""
 
-TRANSIENT_V = 0.03
-"""Smallest transient that counts: above the card's noise and the idle amplitude of an armed burst."""
+TRANSIENT_V = 0.04
+"""Smallest transient that counts: above the card's noise and twice the idle amplitude of an armed burst, 20 mVpp."""
 
 CLOCK_MARGIN_S = 2e-3
 """Largest difference of the card's time to that of the messages."""
@@ -128,9 +128,8 @@ class Evaluation:
         running = isinstance(trace.drive, Sine) and self.end_s > trace.stop_s
         stopping: tuple[float, ...] = (self.mean_v - swing_v, self.mean_v + swing_v) if running else (self.after_v,)
         if running and not any(m.kind is MessageKind.ABORT for m in trace.messages):
-            ended_s = (
-                self.end_s - EDGE_S
-            )  # Stop waits for the end of the burst, and what follows is a level after a burst
+            # Stop waits for the end of the burst, and what follows is a level after a burst.
+            ended_s = self.end_s - CLOCK_MARGIN_S
         rest = (self.before_v, self.armed_v)
         begin_s = self.start_s if self.seen else self.trigger_s
         return [

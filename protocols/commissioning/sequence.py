@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from drivers import ArmedBench, Clock, Drive, Hold, InstrumentError, Sine, Steps
 from drivers.generators.assumptions import OutputCheck
-from protocols.commissioning.evaluation import Evaluation, Transient
+from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
 from protocols.commissioning.exercise import Exerciser, Trace
 from protocols.commissioning.messages import MessageKind, MessageLog
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
@@ -222,7 +222,7 @@ def _transients(everything: Sequence[Evaluation], stopped: Evaluation | None) ->
             left_v = abs(stopped.final_v - stopped.before_v) if stopped is not None else math.nan
             if not left_v <= value:
                 value, detail = left_v, "after Stop"
-        yield CheckedOutput(check, value if everything else math.nan, "V", None, LEVEL_LIMIT_V, detail)
+        yield CheckedOutput(check, value if everything else math.nan, "V", None, TRANSIENT_V, detail)
 
 
 def _wire(cut: Evaluation | None, bursts: Sequence[Evaluation]) -> list[CheckedOutput]:
