@@ -25,7 +25,7 @@ from drivers.drive import Drive, Hold, Ramp
 from drivers.errors import BenchError, CardInUseError, InstrumentError
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection, newest_drive_volts
 from drivers.nidaq.errors import translate_errors
-from drivers.nidaq.output_task import OutputQueue, OutputTask, Progress, find_queue, write_level
+from drivers.nidaq.output_task import OutputQueue, OutputTask, PlaybackProgress, find_queue, write_level
 from drivers.nidaq.rendering import (
     FADE_S,
     HOLD_RATES_HZ,
@@ -185,7 +185,7 @@ class NiAnalogOutput:
         hold, task = self._hold, self._task
         if hold is None or task is None or self._clock.now() < self._renew_at_s:
             return
-        progress = Progress(task, self._clock, self._margin_s)
+        progress = PlaybackProgress(task, self._clock, self._margin_s)
         if progress.first_changeable() >= hold.return_sample:
             raise self._late_renewal(hold)
         wanted = progress.generated + math.ceil(self.lease_s * task.rate_hz)
@@ -335,7 +335,7 @@ class NiAnalogOutput:
             return
         self._await_sample(task, hold.rise + 1)
         level_v, returned = hold.level_v, hold.return_sample + hold.fall + 1
-        progress = Progress(task, self._clock, self._margin_s)
+        progress = PlaybackProgress(task, self._clock, self._margin_s)
         is_sooner = (returned - progress.generated) / task.rate_hz < RAMP_ROUND_TRIPS * progress.reply_s
         if (to_rest and is_sooner) or not progress.is_released_before(hold.return_sample):
             self._await_sample(task, returned)
@@ -365,7 +365,7 @@ class NiAnalogOutput:
         """Rewrite a running drive so that it fades out; return the level at which it then idles, and the sample."""
         rate, margin_s = task.rate_hz, self._margin_s
         while True:
-            progress = Progress(task, self._clock, margin_s)
+            progress = PlaybackProgress(task, self._clock, margin_s)
             hold = math.ceil((self._margin_s + RELEASE_TIMEOUT_S + RELEASE_ROUND_TRIPS * progress.reply_s) * rate)
             first = progress.first_changeable(hold)
             level_v = idle_level_after_stop_v(drive, rate, first)

@@ -119,7 +119,7 @@ class OutputTask:
         with translate_errors(self._description):
             self._task.start()
 
-    def rewrite(self, first: int, wave: Array, progress: "Progress | None" = None) -> bool:
+    def rewrite(self, first: int, wave: Array, progress: "PlaybackProgress | None" = None) -> bool:
         """Replace samples from `first` on; return False, with none replaced, if `progress` says that they may be on their way.
 
         The last message is written first: what follows on a slow wire is in place when the first sample changes.
@@ -184,7 +184,7 @@ class OutputTask:
         return self.queue.samples_in_requests_of(request_bytes)
 
 
-class Progress:
+class PlaybackProgress:
     """Samples converted so far, and which ones a message still reaches: a slow wire or a pause of this program takes time, too.
 
     Args:

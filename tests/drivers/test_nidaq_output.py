@@ -14,7 +14,7 @@ from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
-from drivers.nidaq.output_task import Progress
+from drivers.nidaq.output_task import PlaybackProgress
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.analog_output import VOLTS_PER_COUNT
@@ -106,7 +106,7 @@ def test_stopping_later_than_the_card_has_fetched_would_jump(
     bench: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The simulated card does what the margin is there for: samples in its own memory are played whatever is written."""
-    monkeypatch.setattr(Progress, "reaches", lambda *_: True)
+    monkeypatch.setattr(PlaybackProgress, "reaches", lambda *_: True)
     source = live(bench, margin_s=-0.1)
     source.start_drive(Sine(40.0, 2.5, 2.5, 2000))
     bench.clock.sleep(0.2003)

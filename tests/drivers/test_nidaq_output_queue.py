@@ -16,7 +16,7 @@ from drivers.drive import Hold, LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
-from drivers.nidaq.output_task import Progress
+from drivers.nidaq.output_task import PlaybackProgress
 from drivers.nidaq.rendering import MAX_SAMPLES, QUEUE_S, SAMPLE_RATES_HZ, sample_count, sample_rate_for
 from model.amplifier_map import AmplifierMap
 from sim_hardware.bench import SimulatedBench
@@ -138,14 +138,14 @@ def test_a_drive_is_stopped_without_a_jump_on_a_wire_that_became_slow(reply_s: f
 
 def hold_up(monkeypatch: pytest.MonkeyPatch, bench: SimulatedBench, *pauses_s: float) -> None:
     """Stop the program, as SIGSTOP or a busy computer does, once for each pause: after the card has counted its samples."""
-    left, changeable = list(pauses_s), Progress.first_changeable
+    left, changeable = list(pauses_s), PlaybackProgress.first_changeable
 
-    def first_changeable(progress: Progress, samples: int = 1) -> int:
+    def first_changeable(progress: PlaybackProgress, samples: int = 1) -> int:
         first = changeable(progress, samples)
         bench.clock.sleep(left.pop(0) if left else 0.0)
         return first
 
-    monkeypatch.setattr(Progress, "first_changeable", first_changeable)
+    monkeypatch.setattr(PlaybackProgress, "first_changeable", first_changeable)
 
 
 @pytest.mark.deep
