@@ -17,7 +17,7 @@ MEANINGS = {
     "": "the run",
     "blocks": "blocks of the acquisition: first row of the samples, the card's scan, time of arrival",
     "checksums": "digests of all other objects (JSON), written when the run ends: [checksums](#checksums)",
-    "configuration": "tables of the bench file and identities of the instruments (JSON)",
+    "configuration": "tables of the bench file, identities of the instruments, commissioning of the source (JSON)",
     "continues": "file of the run that this one continues, relative to this file's folder; empty if none",
     "end_time": "ISO 8601, UTC: start plus elapsed time; empty until then",
     "estimates": "identified quantities",

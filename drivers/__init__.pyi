@@ -60,6 +60,7 @@ from .interfaces import Identity as Identity
 from .interfaces import InputChannel as InputChannel
 from .interfaces import LiveChecker as LiveChecker
 from .interfaces import Meter as Meter
+from .interfaces import OutputReporter as OutputReporter
 from .interfaces import Reading as Reading
 from .interfaces import RestartableStream as RestartableStream
 from .interfaces import RestTimer as RestTimer

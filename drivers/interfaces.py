@@ -228,6 +228,14 @@ class LiveChecker(Protocol):
         """Whether the output is on, set up by this driver, and not at rest. Changes nothing."""
 
 
+@runtime_checkable
+class OutputReporter(Protocol):
+    """A source that reports whether its output is on: protections and people switch it off."""
+
+    def is_output_on(self) -> bool:
+        """Whether the instrument reports that its output is on. Changes nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """One reading of a meter: a value in `unit`, or not valid (out of range)."""

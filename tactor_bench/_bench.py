@@ -55,7 +55,14 @@ class BenchSession(Closeable):
     """
 
     def __init__(
-        self, config: BenchConfig, speed: float | None, folder: Path, specimen: str, *, progress: bool
+        self,
+        config: BenchConfig,
+        speed: float | None,
+        folder: Path,
+        specimen: str,
+        *,
+        progress: bool,
+        without_commissioning: str = "",
     ) -> None:
         self.folder, self.specimen, self._config = folder, specimen, config
         self.name, self.simulated, self.identities = config.name, config.simulated, dict[str, str]()
@@ -64,7 +71,7 @@ class BenchSession(Closeable):
         self._running = threading.Lock()
         self._front = front_end(progress=progress)
         self._session = Session(
-            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S),
+            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
             [self._observe, self._front.observe],
             self._front.operator,
             folder,
@@ -205,6 +212,7 @@ def connect(
     speed: float | str | None = None,
     seed: int | None = None,
     progress: bool = True,
+    without_commissioning: str = "",
 ) -> BenchSession:
     """Connect a bench; use it with `with`, or close it.
 
@@ -215,6 +223,8 @@ def connect(
         speed: of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
         seed: of the simulated bench's noise.
         progress: whether to show it; without, only prompts and problems are shown.
+        without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record
+            (`tactor-bench commission`); every run stores it.
 
     Raises:
         ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.
@@ -229,7 +239,9 @@ def connect(
         config, pace = choose_bench(str(bench), speed, seed)
     except UsageError as error:
         raise ValueError(str(error)) from None
-    return BenchSession(config, pace, Path(folder), specimen, progress=progress)
+    return BenchSession(
+        config, pace, Path(folder), specimen, progress=progress, without_commissioning=without_commissioning.strip()
+    )
 
 
 def _protocol(protocol: str | Path | Protocol, values: Mapping[str, Any]) -> Protocol:

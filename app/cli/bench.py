@@ -23,7 +23,7 @@ from app.cli.options import (
     repeated,
     switch,
 )
-from app.cli.output import print_json
+from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, writing_output
 from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
@@ -119,6 +119,9 @@ def _check_table(checks: Sequence[CheckResult]) -> Table:
 class CommissionCommand(BenchSelection):
     """Commission the source; the exit code is 0 if everything that shows at the output is as the driver assumes."""
 
+    picture: Path | None = option(
+        "--picture", type=path_argument, metavar="PNG", help="also draw the recorded outputs into this file"
+    )
     json: bool = switch("--json", "the record as one JSON object on standard output, SI units")
 
     def execute(self) -> int:
@@ -126,6 +129,8 @@ class CommissionCommand(BenchSelection):
         from app.session.commissioning_record import make_record
 
         bench = select_bench(self)
+        if self.picture:
+            check_output_file(self.picture, PICTURE_SUFFIXES)
         if not bench.config.simulated and not operator_reachable():
             raise UsageError(
                 f"commissioning on {bench.config.name} needs an operator who switches high voltage off, and standard input is "
@@ -142,6 +147,13 @@ class CommissionCommand(BenchSelection):
             print_json({**record, "file": str(done.path)})
         else:
             _print_commissioning(record, done.path)
+        if self.picture:
+            from app.plotting.commissioning_figure import draw_commissioning
+
+            title = f"{done.identity}, firmware {done.identity.firmware or 'unknown'}: {record['verdict']}"
+            rest_v = bench.config.amplifier.rest_v
+            with writing_output(self.picture, PICTURE_SUFFIXES):
+                draw_commissioning(title, done.result.traces, rest_v, bench.config.simulated, self.picture)
         return ExitCode.DONE if record["verdict"] == OutputVerdict.PASS else ExitCode.FAILED
 
 
@@ -176,7 +188,7 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
         table.add_column(head, overflow="fold")
     for each in record["assumptions"]:
         table.add_row(Text(each["verdict"], styles.get(each["verdict"], "")), each["property"], each["value"])
-    console.print(table if record["assumptions"] else "No table of assumptions: the driver is not of this program.")
+    console.print(table if record["assumptions"] else "There is no table of assumptions about this source.")
     for error in record["errors"]:
         print_message(error)
     times = record["times"]
@@ -184,6 +196,8 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
         console.print(f"Stop takes {times['stop_s']:.2f} s until the instrument reports rest")
     if times["start_s"] is not None:
         console.print(f"A drive begins {1e3 * times['start_s']:.1f} ms after its trigger")
+    if times["second_client_s"] is not None:
+        console.print(f"A second connection is answered after {1e3 * times['second_client_s']:.1f} ms")
     exempt = ". The simulated bench needs no commissioning" if record["simulated"] else ""
     console.print(f"Record and traces: {path}{exempt}", soft_wrap=True)
 

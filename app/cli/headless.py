@@ -67,6 +67,7 @@ class SelectedBench:
     name: str
     config: BenchConfig
     speed: float | None
+    without_commissioning: str = ""
 
 
 def select_bench(options: BenchSelection) -> SelectedBench:
@@ -75,7 +76,24 @@ def select_bench(options: BenchSelection) -> SelectedBench:
     Raises:
         UsageError: the bench file is wrong, or an option does not fit the bench.
     """
-    return SelectedBench(options.bench, *choose_bench(options.bench, options.speed, options.seed, option="--"))
+    config, speed = choose_bench(options.bench, options.speed, options.seed, option="--")
+    reason = getattr(options, "without_commissioning", None)
+    return SelectedBench(options.bench, config, speed, check_reason(reason, config))
+
+
+def check_reason(reason: str | None, config: BenchConfig) -> str:
+    """Return the reason for high voltage without commissioning; empty if none was given.
+
+    Raises:
+        UsageError: it is blank, or the bench is simulated.
+    """
+    if reason is None:
+        return ""
+    if config.simulated:
+        raise UsageError("--without-commissioning is for a real bench; the simulated bench needs no commissioning")
+    if not reason.strip():
+        raise UsageError("--without-commissioning needs a reason in words; it is stored in every run")
+    return reason.strip()
 
 
 def make_protocol(name: str, settings: Sequence[str]) -> Protocol:
@@ -199,7 +217,14 @@ def headless_session(
     keys = KEY_HELP if can_poll_keyboard() else ""
     observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
     with observer:
-        opener = plan.wrap(lambda: connect(bench.config, bench.speed, UNATTENDED_BLOCK_S))
+        opener = plan.wrap(
+            lambda: connect(
+                bench.config,
+                bench.speed,
+                UNATTENDED_BLOCK_S,
+                without_commissioning=bench.without_commissioning,
+            )
+        )
         front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator, folder))
         plan.on_switched = front.session.inject_event
         with handling_stop_signals(front.stop), operator.listening(front.session):

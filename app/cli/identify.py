@@ -14,7 +14,7 @@ from app.cli.identify_tables import (
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UnitError, UsageError, path_argument, read_stated, to_number, track, usage_errors
-from app.config import ConfigError
+from app.config import SIMULATED_BENCHES, ConfigError
 from app.identification import (
     CalibrationError,
     Calibrations,
@@ -166,8 +166,8 @@ class IdentifyCommand(AcceptCommand):
 def _correction(options: AcceptCommand) -> Correction | None:
     if not options.bench:
         return None
-    if options.bench == "sim":
-        raise UsageError("--bench sim: give the corrected bench file itself")
+    if options.bench in SIMULATED_BENCHES:
+        raise UsageError(f"--bench {options.bench}: give the corrected bench file itself")
     return Correction.from_bench_file(Path(options.bench))
 
 

@@ -124,7 +124,7 @@ class BenchSelection:
         default="sim",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file, or 'sim' (default) for the simulated bench",
+        help="bench file; 'sim' (default) or 'ideal': the paper's specimen, simulated; 'realistic': one that is not perfect",
     )
     speed: str | None = option(
         "--speed",
@@ -141,6 +141,13 @@ class BenchSelection:
 class BenchOptions(BenchSelection):
     """Options that choose the bench, the specimen and the folder of run files."""
 
+    without_commissioning: str | None = option(
+        "--without-commissioning",
+        inherited=True,
+        metavar="REASON",
+        help="real bench only: switch high voltage on although the source has no valid commissioning record; "
+        "the reason is stored in every run",
+    )
     out: Path | None = option(
         "--out",
         inherited=True,

@@ -160,9 +160,9 @@ def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Pr
     from app.gui.application import OpenedBench, open_window
     from app.session import SimulationSettings, connect
 
-    def choose(config: "BenchConfig", speed: float | None) -> OpenedBench:
+    def choose(config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
         if not config.simulated:
-            return OpenedBench(lambda: connect(config, speed), config)
+            return OpenedBench(lambda: connect(config, speed, without_commissioning=without_commissioning), config)
         simulation = SimulationSettings(speed)
         return OpenedBench(lambda: connect(config, simulation.speed), config, simulation)
 
@@ -171,7 +171,7 @@ def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Pr
         return choose(other, other.simulation_parameters.speed if other.simulated else 1.0)
 
     return open_window(
-        choose(selected.config, selected.speed),
+        choose(selected.config, selected.speed, selected.without_commissioning),
         protocol,
         options.out,
         options.specimen,

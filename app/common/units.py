@@ -5,7 +5,7 @@ Numbers without a unit are in the unit of their quantity.
 
 import re
 from functools import cache
-from math import pi, tau
+from math import copysign, floor, isfinite, pi, tau
 from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Interval, Unit
@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+RANGE = re.compile(r"(.+?)\s*(?:\.\.\.?|…)\s*(.+?)\s+step\s+(.+)")
+RANGE_SIGN = re.compile(r"\.\.|…|:")
+RANGE_REMEDY = "write for example '100...200 step 5', or a list: '25, 50, 75'"
+MAX_RANGE_VALUES = 10_000
 
 PEAK_TO_PEAK = ParameterSpec("peak-to-peak", "V", Interval(gt=0), "drive at the amplifier's input", 5.0)
 
@@ -158,7 +163,9 @@ def description_of(model: "type[BaseModel]", name: str) -> str:
 
 
 def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
-    """Return a field's value with texts replaced by numbers if it has a unit; lists are separated by commas or spaces.
+    """Return a field's value with texts replaced by numbers if it has a unit.
+
+    Lists are separated by commas or spaces, and may have ranges: `25, 50, 100...200 step 5`.
 
     Raises:
         UnitError: a text does not fit.
@@ -169,11 +176,37 @@ def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
         return value
     if get_origin(field.annotation) is tuple:
         items = _split(value) if isinstance(value, str) else value
-        return tuple(to_number(item, unit) if isinstance(item, str) else item for item in items)
+        return tuple(
+            number for item in items for number in (read_range(item, unit) if isinstance(item, str) else (item,))
+        )
     if isinstance(value, str):
         number = to_number(value, unit)
         return int(number) if field.annotation is int and number.is_integer() else number
     return value
+
+
+def read_range(text: str, unit: str) -> tuple[float, ...]:
+    """Return the values of `100...200 step 5`, both ends included where a step ends there; one value for a number.
+
+    Raises:
+        UnitError: the text is neither a number nor a range, or has too many values.
+    """
+    parts = RANGE.fullmatch(text.strip())
+    if parts is None:
+        if RANGE_SIGN.search(text):
+            raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is no range; {RANGE_REMEDY}")
+        return (to_number(text, unit),)
+    start, stop, step = (to_number(part.strip(), unit) for part in parts.groups())
+    if not step > 0 or not isfinite(start) or not isfinite(stop):
+        raise UnitError(f"'{text}' is no range: its step must be greater than 0; {RANGE_REMEDY}")
+    length = abs(stop - start) / step * (1 + 1e-12) + 1e-9
+    if not isfinite(length):
+        raise UnitError(f"'{text}' is no range: it has too many values; {RANGE_REMEDY}")
+    steps = floor(length)
+    if steps >= MAX_RANGE_VALUES:
+        raise UnitError(f"'{text}' has {steps + 1} values; a range may have {MAX_RANGE_VALUES}; choose a larger step")
+    step = copysign(step, stop - start)
+    return tuple(round(start + k * step, 12) for k in range(steps + 1))
 
 
 def _split(text: str) -> list[str]:

@@ -1,5 +1,6 @@
 from .bench_file import MAX_FILE_BYTES as MAX_FILE_BYTES
 from .bench_file import MAX_SPEED as MAX_SPEED
+from .bench_file import SIMULATED_BENCHES as SIMULATED_BENCHES
 from .bench_file import BenchConfig as BenchConfig
 from .bench_file import ConfigError as ConfigError
 from .bench_file import load_bench as load_bench

@@ -3,6 +3,7 @@
 Unknown keys are rejected; all errors are listed at once with their lines and remedies.
 """
 
+import secrets
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +26,9 @@ from app.config.tables import (
 )
 from app.config.validation import validation_messages
 from sim_hardware.plant import SimulationParameters
+
+SIMULATED_BENCHES = {"sim": "bench.toml", "ideal": "bench.toml", "realistic": "realistic.toml"}
+"""Files in `sim_hardware` of the simulated benches that come with the program, by name."""
 
 MAX_SPEED = 20.0
 """Most times real speed at which the simulated bench keeps up on its real wires."""
@@ -98,13 +102,14 @@ class BenchConfig(ConfigTable):
 
 
 def load_bench(name: str) -> BenchConfig:
-    """Load the bench of a file, or `sim` for the simulated bench that comes with the program.
+    """Load the bench of a file, or one of `SIMULATED_BENCHES` by its name.
 
     Raises:
         ConfigError: the file is missing or wrong.
     """
-    if name == "sim":
-        text, where = resources.files("sim_hardware").joinpath("bench.toml").read_text(), "the simulated bench"
+    if name in SIMULATED_BENCHES:
+        text = resources.files("sim_hardware").joinpath(SIMULATED_BENCHES[name]).read_text(encoding="utf-8")
+        where = "the simulated bench"
     else:
         where = name
         try:
@@ -119,8 +124,16 @@ def load_bench(name: str) -> BenchConfig:
                 f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
             )
     try:
-        return BenchConfig.model_validate(parse_toml(text))
+        return _with_fresh_noise(BenchConfig.model_validate(parse_toml(text)))
     except ValidationError as error:
         raise ConfigError(f"{where} has faults:\n" + "\n".join(validation_messages(error, text))) from error
     except ValueError as error:  # also numbers of thousands of digits, tables nested beyond reason
         raise ConfigError(f"{where} is not valid TOML: {error}") from error
+
+
+def _with_fresh_noise(config: BenchConfig) -> BenchConfig:
+    """Return the bench with a seed of its noise drawn, where a simulated one asks for it and has none."""
+    simulation = config.simulation or {}
+    if not simulation.get("fresh_noise") or simulation.keys() & {"seed", "noise_seed"}:
+        return config
+    return config.model_copy(update={"simulation": {**simulation, "noise_seed": secrets.randbits(31)}})

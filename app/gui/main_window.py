@@ -244,6 +244,9 @@ class MainWindow(QMainWindow):
         self.measure_page.repeat_requested.connect(
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
         )
+        self.measure_page.run_panel.result_card.continue_requested.connect(
+            lambda: self.controller.repeat_entries((), self.tabs.folder)
+        )
         self.tabs.run_requested.connect(self.start_campaign_run)
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)

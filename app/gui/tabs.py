@@ -82,6 +82,9 @@ class MainTabs(QTabWidget):
             PresetStore(presets_path()),
             theme,
         )
+        card = self.measure.run_panel.result_card
+        card.open_requested.connect(self._open_run)
+        card.explore_requested.connect(lambda path: self._overlay_runs([path]))
         self._factories: tuple[Callable[[], Page], ...] = (
             lambda: self.measure,
             self._make_campaign,

@@ -120,7 +120,12 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
             color=colour,
         )
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
-    axes.set(xlabel="frequency (Hz)", ylabel="max - min of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
+    axes.set(
+        xlabel="frequency (Hz)",
+        ylabel="peak-to-peak displacement of the centre (µm)",
+        xlim=(0, curve_f[-1]),
+        ylim=(0, None),
+    )
     axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 

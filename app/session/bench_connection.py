@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
+from app.session.commissioning_gate import commissioning_state
 from app.session.instruments import ReadDisplacement, open_digitizer, open_meters, open_source, source_options
 from app.session.session import BuiltInOperator
 from app.session.suspend import suspend_inhibited
@@ -68,6 +69,7 @@ def connect(
     speed: float | None = None,
     block_s: float = BLOCK_S,
     wrap_link: LinkWrapper = _unwrapped,
+    without_commissioning: str = "",
 ) -> Iterator[BenchConnection]:
     """Open the instruments of a bench and close them at the end; the source stays at rest.
 
@@ -76,6 +78,7 @@ def connect(
         speed: of a simulated bench, times real; None is the virtual clock, in this process.
         block_s: bench time of a block on the virtual clock.
         wrap_link: wraps the link to the source.
+        without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record.
 
     Raises:
         BenchError: an instrument does not answer.
@@ -87,6 +90,7 @@ def connect(
                 config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server, wrap_link
             )
             connection.bench.suspend_warning = suspend_warning
+            _gate(connection.bench, without_commissioning)
             yield connection
         elif speed is None:
             from sim_hardware.bench import SimulatedBench
@@ -111,6 +115,7 @@ def connect(
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
+            _gate(bench)
             yield BenchConnection(
                 bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual
             )
@@ -128,9 +133,18 @@ def connect(
                 wrap_link,
                 process.laser_reading_m,
             )
+            _gate(connection.bench)
             yield BenchConnection(
                 connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
             )
+
+
+def _gate(bench: Bench, without_commissioning: str = "") -> None:
+    """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
+    state = commissioning_state(bench.amplifier.identity, bench.simulated, without_commissioning)
+    bench.amplifier.measured_stop_s = state.stop_s
+    bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note
+    bench.configuration = {**bench.configuration, "commissioning": state.stored}
 
 
 def _open_instruments(
@@ -253,7 +267,7 @@ def _make_watchdog(
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
             own_connection=config.watchdog.own_connection
             and not card_output
-            and _allows_second_connection(resource)
+            and allows_second_connection(resource)
             and not getattr(source, "SINGLE_SESSION", False),
             patience_s=config.watchdog.patience_s,
             locks=locks,
@@ -267,7 +281,7 @@ def _backend(config: BenchConfig) -> str:
     return "@py" if config.simulated else config.source_connection.backend
 
 
-def _allows_second_connection(resource: str) -> bool:
+def allows_second_connection(resource: str) -> bool:
     """Whether the connection allows two clients: on a serial, USB or GPIB line they would read each other's replies."""
     return not resource.upper().startswith(("ASRL", "USB", "GPIB"))
 

@@ -1,13 +1,14 @@
 """Commissioning of the source of a bench: opens the instruments and exercises the source with high voltage off."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.config import BenchConfig
-from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, connect
+from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
 from app.session.commissioning_record import save_record
-from drivers import AcquisitionError, Bench, Identity
+from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
 from protocols.commissioning.messages import MessageLog
 from protocols.commissioning.sequence import Commissioned, Commissioning
 
@@ -48,9 +49,28 @@ def commission(
         bench = connection.bench
         rate_hz = _highest_rate(bench)
         with bench.exercised(rate_hz, lambda _: None, _OffSwitch(connection, high_voltage_off)) as exercised:
-            result = Commissioning(exercised, bench.clock, messages, progress).run()
+            second_client = _second_client(config) if not config.simulated else None
+            result = Commissioning(exercised, bench.clock, messages, progress, second_client).run()
         identity = bench.amplifier.identity
         return CommissionedSource(identity, result, rate_hz, save_record(identity, config.simulated, rate_hz, result))
+
+
+def _second_client(config: BenchConfig) -> Callable[[], float] | None:
+    """Return what connects to the source once more and returns the time of its reply; None where two would interfere."""
+    wire = config.source_connection
+    if config.source.kind == "card-output" or not allows_second_connection(wire.resource):
+        return None
+
+    def reply_s() -> float:
+        link = VisaLink(wire.resource, wire.timeout_s, backend=wire.backend, baud=wire.baud)
+        try:
+            begin_s = time.monotonic()
+            ScpiSession(link, f"second connection to {wire.resource}").identify()
+            return time.monotonic() - begin_s
+        finally:
+            link.close()
+
+    return reply_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from platformdirs import user_data_path
@@ -14,8 +14,10 @@ from platformdirs import user_data_path
 from app.common import version, write_atomic
 from drivers import Identity
 from drivers.generators.assumptions import OutputCheck, assumptions_about
-from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
+
+if TYPE_CHECKING:
+    from protocols.commissioning.sequence import Commissioned
 
 FORMAT = 1
 MAX_BYTES = 1_000_000
@@ -45,6 +47,7 @@ class CommissioningRecord:
         date: when it was made, ISO 8601.
         failed: the checks that did not pass, as sentences.
         stop_s: measured duration of Stop, NaN if unknown.
+        simulated: whether the instrument was a simulated one.
         path: of its file.
     """
 
@@ -52,15 +55,16 @@ class CommissioningRecord:
     date: str
     failed: tuple[str, ...]
     stop_s: float
+    simulated: bool
     path: Path
 
     @property
     def is_valid(self) -> bool:
-        """Whether everything that shows at the output is as the driver assumes."""
-        return self.verdict is OutputVerdict.PASS
+        """Whether everything that shows at the output of a real instrument is as the driver assumes."""
+        return self.verdict is OutputVerdict.PASS and not self.simulated
 
 
-def save_record(identity: Identity, simulated: bool, rate_hz: float, found: Commissioned) -> Path:
+def save_record(identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned") -> Path:
     """Write the record of an instrument and the traces beside it; return the record's path.
 
     Raises:
@@ -77,7 +81,7 @@ def save_record(identity: Identity, simulated: bool, rate_hz: float, found: Comm
     return path
 
 
-def make_record(identity: Identity, simulated: bool, rate_hz: float, found: Commissioned) -> dict[str, Any]:
+def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned") -> dict[str, Any]:
     """Return the record of an instrument as plain values; a figure that was not measured is null."""
     return {
         "format": FORMAT,
@@ -144,10 +148,20 @@ def load_record(identity: Identity) -> CommissioningRecord | None:
         stop_s = read["times"]["stop_s"]
         failed = tuple(describe_check(check) for check in checks if not check.passed)
         return CommissioningRecord(
-            worst_verdict(checks), str(read["date"]), failed, math.nan if stop_s is None else float(stop_s), path
+            worst_verdict(checks),
+            str(read["date"]),
+            failed,
+            math.nan if stop_s is None else float(stop_s),
+            bool(read["simulated"]),
+            path,
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
+
+
+def firmwares_with_record(identity: Identity) -> list[str]:
+    """Return the firmwares with which this instrument was commissioned, by the names of their records."""
+    return sorted(path.stem for path in record_path(identity).parent.glob("*.json"))
 
 
 def describe_check(check: CheckedOutput) -> str:

@@ -15,7 +15,7 @@ from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load
 def choose_bench(
     name: str, speed: str | float | None = None, seed: int | None = None, option: str = ""
 ) -> tuple[BenchConfig, float | None]:
-    """Load a bench file, or the simulated bench for `sim`, and choose its speed; None is the virtual clock (`max`).
+    """Load a bench file, or a simulated bench by its name (`sim`, `ideal`, `realistic`), and choose its speed; None is the virtual clock (`max`).
 
     `option` is the prefix of option names in messages of this front end.
 
@@ -31,7 +31,8 @@ def choose_bench(
             raise UsageError(f"{option}speed and {option}seed are for a simulated bench; {name} is a real one")
         return config, 1.0
     if seed is not None:
-        config = config.model_copy(update={"simulation": {**(config.simulation or {}), "seed": seed}})
+        simulation = {name: value for name, value in (config.simulation or {}).items() if name != "noise_seed"}
+        config = config.model_copy(update={"simulation": {**simulation, "seed": seed}})
     if speed == "max":
         return config, None
     if speed is None:

@@ -12,7 +12,7 @@ from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, RestTimer, Source
+from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, OutputReporter, RestTimer, Source
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
@@ -68,6 +68,8 @@ class HvAmplifier:
         self.limits = limits
         self._clock = clock
         self._drive_end_s = 0.0
+        self.measured_stop_s = 0.0
+        """Duration of Stop as measured when the source was commissioned; 0 if it was not."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
         """Called at the first failed command of a way to rest, before the rest of it is sent."""
 
@@ -158,7 +160,8 @@ class HvAmplifier:
         if not isinstance(self._source, RestTimer):
             return math.nan
         furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
-        return self._source.predict_rest_s(furthest_v, self.limits.ramp_v_per_s)
+        predicted_s = self._source.predict_rest_s(furthest_v, self.limits.ramp_v_per_s)
+        return max(predicted_s, self.measured_stop_s + furthest_v / self.limits.ramp_v_per_s)
 
     def check_way_to_rest(self) -> float:
         """Return the predicted duration of the way to rest in seconds, NaN if unknown.
@@ -212,10 +215,16 @@ class HvAmplifier:
         """Stop the drive and ramp to rest; return when the source reports that it idles there.
 
         Raises:
-            InstrumentError: the source does not answer. Rest must then be established by measurement.
+            InstrumentError: the source does not answer, or its output is off. Rest must then be established by measurement.
         """
         if self._drive_end_s > 0:
             self.force_rest()
+            if isinstance(self._source, OutputReporter) and not self._source.is_output_on():
+                raise InstrumentError(
+                    f"the output of {self.identity} is off after a drive: the amplifier's input is open or at 0 V, up to "
+                    f"{float(self.map.specimen_v(0.0)):+.0f} V on the specimen. Switch high voltage off at the amplifier; then see "
+                    "at the instrument's front panel which protection or who switched it off"
+                )
 
     def force_rest(self) -> None:
         """Stop and ramp to rest unconditionally, also when no drive was started through this object.

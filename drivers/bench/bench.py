@@ -62,6 +62,10 @@ class Bench:
     """Further inputs of the card, in the order of a block's rows from the third on."""
     suspend_warning: str = ""
     """Why the computer cannot be kept from suspending; empty if it is kept."""
+    high_voltage_refusal: str = ""
+    """Why high voltage must not be switched on, with the remedy: the source is not commissioned. Empty if it may be."""
+    commissioning_note: str = ""
+    """On the commissioning of the source, for the log of each run; empty if there is nothing to say."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was switched on since this bench was opened."""
 
@@ -236,6 +240,8 @@ class Bench:
         self.amplifier.force_rest()
 
     def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:
+        if high_voltage and self.high_voltage_refusal:
+            raise BenchError(f"not armed, high voltage is not switched on: {self.high_voltage_refusal}")
         says_rest = self.amplifier.is_source_at_rest()
         if says_rest:  # an earlier run may have left high voltage on
             armed.high_voltage_may_be_on = True

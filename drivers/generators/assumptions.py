@@ -38,6 +38,7 @@ class OutputCheck(StrEnum):
     START = "start of a drive"
     STOP = "output at Stop"
     WIRE = "output after the wire is cut"
+    CROSSTALK = "crosstalk of the card's inputs"
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,6 +153,9 @@ class BurstGenerator(ABC):
             raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
         self._stored_waveform = None  # it may have lost power in between
 
+    def is_output_on(self) -> bool:
+        return self._is_output_on()
+
     def close(self) -> None:
         self._scpi.link.close()
 

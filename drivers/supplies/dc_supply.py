@@ -216,6 +216,9 @@ class DcSupply:
             self._level_v = self._output.measured_v()  # set by an earlier program: start from the measured level
         return self._level_v
 
+    def is_output_on(self) -> bool:
+        return self._output.is_output_on()
+
     def reconnect(self) -> None:
         self._output.reopen()
         self._level_v = math.nan

@@ -53,7 +53,7 @@ class Evaluation:
         self.peak_v = max(drive.high_v - self.idle_v, self.idle_v - drive.low_v)
         triggers = [m.time_s for m in trace.messages if m.kind is MessageKind.TRIGGER]
         self.trigger_s = triggers[-1] if triggers else trace.started_s
-        self.gain = self.residual = self.misfit = self.mean_v = math.nan
+        self.gain = self.residual = self.misfit = self.mean_v = self.crosstalk = math.nan
         self.start_s = self.trigger_s
         self._fit()
 
@@ -80,6 +80,11 @@ class Evaluation:
         edge = round(EDGE_S * rate)
         left = _smoothed(played - self.mean_v - self.gain * form, rate)[edge:-edge]
         peak_v = max(abs(self.gain) * self.peak_v, 1e-9)
+        first = round((self.start_s - trace.start_s) * rate)
+        others = trace.others[:, first : first + size]
+        if others.shape[1] == size:
+            gains = others @ centred / (centred @ centred)
+            self.crosstalk = float(np.abs(gains / self.gain).max(initial=0.0)) if self.gain else math.nan
         self.residual, self.misfit = float(np.abs(left).max()) / peak_v, float(left.std()) / peak_v
 
     @property
@@ -91,6 +96,12 @@ class Evaluation:
     def end_s(self) -> float:
         """Bench time at which the burst ends by itself."""
         return self.start_s + self.trace.drive.duration_s
+
+    @property
+    def stop_duration_s(self) -> float:
+        """Duration of Stop; where it waits for the burst, what it needs beyond the burst's own end."""
+        waits = self.end_s < self.trace.rest_s and not any(m.kind is MessageKind.ABORT for m in self.trace.messages)
+        return self.trace.rest_s - (self.end_s if waits else self.trace.stop_s)
 
     @cached_property
     def before_v(self) -> float:

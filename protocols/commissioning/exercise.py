@@ -23,6 +23,7 @@ class Trace:
         rate_hz: scans per second.
         start_s: bench time of the first sample.
         volts: (N,), at the amplifier's input.
+        others: (channels, N), volts at the card's other inputs.
         messages: to the source, in order; empty for a source without a wire of its own.
         started_s: bench time at which the driver had started the drive.
         stop_s: bench time at which Stop was commanded.
@@ -35,6 +36,7 @@ class Trace:
     rate_hz: float
     start_s: float
     volts: Array
+    others: Array
     messages: tuple[Message, ...]
     started_s: float
     stop_s: float
@@ -107,13 +109,15 @@ class Exerciser:
         rest_s = self._clock.now()
         self._read_until(rest_s + TAIL_S)
         first = self._blocks[0]
-        counts = np.concatenate([block.raw[DRIVE_CHANNEL] for block in self._blocks])
+        counts = np.concatenate([block.raw for block in self._blocks], axis=1)
+        scaled = [scale.to_volts(raw) for scale, raw in zip(self._bench.scales, counts, strict=True)]
         return Trace(
             name,
             drive,
             self._bench.rate_hz,
             self._bench.stream.start_time_s + first.start / self._bench.rate_hz,
-            self._bench.scales[DRIVE_CHANNEL].to_volts(counts),
+            scaled[DRIVE_CHANNEL],
+            np.array(scaled[DRIVE_CHANNEL + 1 :]),
             self._messages.take(),
             started_s,
             stop_s,

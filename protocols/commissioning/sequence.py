@@ -1,7 +1,7 @@
 """Sequence of a commissioning: the exercises of a source in their order, and the checks that follow from them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -24,6 +24,7 @@ SPAN_SHARE = 0.96
 """Share of the amplifier's range in the drive whose Stop is timed."""
 
 REST_LIMIT_V, LEVEL_LIMIT_V = 0.05, 0.03
+CROSSTALK_LIMIT = 0.01
 GAIN_LIMIT, OFFSET_LIMIT, SHAPE_LIMIT = 0.03, 0.02, 0.08
 FIT_LIMIT = 0.25
 """A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
@@ -70,6 +71,7 @@ class Commissioning:
         self._rest_v = bench.amplifier.map.rest_v
         self._traces: list[Trace] = []
         self._started = self._lost = 0
+        self._plays_bursts = False
         self._errors: list[str] = []
 
     def run(self) -> Commissioned:
@@ -92,11 +94,22 @@ class Commissioning:
         stopped = self._burst("Stop in mid-drive", long, stop_after_s=STOP_AFTER_S)
         cut = self._burst("wire cut in mid-drive", Sine(FREQUENCY_HZ, SMALL_V, rest_v, 10), in_mid_drive=self._cut_wire)
         everything = [b for b in (*bursts, above, below, stopped, cut) if b is not None]
+        if not self._plays_bursts:  # a DC supply: levels only
+            rest, _ = self._levels(bursts, everything)
+            checks = [
+                rest,
+                _offset(above, below),
+                *_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)}),
+            ]
+            return self._commissioned(checks, MeasuredTimes(math.nan, math.nan, math.nan))
         checks = [*self._levels(bursts, everything), _offset(above, below)]
         checks += [*_waveforms(sine or again, uneven, larger), *_transients(everything, stopped), self._starts()]
-        checks += _wire(cut, bursts)
+        checks += [*_wire(cut, bursts), _crosstalk(bursts)]
         safe = all(check.passed for check in checks)
-        return Commissioned(tuple(checks), self._times(stopped, bursts, safe), tuple(self._traces), tuple(self._errors))
+        return self._commissioned(checks, self._times(stopped, bursts, safe))
+
+    def _commissioned(self, checks: Sequence[CheckedOutput], times: MeasuredTimes) -> Commissioned:
+        return Commissioned(tuple(checks), times, tuple(self._traces), tuple(self._errors))
 
     def _burst(
         self,
@@ -111,6 +124,7 @@ class Commissioning:
             found = self._record(name, drive, stop_after_s, in_mid_drive)
             if found is None:
                 return None
+            self._plays_bursts = True
             self._started += 1
             if found.seen:
                 return found
@@ -155,14 +169,14 @@ class Commissioning:
         """Return the measured times; the longest Stop is only tried on a source that did what is assumed."""
         stop_s = math.nan
         if stopped is not None:
-            stop_s = stopped.trace.rest_s - stopped.trace.stop_s
+            stop_s = stopped.stop_duration_s
         if safe:
             span_v = SPAN_SHARE * min(
                 self._bench.amplifier.map.high_v - self._rest_v, self._rest_v - self._bench.amplifier.map.low_v
             )
             drive = Sine(FREQUENCY_HZ, span_v, self._rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
             if (largest := self._record("Stop from the largest drive", drive, STOP_AFTER_S)) is not None:
-                stop_s = largest.trace.rest_s - largest.trace.stop_s
+                stop_s = largest.stop_duration_s
         delays = [b.start_s - b.trigger_s for b in bursts]
         second_s = math.nan
         if self._second_client is not None:
@@ -209,11 +223,15 @@ def _at_start(evaluation: Evaluation, transient: Transient) -> bool:
     return transient.cause is MessageKind.TRIGGER and transient.time_s < evaluation.trace.stop_s
 
 
-def _transients(everything: Sequence[Evaluation], stopped: Evaluation | None) -> Iterator[CheckedOutput]:
+def _transients(
+    everything: Sequence[Evaluation],
+    stopped: Evaluation | None,
+    causes_of: Mapping[OutputCheck, tuple[MessageKind, ...]] = CAUSES,
+) -> Iterator[CheckedOutput]:
     found: list[tuple[Transient, str]] = [
         (t, e.trace.name) for e in everything for t in e.transients() if not _at_start(e, t)
     ]
-    for check, causes in CAUSES.items():
+    for check, causes in causes_of.items():
         caused = [(t, name) for t, name in found if t.cause in causes]
         worst = max(caused, key=lambda each: each[0].away_v, default=None)
         value = worst[0].away_v if worst else 0.0
@@ -223,6 +241,13 @@ def _transients(everything: Sequence[Evaluation], stopped: Evaluation | None) ->
             if not left_v <= value:
                 value, detail = left_v, "after Stop"
         yield CheckedOutput(check, value if everything else math.nan, "V", None, TRANSIENT_V, detail)
+
+
+def _crosstalk(bursts: Sequence[Evaluation]) -> CheckedOutput:
+    """Return the check of the drive in the card's other inputs: high voltage is off, so nothing else carries it there."""
+    value = max((b.crosstalk for b in bursts if math.isfinite(b.crosstalk)), default=math.nan)
+    detail = "of the drive, in another input"
+    return CheckedOutput(OutputCheck.CROSSTALK, value, "1", None, CROSSTALK_LIMIT, detail)
 
 
 def _wire(cut: Evaluation | None, bursts: Sequence[Evaluation]) -> list[CheckedOutput]:

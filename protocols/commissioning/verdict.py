@@ -65,7 +65,8 @@ class MeasuredTimes:
     """Measured times of a source, seconds; NaN where there is none.
 
     Attributes:
-        stop_s: of Stop from the largest drive until the driver reports rest; of a small drive if the source differs.
+        stop_s: of Stop from the largest drive until the driver reports rest; of a small drive if the source differs. Where Stop
+            waits for the end of a burst, without that time.
         start_s: from the trigger to the first sample of a drive.
         second_client_s: reply of the instrument to a second connection; NaN if it answers one client only.
     """

@@ -333,7 +333,9 @@ class Run(Closeable):
                 folded = {
                     float(line["frequency_hz"]): float(true_hz)
                     for line in event.fields["lines"]
-                    if isinstance(true_hz := line.get("folded_from_hz"), float) and math.isfinite(true_hz)
+                    if isinstance(line, dict)
+                    and isinstance(true_hz := line.get("folded_from_hz"), float)
+                    and math.isfinite(true_hz)
                 }
                 found = RestRecord((int(first), int(last)), folded)  # again after the run, where lines are folded
         return found

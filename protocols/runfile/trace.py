@@ -78,9 +78,13 @@ class RunTrace:
         self.path = path
         self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
 
-    @cached_property
+    @property
     def interference(self) -> tuple[InterferenceLine, ...]:
         """Hum and other lines of the displacement at rest, before the first drive; none where they were not measured."""
+        return self._lines_at_rest
+
+    @cached_property
+    def _lines_at_rest(self) -> tuple[InterferenceLine, ...]:
         if (rest := self._rest_record()) is None:
             return ()
         first, last = rest.rows

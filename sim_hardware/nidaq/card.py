@@ -87,7 +87,7 @@ class Acquisition:
         self.start_time_s = start_s
         self._card = card
         self.convert_s = convert_interval_s(card.parameters, rate_hz, len(channels))
-        self._noise = [_Noise(card.seed, channel, number) for channel in channels]
+        self._noise = [_Noise(card.noise_seed, channel, number) for channel in channels]
 
     def available_at(self, scans: int) -> float:
         """Bench time at which the first `scans` scans have been taken."""
@@ -141,6 +141,7 @@ class SimulatedCard:
         self.outputs = tuple(outputs)
         self.plant = plant
         self.seed = parameters.seed
+        self.noise_seed = parameters.seed if parameters.noise_seed is None else parameters.noise_seed
         self.scale = Scale(parameters.card.coefficients)
         self._sensor, self._amplifier = parameters.sensor, parameters.amplifier
         self._laser_view = laser_view

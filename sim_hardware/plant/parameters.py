@@ -206,6 +206,9 @@ class SimulationParameters:
         source: whose output the cable brings to the amplifier, one of `SOURCE_CHOICES`.
         skin: what the tactor presses against at the start; None is free.
         membrane: the membrane that the operator may put on it.
+        seed: of everything that is random: traits of instruments, errors of weights, noise.
+        fresh_noise: whether a bench file without a seed has other noise in every session; its seed is drawn when it is loaded.
+        noise_seed: of the noise alone; None takes `seed`.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
         window_s: how much of the past the plant keeps.
@@ -225,6 +228,8 @@ class SimulationParameters:
     sensor: SensorParameters = field(default_factory=SensorParameters)
     card: CardParameters = field(default_factory=CardParameters)
     seed: int = 1
+    fresh_noise: bool = False
+    noise_seed: int | None = None
     plant_rate_hz: float = 100e3
     window_s: float = 30.0
     speed: float = 1.0
@@ -233,7 +238,7 @@ class SimulationParameters:
         if self.source not in SOURCE_CHOICES:
             raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCE_CHOICES)}")
         _positive("simulation", speed=self.speed)
-        _not_negative("simulation", seed=self.seed)
+        _not_negative("simulation", seed=self.seed, noise_seed=self.noise_seed or 0)
         _within("simulation.modes", self.modes, 3, 40)
         _within("simulation.plant_rate_hz", self.plant_rate_hz, 1e4, 1e6)
         _within("simulation.window_s", self.window_s, 0.1, 60)

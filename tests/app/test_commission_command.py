@@ -1,18 +1,29 @@
 """The command `commission` and its records."""
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.cli.main import main
 from app.common import ExitCode
-from app.session import commissioning_record
+from app.config import BenchConfig
+from app.session import commissioning_record, connect
+from app.session.commissioning import commission
+from app.session.commissioning_gate import commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record
-from drivers import Identity
+from drivers import Identity, WallClock
 from drivers.generators.assumptions import OutputCheck
+from protocols.base import RunStatus
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.service.served_bench import ServedBench
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 IDENTITY = Identity("Keysight Technologies", "33511B", "MY/12 34", "5.02-3.02")
 
@@ -62,6 +73,78 @@ def test_a_record_that_cannot_be_read_is_none(text: str) -> None:
     assert load_record(IDENTITY) is None
 
 
+def test_a_simulated_bench_is_exempt() -> None:
+    state = commissioning_state(IDENTITY, simulated=True)
+    assert not state.refusal
+    assert state.stored == {"status": "exempt", "why": "simulated bench"}
+
+
+def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
+    state = commissioning_state(IDENTITY, simulated=False)
+    assert state.refusal.startswith(
+        "There is no commissioning record of Keysight Technologies 33511B #MY/12 34 with firmware"
+    )
+    assert "--without-commissioning REASON" in state.refusal
+    state = commissioning_state(IDENTITY, simulated=False, reason="first look")
+    assert not state.refusal
+    assert "first look" in state.note
+    assert state.stored["status"] == "overridden"
+    assert state.stored["reason"] == "first look"
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    state = commissioning_state(IDENTITY, simulated=False)
+    assert not state.refusal
+    assert state.stored["status"] == "commissioned"
+    assert state.stored["stop_s"] == 0.2
+
+
+def test_a_firmware_change_invalidates_the_record() -> None:
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    updated = replace(IDENTITY, firmware="5.03")
+    assert (
+        "was commissioned with firmware 5.02_3.02, and now has 5.03"
+        in commissioning_state(updated, simulated=False).refusal
+    )
+
+
+def test_a_record_that_did_not_pass_or_is_of_a_simulated_instrument_admits_no_high_voltage() -> None:
+    save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result(0.7))
+    assert (
+        "did not pass (dangerous: level between bursts 0.7 V" in commissioning_state(IDENTITY, simulated=False).refusal
+    )
+    save_record(IDENTITY, simulated=True, rate_hz=1e5, found=result())
+    assert "is of a simulated instrument" in commissioning_state(IDENTITY, simulated=False).refusal
+
+
+def test_a_bench_that_is_not_commissioned_never_switches_high_voltage_on(tmp_path: Path) -> None:
+    config = simulated(amplifier={"enabled": False})
+    with laboratory(config) as lab:
+        lab.bench.high_voltage_refusal = "There is no commissioning record"
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+    assert ran.status is RunStatus.FAILED
+    assert "high voltage is not switched on: There is no commissioning record" in ran.reason
+    assert "Armed" not in ran.kinds()
+
+
+def test_the_reason_is_stored_in_the_run_and_logged(tmp_path: Path) -> None:
+    state = commissioning_state(IDENTITY, simulated=False, reason="first look")
+    with laboratory() as lab:
+        lab.bench.commissioning_note = state.note
+        lab.bench.configuration = {**lab.bench.configuration, "commissioning": state.stored}
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+    with Run(ran.path) as stored:
+        assert stored.configuration["commissioning"]["reason"] == "first look"
+    assert any(
+        "High voltage without a valid commissioning of the source: first look" in getattr(e, "text", "")
+        for e in ran.events
+    )
+
+
+@pytest.mark.parametrize("command", [["run", "sine-dwell"], ["check"]])
+def test_a_reason_is_refused_on_the_simulated_bench(command: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    assert main([*command, "--without-commissioning", "why"]) == ExitCode.USAGE
+    assert "the simulated bench needs no commissioning" in capfd.readouterr().err
+
+
 def bench_file(folder: Path, traits: str) -> str:
     path = folder / "bench.toml"
     path.write_text(f'name = "b"\n[simulation.generator]\nmodel = "33511B"\ntraits = "{traits}"\n', encoding="utf-8")
@@ -88,7 +171,9 @@ def test_commission_passes_or_names_what_differs(tmp_path: Path, capfd: pytest.C
 @pytest.mark.deep
 def test_the_page_names_the_instrument_and_what_differs(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     bench = bench_file(tmp_path, "abort=drops")
-    assert main(["commission", "--bench", bench, "--speed", "max"]) == ExitCode.FAILED
+    picture = tmp_path / "page.png"
+    assert main(["commission", "--bench", bench, "--speed", "max", "--picture", str(picture)]) == ExitCode.FAILED
+    assert picture.stat().st_size > 10_000
     page = capfd.readouterr().out
     assert "33511B" in page
     assert "dangerous" in page
@@ -100,3 +185,27 @@ def test_an_unknown_trait_is_refused_with_those_that_the_model_has(
 ) -> None:
     assert main(["commission", "--bench", bench_file(tmp_path, "no-such=trait"), "--speed", "max"]) == ExitCode.USAGE
     assert "'no-such=trait' is no trait of a 33511B; it has" in capfd.readouterr().err
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(("model", "answers_two"), [("33511B", True), ("SDG1032X", False)])
+def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(model: str, answers_two: bool) -> None:
+    control = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(1.0))
+    with ServedBench(control) as served:
+        config = BenchConfig.model_validate(
+            {
+                "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"},
+                "card": {"server": f"127.0.0.1:{served.card.port}"},
+                "sensor": {"delay_s": 1e-4},
+                "watchdog": {"enabled": False},
+            }
+        )
+        with connect(config) as before:
+            assert before.bench.high_voltage_refusal.startswith("There is no commissioning record")
+        done = commission(config, 1.0, control.disable_hv)
+        assert not [check for check in done.result.checks if not check.passed]
+        assert math.isfinite(done.result.times.second_client_s) == answers_two
+        with connect(config) as after:
+            assert after.bench.high_voltage_refusal == ""
+            assert after.bench.amplifier.measured_stop_s == done.result.times.stop_s
+        assert after.bench.configuration["commissioning"]["status"] == "commissioned"

@@ -3,11 +3,14 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from app.common.units import UnitError, to_number
+from app.common.units import UnitError, read_range, read_value, to_number
 from app.config.bench_file import BenchConfig, ConfigError, load_bench
 from drivers.sensors.laser_sensor import LaserSensor
+from protocols.measurements.sine_dwell import SineDwell
 from sim_hardware.plant.parameters import SimulationParameters
 
 
@@ -135,3 +138,44 @@ def test_angles_and_counts_are_no_pure_numbers(text: str, unit: str) -> None:
 def test_what_is_no_quantity_is_a_sentence(text: str) -> None:
     with pytest.raises(UnitError, match=r"'.*' is not a (quantity|number)"):
         to_number(text, "V")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("100...115 step 5", (100.0, 105.0, 110.0, 115.0)),
+        ("100…112 step 5", (100.0, 105.0, 110.0)),
+        ("0.1 kHz .. 90 Hz step 5 Hz", (100.0, 95.0, 90.0)),
+        ("25, 100...110 step 10, 300", (25.0, 100.0, 110.0, 300.0)),
+        ("50 ... 50 step 1", (50.0,)),
+    ],
+)
+def test_a_list_may_have_ranges(text: str, values: tuple[float, ...]) -> None:
+    assert read_value(SineDwell, "frequencies_hz", text) == pytest.approx(values, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("100:200:5", "'100:200:5' is no range; write for example '100...200 step 5', or a list: '25, 50, 75'"),
+        ("100...200", "'100...200' is no range; write for example '100...200 step 5', or a list: '25, 50, 75'"),
+        ("100...200 step 0", "its step must be greater than 0"),
+        ("100...200 step -5", "its step must be greater than 0"),
+        ("1...2000 step 1e-3", "'1...2000 step 1e-3' has 1999001 values; a range may have 10000; choose a larger step"),
+        ("nan...2 step 1", "is no range"),
+        ("1...1e308 step 1e-300", "is no range"),
+    ],
+)
+def test_what_is_no_range_is_refused_in_words(text: str, sentence: str) -> None:
+    with pytest.raises(UnitError) as refused:
+        read_value(SineDwell, "frequencies_hz", text)
+    assert sentence in str(refused.value)
+
+
+@given(start=st.floats(1, 1000), stop=st.floats(1, 1000), step=st.floats(0.5, 500))
+def test_a_range_never_leaves_its_ends(start: float, stop: float, step: float) -> None:
+    values = read_range(f"{start!r}...{stop!r} step {step!r}", "Hz")
+    low, high = min(start, stop), max(start, stop)
+    assert all(low - 1e-9 * high <= value <= high * (1 + 1e-9) for value in values)
+    assert values[0] == pytest.approx(start, rel=1e-11)
+    assert abs(stop - values[-1]) < step * (1 + 1e-9)

@@ -11,6 +11,8 @@ from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap
+from tests.helpers.front_panel import made, press
+from tests.helpers.generators import BOXES
 
 
 class ScriptedSource:
@@ -209,3 +211,23 @@ def test_no_error_in_stopping_prevents_the_ramp_and_it_is_told_before_the_ramp(e
     with pytest.raises(type(error)):
         amplifier.return_to_rest()
     assert source.told == [error, Ramp(4.0, 2.5, 0.3)]
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", BOXES)
+def test_an_output_that_was_switched_off_during_a_drive_is_named_when_the_drive_is_over(model: str) -> None:
+    source, bench, panel = made(model)
+    amplifier = HvAmplifier(source, AmplifierMap(), DriveLimits(), bench.clock)
+    amplifier.initialize_at_rest()
+    amplifier.start_drive(Sine(100, 1.0, 2.5, 20))
+    bench.clock.sleep(0.5)
+    amplifier.return_to_rest()  # it is on
+    amplifier.start_drive(Sine(100, 1.0, 2.5, 20))
+    bench.clock.sleep(0.1)
+    press(panel, {"SDG": "C1:OUTP OFF", "DG1": ":OUTP1 OFF", "AFG": "OUTP1:STAT OFF"}.get(model[:3], "OUTP OFF"))
+    bench.clock.sleep(0.5)
+    with pytest.raises(
+        InstrumentError, match=r"is off after a drive: .* -500 V on the specimen\. Switch high voltage off"
+    ):
+        amplifier.return_to_rest()
+    source.close()

@@ -284,7 +284,11 @@ def _wires() -> Iterator[tuple[Any, SimulatedBench, Any]]:
                 "watchdog": {"patience_s": 1.0, "silence_s": 5.0},  # what a busy computer may hold up a program
             }
         )
-        yield stack.enter_context(connect(config)).bench, bench, SimulatedOperator(bench)
+        yield (
+            stack.enter_context(connect(config, without_commissioning="simulated bench on its wires")).bench,
+            bench,
+            SimulatedOperator(bench),
+        )
 
 
 def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) -> Cell:

@@ -122,6 +122,7 @@ def start(
     """Start the program on the `bench.toml` of the folder; close it afterwards."""
     command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
     options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", protocol]
+    options += ["--without-commissioning", "simulated bench on its wires"]
     chosen = [part for setting in settings for part in ("--set", setting)]
     keyboard, terminal = os.openpty()  # a run on a real bench without a terminal is refused: nobody could answer
     process = subprocess.Popen(

@@ -15,6 +15,8 @@ from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.simulated_bench import simulated
 from tests.wires.tcp_proxy import TcpProxy
 
+SIMULATED = "simulated bench on its wires"
+
 
 @dataclass
 class WiredBench:
@@ -49,5 +51,5 @@ def wired(delay_s: float = 0.0, **tables: dict[str, Any]) -> Iterator[WiredBench
         served = stack.enter_context(ServedBench(control))
         proxy = stack.enter_context(TcpProxy(served.scpi.port, delay_s))
         config = wired_config(served, proxy, **tables)
-        bench = stack.enter_context(connect(config)).bench
+        bench = stack.enter_context(connect(config, without_commissioning=SIMULATED)).bench
         yield WiredBench(bench, control, SimulatedOperator(control), proxy, served, config)

@@ -5,9 +5,11 @@ from typing import Any
 
 import pytest
 
+from app.config.bench_file import BenchConfig
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from app.session.bench_connection import connect
 from drivers.generators.assumptions import Assumption, OutputCheck, assumptions, assumptions_about
+from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.sequence import Commissioned, Commissioning
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions
@@ -15,6 +17,11 @@ from sim_hardware.generators.traits import DEVIATIONS, deviations_of
 from tests.helpers.simulated_bench import simulated
 
 MODELS = ("33511B", "33622A", "33220A", "33250A", "DG1032Z", "DG811", "SDG1032X", "SDG2122X", "AFG3252", "AFG1022")
+FREEZING = ("33", "DG")
+"""Instruments that idle at a small amplitude."""
+
+LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS}
+
 FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
 
 PROPERTIES = {
@@ -49,8 +56,11 @@ class OffSwitch:
 
 
 def commissioned(model: str, traits: str = "", seed: int = 1) -> Commissioned:
+    return commissioned_bench(simulated(generator={"model": model, "traits": traits}, seed=seed))
+
+
+def commissioned_bench(config: BenchConfig) -> Commissioned:
     messages = MessageLog()
-    config = simulated(generator={"model": model, "traits": traits}, seed=seed)
     with connect(config, None, 0.1, messages.observe) as lab:
         assert lab.control is not None
         with lab.bench.exercised(50e3, lambda _: None, OffSwitch(lab.control)) as exercised:
@@ -65,7 +75,10 @@ def deviating(found: Commissioned) -> set[OutputCheck]:
 def contradicted(model: str, chosen: dict[str, str]) -> set[OutputCheck]:
     """Return the checks that measure what the chosen deviations contradict."""
     table = {each.quantity: each.checks for each in assumptions_about(model)}
-    return {check for name in chosen for check in table[PROPERTIES[name]]}
+    shown = {check for name in chosen for check in table[PROPERTIES[name]]}
+    if "idle" in chosen and not model.startswith(FREEZING):  # it idles at 0 V: nothing that drops to 0 V shows there
+        shown -= {OutputCheck.AFTER, OutputCheck.SETTINGS}
+    return shown
 
 
 def draw_deviations(model: str, seed: int) -> dict[str, str]:
@@ -113,6 +126,28 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
     chosen = draw_deviations(model, seed)
     found = commissioned(model, " ".join(f"{n}={o}" for n, o in chosen.items()), seed)
     assert deviating(found) == contradicted(model, chosen), (chosen, found.checks)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(("kind", "unmeasured"), [("card-output", set()), ("dc-supply", set(OutputCheck) - LEVELS)])
+def test_other_sources_pass_in_what_they_can_play(kind: str, unmeasured: set[OutputCheck]) -> None:
+    found = commissioned_bench(BenchConfig.model_validate({**simulated().model_dump(), "source": {"kind": kind}}))
+    assert deviating(found) == set()
+    assert {check.check for check in found.checks} == set(OutputCheck) - unmeasured
+
+
+@pytest.mark.deep
+def test_every_command_of_a_driver_is_sent_as_in_a_run() -> None:
+    """Commissioning observes the link; it adds no command of its own."""
+    heard: list[str] = []
+    with connect(simulated(), None, 0.1) as plain:
+        plain.bench.amplifier.initialize_at_rest()
+    with connect(simulated(), None, 0.1, lambda link, _: ObservedLink(link, heard.append)) as observed:
+        observed.bench.amplifier.initialize_at_rest()
+    assert plain.control is not None
+    assert observed.control is not None
+    assert heard
+    assert len(plain.control.history.entries()) == len(observed.control.history.entries())  # type: ignore[attr-defined]
 
 
 def test_every_deviation_contradicts_an_assumption() -> None:

@@ -21,6 +21,7 @@ def {method}(*_):
 
 Keysight33500.{method} = {method}
 sys.argv[1:] = ["--bench", "bench.toml", "--out", ".", "run", "sine-dwell", "--set", "frequencies_hz=100"]
+sys.argv += ["--without-commissioning", "simulated bench on its wires"]
 from app.cli.main import entry
 entry()
 """

@@ -70,9 +70,9 @@ def test_no_watchdog_on_virtual_clock_and_warning_when_disabled() -> None:
 )
 def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
     """Two readers on one serial line would each get half of the answers."""
-    from app.session.bench_connection import _allows_second_connection
+    from app.session.bench_connection import allows_second_connection
 
-    assert _allows_second_connection(resource) == shared
+    assert allows_second_connection(resource) == shared
 
 
 @pytest.mark.deep

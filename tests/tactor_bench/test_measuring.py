@@ -44,7 +44,9 @@ def listen(monkeypatch: pytest.MonkeyPatch, observer: Callable[[Event], object])
 
 def break_it(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
     plan = FaultPlan([parse_planned_fault(fault)])
-    monkeypatch.setattr(_bench, "open_instruments", lambda *given: plan.wrap(lambda: connect(*given))())
+    monkeypatch.setattr(
+        _bench, "open_instruments", lambda *given, **named: plan.wrap(lambda: connect(*given, **named))()
+    )
     listen(monkeypatch, plan)
 
 
@@ -228,8 +230,8 @@ class Notebook:
         self.bench: SimulatedBench
 
     @contextmanager
-    def connect(self, *given: Any) -> Iterator[Any]:
-        with connect(*given) as laboratory:
+    def connect(self, *given: Any, **named: Any) -> Iterator[Any]:
+        with connect(*given, **named) as laboratory:
             self.bench = laboratory.control
             yield replace(laboratory, operator=None)
 
@@ -339,7 +341,7 @@ def test_where_nobody_can_type_the_run_fails_with_the_prompt(tmp_path: Path, mon
 
 SCRIPT = """
 import tactor_bench as tb
-with tb.connect("bench.toml", folder=".") as bench:
+with tb.connect("bench.toml", folder=".", without_commissioning="simulated bench on its wires") as bench:
     run = bench.run("sine-dwell", frequencies_hz={frequencies}, settle_limit_s=2, record_s={record_s})
     print("measured", len(run.points["frequency"]), "points", flush=True)
     {then}

@@ -103,7 +103,14 @@ class CampaignHeader(QWidget):
             )
             for action, text in (("new", "New …"), ("open", "Open …"))
         )
-        line = row(self.name_label, self.progress_label, (self.bar, 1), *buttons, spacing=12)
+        self.simulated_label = make_label(
+            "SIMULATED",
+            "simulated-mark",
+            wrap=False,
+            name="campaign.simulated",
+            toolTip="The results of this campaign come from a simulated bench, whatever bench is open",
+        )
+        line = row(self.name_label, self.simulated_label, self.progress_label, (self.bar, 1), *buttons, spacing=12)
         column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
@@ -112,11 +119,20 @@ class CampaignHeader(QWidget):
 
         self.name_label.setText(f"Campaign of {summary.specimen}")
         self.name_label.setToolTip(str(summary.path))
+        self.simulated_label.setVisible(summary.simulated)
         progress = state.progress if running and state.busy else None
         left_s = progress.remaining_at(streamed_s) if progress is not None else 0.0
         self.progress_label.setText(format_progress(summary, running, left_s))
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
         self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
+
+
+def _other_kind(summary: CampaignSummary, state: WindowState) -> str:
+    """Return why the open bench cannot measure this campaign: one is simulated, the other real; empty if both agree."""
+    if summary.simulated is state.simulated:
+        return ""
+    kinds = ("real", "simulated")
+    return f"the campaign is {kinds[summary.simulated]}, the open bench is {kinds[state.simulated]}"
 
 
 class CampaignBoard(QWidget):
@@ -171,7 +187,7 @@ class CampaignBoard(QWidget):
         about = self.step.item_name if self.step is not None else ""
         self.summary, self._estimates, self._busy = summary, estimates, state.busy
         self.step = next_step(summary, running, state.busy, queue)
-        self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason)
+        self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason or _other_kind(summary, state))
         self.item_list.show_summary(summary, running)
         if self.step.item_name and self.step.item_name != about:
             self.item_list.select_item(self.step.item_name)

@@ -46,7 +46,7 @@ class ExplorePlot(PlotBase):
         self.phase_canvas = pg.PlotWidget(enableMenu=False)
         self.phase = self.phase_canvas.getPlotItem()
         self._add_canvas(self.phase_canvas, [self.phase], AXIS_WIDTH)
-        for plot, label in ((self.plot, "amplitude (µm)"), (self.phase, "phase (°)")):
+        for plot, label in ((self.plot, "peak-to-peak displacement (µm)"), (self.phase, "phase (°)")):
             plot.setLabel("left", label)
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)

@@ -76,6 +76,7 @@ class MeasurePage(QSplitter):
         self.live_pane.set_theme(theme)
         self.log.set_theme(theme)
         self.run_panel.estimates_panel.set_theme(theme)
+        self.run_panel.result_card.set_theme(theme)
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolBu
 from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
+from app.gui.measure.result_card import ResultCard
 from app.gui.widgets import (
     ACTIONS,
     ProtocolForm,
@@ -76,7 +77,7 @@ class RunPanel(QWidget):
         )
         self.rehearsal_label = make_label(name="measure.rehearsal")
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
-        self.estimates_panel = EstimatesPanel(theme)
+        self.estimates_panel, self.result_card = EstimatesPanel(theme), ResultCard(theme)
         self.run_button = make_button(
             f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})", self.run_pressed.emit, "go", name="measure.run"
         )
@@ -154,6 +155,7 @@ class RunPanel(QWidget):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
         self.estimates_panel.set_busy(view.busy)
+        self.result_card.set_state(view)
         self._can_run = view.can_run
         self._blocked_reason = view.blocked_reason
         self._update_rehearsal()
@@ -223,6 +225,7 @@ class RunPanel(QWidget):
             self.rehearsal_label,
             self.warnings_label,
             self.estimates_panel,
+            self.result_card,
             self.run_button,
             parent=self,
             margins=(0, 2, 8, 0),

@@ -75,7 +75,7 @@ class ResponsePlot(PlotBase):
         self._entries: Sequence[int] = ()
         self._last_points: Sequence[Any] = ()
         self._max_hz = 250.0
-        self.plot.setLabel("left", "amplitude (µm)")
+        self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")
         self._add_threshold_line(labelled=True, width=1.5)
         self.model_curves = ModelCurveItems(self.plot)

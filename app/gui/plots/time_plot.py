@@ -7,6 +7,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QButtonGroup, QWidget
 
+from app.common import format_duration
 from app.gui.plots.base import (
     TICK_LINES,
     TracePlotBase,
@@ -26,6 +27,9 @@ SMOOTHING_S = 0.08
 
 INITIAL_RANGE_UM = 100.0
 
+HELD_AFTER_S = 1.0
+"""Traces without a new sample for this long are drawn in grey, with their age."""
+
 
 class TimePlot(TracePlotBase):
     """The live traces. `tick` is called at every tick of the window and draws only new data.
@@ -41,11 +45,15 @@ class TimePlot(TracePlotBase):
         self._range: tuple[float, float] | None = None
         self._version = -1
         self._end_s = self._shown_s = 0.0
-        self._last_tick_s = time.monotonic()
+        self._last_tick_s = self._last_data_s = time.monotonic()
+        self._streamed_s = feed.streamed_s
+        self._held_s = 0
+        """Age of held traces in whole seconds; 0 while samples arrive, and without any."""
         self._spans = QButtonGroup(self)
         self.strips = ChannelStrips(feed, theme)
         self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
         self._axis_label = make_label(kind="note", wrap=False)
+        self.held_label = make_label(kind="note", wrap=False, name="traces.held")
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
         self._drive_plot.setYRange(amplifier.low_v - margin, amplifier.high_v + margin, padding=0)
@@ -65,6 +73,8 @@ class TimePlot(TracePlotBase):
         super().set_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
         self.strips.set_theme(theme)
+        if self._held_s:
+            self._grey_out()
 
     @property
     def span(self) -> TimeSpan:
@@ -86,6 +96,11 @@ class TimePlot(TracePlotBase):
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
             self._update_data()
+        if self._feed.streamed_s != self._streamed_s:
+            self._streamed_s, self._last_data_s = self._feed.streamed_s, now
+        self._show_age(
+            int(now - self._last_data_s) if now - self._last_data_s >= HELD_AFTER_S and self._streamed_s else 0
+        )
         behind = self._end_s - self._shown_s
         if (
             self.span.triggered or behind < 0 or behind > self.span.shown_s
@@ -114,6 +129,19 @@ class TimePlot(TracePlotBase):
         if self.span.triggered:
             self._end_s = trigger_time(drive_s, drive_v, self._rest_v, self.span.shown_s)
         self._scale(float(displacement_um.min()), float(displacement_um.max()))
+
+    def _show_age(self, held_s: int) -> None:
+        """Draw held traces in grey and state their age; live ones in their colours."""
+        if held_s == self._held_s:
+            return
+        was_held, self._held_s = bool(self._held_s), held_s
+        self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
+        if bool(held_s) is not was_held:
+            self.set_theme(self._theme)
+
+    def _grey_out(self) -> None:
+        for curve in self.curves:
+            curve.setPen(trace_pen(self._theme.secondary_text))
 
     def _scale(self, low: float, high: float) -> None:
         limits = stable_range(low, high, self._range)
@@ -149,7 +177,7 @@ class TimePlot(TracePlotBase):
             text = f"{span.shown_s:g} s" + (", triggered" if span.triggered else "")
             self._spans.addButton(make_choice(text, tip, checkable=True), at)
         title = caption_label("Live traces")
-        self._add_head(row(title, self._axis_label, None, *self._spans.buttons(), spacing=12))
+        self._add_head(row(title, self._axis_label, self.held_label, None, *self._spans.buttons(), spacing=12))
         self._layout.addWidget(self.strips)
 
 

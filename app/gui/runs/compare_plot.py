@@ -27,7 +27,7 @@ class ComparePlot(PlotBase):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()
-        self.plot.setLabel("left", "max − min (µm)")
+        self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")
         self._add_threshold_line(labelled=False)
         self._add_legend()

@@ -167,6 +167,7 @@ def style_sheet(theme: Theme) -> str:
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
     QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8pt; }}
     QLabel[kind="small"] {{ font-size: 8pt; }}
+    QLabel[kind="value"] {{ font-size: 13pt; font-weight: bold; }}
     QLabel[kind="fault"] {{ color: {theme.error}; font-size: 9pt; }}
     QLabel[kind="caution"] {{ color: {theme.warning}; font-size: 9pt; }}
     QLabel[kind="caption"] {{ font-weight: bold; }}
@@ -176,6 +177,7 @@ def style_sheet(theme: Theme) -> str:
         color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
         font-size: 13pt; font-weight: bold; padding: 0 8px;
     }}
+    QLabel[kind="simulated-mark"] {{ color: {theme.simulated}; font-weight: bold; }}
     QLineEdit, QPlainTextEdit {{
         background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 5px;
         selection-background-color: {theme.accent}; selection-color: white;

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -256,7 +257,21 @@ def test_a_simulated_run_is_never_made_for_a_real_specimen(page: tuple[Stage, Ca
     until(lambda: shown.controller.summary is not None and shown.controller.summary.specimen == "R1")
     stage.happen(OPENED)
     settle(shown)
+    assert not find(shown, "campaign.simulated").isVisible(), "the campaign is real, whatever bench is open"
+    assert not find(shown, "campaign.step.run").isEnabled()
+    assert "the campaign is real, the open bench is simulated" in find(shown, "campaign.step.run").toolTip()
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
     assert "the campaign of R1 is of a real bench" in find(shown, "campaign.message").text()
+
+
+@pytest.mark.deep
+def test_a_simulated_campaign_is_marked_on_a_real_bench(page: tuple[Stage, CampaignPage]) -> None:
+    stage, shown = page
+    stage.happen(OPENED)
+    settle(shown)
+    stage.window.controller.state = replace(stage.window.state, simulated=False)
+    stage.window.controller.changed.emit()
+    assert find(shown, "campaign.simulated").isVisible()
+    assert not find(shown, "campaign.step.run").isEnabled()

@@ -1,11 +1,14 @@
 """Plots: samples are drawn in the right units, axis ranges are stable, a periodic wave is displayed stationary."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pyqtgraph as pg
 import pytest
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication
 
+from app.gui.plots import time_plot
 from app.gui.plots.base import limit_ticks, stable_range, style_axes, tick_spacing
 from app.gui.plots.time_plot import TimePlot, trigger_time
 from app.gui.widgets.theme import LIGHT
@@ -64,6 +67,32 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
         plot.tick()
     plot.deleteLater()
     assert plot.frames == 1
+
+
+def test_traces_without_new_samples_turn_grey_and_state_their_age(
+    qt: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time_plot, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    feed = fed()
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    live, held = [LIGHT.measured, LIGHT.second], [LIGHT.secondary_text] * 2
+
+    def look() -> tuple[str, list[str]]:
+        plot.tick()
+        return plot.held_label.text(), [curve.opts["pen"].color().name() for curve in plot.curves]
+
+    feed.add_block(sine_block(5000, 100, 5000.0))
+    assert look() == ("", live)
+    now[0] += 12.4
+    assert look() == ("held: 12 s old", held)
+    plot.select_span(2)  # another view of the same samples is no new sample
+    assert look() == ("held: 12 s old", held)
+    plot.set_theme(LIGHT)
+    assert look()[1] == held
+    feed.add_block(sine_block(5100, 100, 5000.0))
+    assert look() == ("", live)
+    plot.deleteLater()
 
 
 def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:

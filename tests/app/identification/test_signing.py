@@ -87,10 +87,10 @@ def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[s
 )
 def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, float], capsys: Any) -> None:
     runs = made(beyond=beyond)
-    found = identify(runs)
+    found = identify(runs, sheet="none")
     assert found.adequacy is not None
     assert found.adequacy.adequate is False
-    assert main(["identify", *map(str, runs)]) == 0
+    assert main(["identify", *map(str, runs), "--sheet", "none"]) == 0
     output = capsys.readouterr().out
     assert "NOT ADEQUATE: the model is wrong for these runs" in output
     assert "How the runs depart from the model" in output

@@ -1,0 +1,74 @@
+"""Commissioning gate: whether high voltage may be switched on with this source, by its commissioning record."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from drivers import Identity
+
+if TYPE_CHECKING:
+    from app.session.commissioning_record import CommissioningRecord
+
+REMEDY = (
+    "Run `tactor-bench commission` (a minute, without high voltage), or give a reason with --without-commissioning REASON, "
+    "which every run of this session stores"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CommissioningState:
+    """Whether the source is commissioned.
+
+    Attributes:
+        refusal: why high voltage is not switched on; empty if it may be.
+        note: for the log of each run; empty if there is nothing to say.
+        stored: plain values for each run file.
+        stop_s: measured duration of Stop; 0 if unknown.
+    """
+
+    refusal: str
+    note: str
+    stored: dict[str, Any]
+    stop_s: float = 0.0
+
+
+def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -> CommissioningState:
+    """Return whether a source is commissioned with its present firmware.
+
+    Args:
+        identity: of the source.
+        simulated: a simulated bench is exempt.
+        reason: why high voltage may be switched on nevertheless.
+    """
+    if simulated:
+        return CommissioningState("", "", {"status": "exempt", "why": "simulated bench"})
+    from app.session.commissioning_record import load_record
+
+    record = load_record(identity)
+    if record is not None and record.is_valid:
+        stop_s = record.stop_s if math.isfinite(record.stop_s) else None
+        stored = {"status": "commissioned", "date": record.date, "stop_s": stop_s, "record": str(record.path)}
+        stop = f"; Stop took {stop_s:.2f} s" if stop_s is not None else ""
+        note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}"
+        return CommissioningState("", note, stored, stop_s or 0.0)
+    why = _describe_missing(identity, record)
+    if reason:
+        stored = {"status": "overridden", "reason": reason, "why": why}
+        return CommissioningState(
+            "", f"High voltage without a valid commissioning of the source: {reason}. {why}", stored
+        )
+    return CommissioningState(f"{why}. {REMEDY}", "", {"status": "not commissioned", "why": why})
+
+
+def _describe_missing(identity: Identity, record: "CommissioningRecord | None") -> str:
+    from app.session.commissioning_record import firmwares_with_record
+
+    firmware = identity.firmware or "unknown"
+    if record is not None and record.simulated:
+        return f"The commissioning record of {identity} is of a simulated instrument"
+    if record is not None:
+        found = "; ".join(record.failed)
+        return f"The commissioning of {identity} on {record.date[:10]} did not pass ({found})"
+    if others := firmwares_with_record(identity):
+        return f"{identity} was commissioned with firmware {', '.join(others)}, and now has {firmware}"
+    return f"There is no commissioning record of {identity} with firmware {firmware}"

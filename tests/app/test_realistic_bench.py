@@ -1,0 +1,75 @@
+"""The realistic simulated bench: its own noise in every session, nonidealities on, and a sheet that is true to its uncertainty."""
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.config import load_bench
+from app.identification import read_sheet
+from app.session.request import choose_bench
+from model import Tactor, parameter_specs
+from protocols.base import InterferenceMeasured, Quality
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from tests.helpers.simulated_bench import Ran, laboratory, run
+
+
+def test_the_ideal_bench_is_the_one_that_comes_with_the_program() -> None:
+    ideal = load_bench("ideal")
+    assert ideal == load_bench("sim")
+    assert ideal.simulation_parameters.tactor == Tactor()
+
+
+def test_every_session_draws_a_seed_of_its_noise_unless_one_is_given() -> None:
+    seeds = {load_bench("realistic").simulation_parameters.noise_seed for _ in range(3)}
+    assert len(seeds) == 3
+    config, _ = choose_bench("realistic", "max", seed=7)
+    parameters = config.simulation_parameters
+    assert (parameters.seed, parameters.noise_seed) == (7, None)
+    assert load_bench("ideal").simulation_parameters.noise_seed is None
+
+
+def test_a_copy_of_the_file_with_a_seed_repeats_its_noise(tmp_path: Path) -> None:
+    text = resources.files("sim_hardware").joinpath("realistic.toml").read_text(encoding="utf-8")
+    file = tmp_path / "my.toml"
+    file.write_text(text.replace("fresh_noise = true ", "fresh_noise = true\nseed = 7 "), encoding="utf-8")
+    assert load_bench(str(file)).simulation_parameters.noise_seed is None
+    assert load_bench(str(file)) == load_bench(str(file))
+
+
+def test_no_value_of_the_specimen_is_the_paper_s_and_all_lie_within_its_instruments() -> None:
+    truth, paper = load_bench("realistic").simulation_parameters, Tactor()
+    differ = [q.name for q in parameter_specs(Tactor) if getattr(truth.tactor, q.name) != getattr(paper, q.name)]
+    assert len(differ) == len(parameter_specs(Tactor))
+    with resources.as_file(resources.files("sim_hardware").joinpath("realistic.specimen.toml")) as path:
+        sheet = read_sheet(path)
+    true = {q.name: getattr(truth.tactor, q.name) for q in parameter_specs(Tactor)}
+    true |= {name: getattr(truth.membrane, name) for name in ("L_m", "b_m", "h_m")}
+    z = {name: (entry.value - true[name]) / entry.uncertainty for name, entry in sheet.values.items() if name in true}
+    assert max(map(abs, z.values())) < 2, z
+    beyond = truth.beyond
+    assert min(beyond.creep_per_decade, beyond.hysteresis_width, beyond.side_difference, beyond.hum_m) > 0
+    assert beyond.mass_share < 1
+
+
+def dwell(folder: Path) -> Ran:
+    with laboratory(load_bench("realistic")) as lab:
+        return run(SineDwell(frequencies_hz=(50, 155)), folder, lab)
+
+
+@pytest.mark.deep
+def test_two_sessions_share_no_noise_and_the_file_has_the_seed(tmp_path: Path) -> None:
+    first, second = dwell(tmp_path / "one"), dwell(tmp_path / "two")
+    with Run(first.path) as one, Run(second.path) as two:
+        count = min(one.trace.sample_count, two.trace.sample_count)
+        same = one.trace.read_raw("displacement")[:count] == two.trace.read_raw("displacement")[:count]
+        assert np.mean(same) < 0.5
+        assert one.configuration["simulation"]["noise_seed"] != two.configuration["simulation"]["noise_seed"]
+    (event,) = [event for event in first.events if isinstance(event, InterferenceMeasured)]
+    assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.02)
+    assert Quality.INTERFERENCE in Quality(first.points[0].quality)
+    for a, b in zip(first.points, second.points, strict=True):
+        assert a.fundamental != b.fundamental
+        assert abs(a.fundamental - b.fundamental) < 5 * np.hypot(a.fundamental_errors, b.fundamental_errors)
