@@ -20,6 +20,9 @@ MODELS = ("33511B", "33622A", "33220A", "33250A", "DG1032Z", "DG811", "SDG1032X"
 FREEZING = ("33", "DG")
 """Instruments that idle at a small amplitude."""
 
+MOVING = {"scale", "offset", "combining", "output-polarity"}
+"""Deviations that move the bottom of the largest amplitude from 0 V."""
+
 LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS}
 
 FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
@@ -76,7 +79,8 @@ def contradicted(model: str, chosen: dict[str, str]) -> set[OutputCheck]:
     """Return the checks that measure what the chosen deviations contradict."""
     table = {each.quantity: each.checks for each in assumptions_about(model)}
     shown = {check for name in chosen for check in table[PROPERTIES[name]]}
-    if "idle" in chosen and not model.startswith(FREEZING):  # it idles at 0 V: nothing that drops to 0 V shows there
+    at_zero = "idle" in chosen and not model.startswith(FREEZING) and not chosen.keys() & MOVING
+    if at_zero:  # it idles at 0 V, where nothing that drops to 0 V shows
         shown -= {OutputCheck.AFTER, OutputCheck.SETTINGS}
     return shown
 
