@@ -228,7 +228,7 @@ def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) 
 
         def raise_for_status(self) -> None:
             self.blocks += 1
-            if self.blocks > 30:
+            if self.blocks > 60:
                 raise BenchError("the watchdog has ended (code -9)")
 
     with laboratory() as lab:
