@@ -195,6 +195,7 @@ def test_a_run_that_did_not_end_is_resumed(run: str, entries: int, folder: Path)
         assert set(file["entry/points/entry"]) == set(range(entries))
 
 
+@pytest.mark.deep
 def test_points_of_a_completed_run_are_measured_again(folder: Path) -> None:
     before = set(folder.glob("runs/*.h5"))
     assert program("resume", DWELL, "--again", "160", *BENCH) == 0
@@ -239,6 +240,7 @@ def test_the_campaign_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert items["membrane"]["state"] != "skipped"
 
 
+@pytest.mark.deep
 def test_a_calibration_is_added_to_the_old_ones(folder: Path) -> None:
     assert program("calibration", "accept", DWELL, LOADING, STEPS, "--by", "B. Lee") == 0
     assert program("calibration", "use", "T1", "2", "--folder", "runs") == 0

@@ -65,6 +65,7 @@ def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsy
     assert "The check was not completed" in captured.out
 
 
+@pytest.mark.deep
 def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, capsys: Any) -> None:
     arguments = ["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,150,200"]
     assert main([*arguments, "--fault", "card-overrun@3"]) == ExitCode.UNSAFE

@@ -106,6 +106,7 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
     assert identified_tactor(campaign).mu == Tactor().mu
 
 
+@pytest.mark.deep
 def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
     campaign, events = measured
     campaign.repeat("wiring")

@@ -155,6 +155,7 @@ def test_a_bench_file_that_never_ends_is_not_read_to_its_end(here: Path, capsys:
 # -- names ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.deep
 def test_a_long_name_is_shortened_in_the_files_name_and_whole_inside(here: Path, capsys: Any) -> None:
     name = "größer" * 30
     assert main(["run", "sine-dwell", "--speed", "max", *SHORT, "--out", "runs", "--specimen", name]) == 0

@@ -69,6 +69,7 @@ def test_an_export_holds_no_formula(tmp_path: Path) -> None:
     assert "\nspecimen,'=cmd|" in next(tmp_path.glob("*about.csv")).read_text("utf-8").replace("\r", "")
 
 
+@pytest.mark.deep
 def test_what_identifies_nothing_is_not_accepted(tmp_path: Path, capsys: Any) -> None:
     path = finished_run(tmp_path, "T7", (100.0,))
     assert main(["identify", str(path), "--accept"]) == ExitCode.USAGE

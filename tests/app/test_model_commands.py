@@ -112,6 +112,7 @@ def test_implausible_values_are_questioned_as_imports_do(capsys: pytest.CaptureF
     assert "CAUTION" not in capsys.readouterr().out
 
 
+@pytest.mark.deep
 def test_latency_of_step_and_sine_onset(ask: Any) -> None:
     got = ask("model", "step", "-n", "7")
     step = got["step"]

@@ -42,6 +42,7 @@ def session(events: list, *observers: Callable) -> tuple[Session, list]:
     return Session(opened, [events.append, *observers], Nobody()), laboratories
 
 
+@pytest.mark.deep
 def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     events: list = []
     one, laboratories = session(events)

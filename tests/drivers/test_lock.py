@@ -79,6 +79,7 @@ def test_the_refusal_names_the_holder_and_a_killed_holder_holds_nothing(folder: 
         pass
 
 
+@pytest.mark.deep
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="programs cannot be stopped here")
 def test_a_holder_that_is_stopped_may_have_left_the_specimen_live(folder: Path) -> None:
     with another_program(folder) as other, InstrumentLocks("mine") as locks:

@@ -131,6 +131,7 @@ def test_convergence_does_not_end_at_forty() -> None:
     assert c.max_error[-1] < 3e-7
 
 
+@pytest.mark.deep
 def test_every_further_shape_lowers_the_first_frequency() -> None:
     """Rayleigh-Ritz, n by n, down to the eleventh digit."""
     f = np.array([natural_frequencies(Tactor(), n=n)[0] for n in range(3, 61)])

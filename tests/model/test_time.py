@@ -66,6 +66,7 @@ def test_sweep_through_the_amplifier() -> None:
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
 
 
+@pytest.mark.deep
 def test_sweep_around_an_offset_begins_at_its_deflection() -> None:
     T, rate, hold = 0.2, 100_000, 20_000
     t = np.arange(int(T * rate) + 1) / rate

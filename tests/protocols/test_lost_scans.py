@@ -31,6 +31,7 @@ def messages(events: list[object]) -> list[str]:
     return [event.text for event in events if isinstance(event, LogMessage) and "measured again" in event.text]
 
 
+@pytest.mark.deep
 def test_an_entry_that_lost_scans_is_measured_again_by_itself(tmp_path: Path) -> None:
     with laboratory() as lab:
         late = Trigger(

@@ -16,6 +16,8 @@ from protocols.runfile.reader import Run
 from sim_hardware.operator import SimulatedOperator
 from tests.helpers.simulated_bench import laboratory, run
 
+pytestmark = pytest.mark.deep
+
 SHORT = {"frequencies_hz": (25.0, 50.0, 150.0), "record_s": 0.2, "min_cycles": 5}
 SERIES = MembraneSeries(elongations_m=(0.0, 2.54e-3, 6.35e-3), m_per_turn=1.27e-3, **SHORT)  # type: ignore[arg-type]
 

@@ -90,6 +90,7 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
     file.path.unlink()
 
 
+@pytest.mark.deep
 def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
     file = new(tmp_path)
     try:

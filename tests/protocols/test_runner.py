@@ -158,6 +158,7 @@ def test_a_way_to_rest_that_is_interrupted_is_unsafe(tmp_path: Path, monkeypatch
     assert [e.confirmed for e in ran.events if isinstance(e, RestMeasured)] == [False]
 
 
+@pytest.mark.deep
 def test_an_observer_that_fails_does_not_hurt_the_run(tmp_path: Path, caplog: Any) -> None:
     def broken(event: object) -> None:
         raise ValueError("I am a broken plot")

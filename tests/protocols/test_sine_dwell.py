@@ -59,6 +59,7 @@ def test_phase_is_that_of_the_model_with_the_sensors_delay_removed(ran) -> None:
         assert abs(np.angle(np.exp(1j * (point.phase - truth)))) < 4 * point.phase_errors, point.frequency
 
 
+@pytest.mark.deep
 def test_phase_matches_model_for_any_interchannel_delay(tmp_path: Path) -> None:
     """80 us between the conversions are 7 degrees at 250 Hz; the file and the live run both correct for them."""
     protocol = SineDwell(frequencies_hz=(100, 250), record_s=0.2)
@@ -274,6 +275,7 @@ def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path
         assert protocol.point((160.0,), list(file.recordings()), True) == point
 
 
+@pytest.mark.deep
 def test_averaging_stops_where_the_time_budget_ends(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, wanted=1e-4, budget_s=4.0)
     with laboratory() as lab:
@@ -323,7 +325,7 @@ def test_settling_of_a_ringing_tactor_needs_its_decay_time(tmp_path: Path) -> No
     assert hasty < 0.97
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.deep
 @pytest.mark.parametrize(("drive_noise_v", "sensor_noise_m"), [(5e-3, 1e-7), (2.7e-4, 5e-7)])
 def test_the_phase_error_has_the_noise_of_the_drive_channel(drive_noise_v: float, sensor_noise_m: float) -> None:
     """200 recordings of half a second: the scatter of the phase is its stated error."""

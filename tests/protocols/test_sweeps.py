@@ -24,6 +24,8 @@ from protocols.runfile.reader import Run
 from tests.helpers.level_protocol import resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
+pytestmark = pytest.mark.deep
+
 GAIN = 400.0
 """Volts on the specimen for a volt at the input: the mean of the amplifier's two slopes, which applies to the fundamental."""
 

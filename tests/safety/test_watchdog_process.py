@@ -107,6 +107,7 @@ def test_a_way_to_rest_that_takes_long_is_reported_meanwhile(tmp_path: Path) -> 
         assert program.log.count("may be live") == 1
 
 
+@pytest.mark.deep
 def test_a_cut_connection_is_opened_again_between_two_attempts(tmp_path: Path) -> None:
     with watched(tmp_path, cut=True) as program:
         program.die()
@@ -126,6 +127,7 @@ def test_a_program_that_dies_after_the_watchdog_took_over_is_followed_by_rest_ag
         assert "the program ended without a word" in program.log
 
 
+@pytest.mark.deep
 def test_a_program_that_was_held_up_waits_for_what_the_watchdog_reports(tmp_path: Path) -> None:
     with watched(tmp_path) as program:
         program.client._last_heartbeat_s -= 2 * 60.0
@@ -137,6 +139,7 @@ def test_a_program_that_was_held_up_waits_for_what_the_watchdog_reports(tmp_path
         report.join()
 
 
+@pytest.mark.deep
 def test_a_watchdog_of_another_copy_of_the_program_is_refused(tmp_path: Path) -> None:
     with watched(tmp_path) as program:
         client = program.client
@@ -149,6 +152,7 @@ def test_a_watchdog_of_another_copy_of_the_program_is_refused(tmp_path: Path) ->
         assert client._ready
 
 
+@pytest.mark.deep
 def test_a_silent_watchdog_counts_as_dead_after_a_second_and_on_a_busy_computer_after_two(tmp_path: Path) -> None:
     assert WATCHDOG_SILENCE_S + BUSY_EXTRA_S < 2.5
     with watched(tmp_path) as program:

@@ -19,6 +19,7 @@ from protocols.runner.request import RunRequest
 from tests.helpers.simulated_bench import laboratory, simulated
 
 
+@pytest.mark.deep
 def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
     (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
     for text in (1, 0):

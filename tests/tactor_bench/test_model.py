@@ -147,6 +147,7 @@ def test_identification_and_calibration_are_those_of_the_command_line(
     assert (np.abs(points["peak_to_peak"] - model.peak_to_peak) < 4 * spread).all()
 
 
+@pytest.mark.deep
 def test_the_chain_and_what_goes_with_it(dwell: Path) -> None:
     found = tb.identify([str(dwell)], method="chain")
     assert found.adequacy is None

@@ -43,6 +43,7 @@ def test_points_are_what_the_file_has(dwell: Path) -> None:
             ask("cheese")
 
 
+@pytest.mark.deep
 def test_samples_are_the_counts_of_the_file_in_si_units(dwell: Path) -> None:
     opened = tb.open_run(dwell)
     with h5py.File(dwell) as file:

@@ -82,6 +82,7 @@ def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: Exp
     np.testing.assert_array_equal(on_screen(page)[1], before)
 
 
+@pytest.mark.deep
 def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
     type_into(page, "E_Al", "70000 MPa")
     assert page.setting.value("E_Al") == pytest.approx(70e9)

@@ -35,6 +35,7 @@ def found(wrong: Path) -> IdentificationResult:
     return identify([wrong])
 
 
+@pytest.mark.deep
 def test_a_result_that_is_not_adequate_is_accepted_only_with_a_reason(
     wrong: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

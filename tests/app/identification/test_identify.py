@@ -99,6 +99,7 @@ def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_
         read_observations([tmp_path / "gone.h5"])
 
 
+@pytest.mark.deep
 def test_the_command_accepts_shows_and_tells_apart(
     runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def k2_of(result: dict[str, Any]) -> tuple[float, float]:
     return table["value"][at], table["standard_error"][at]
 
 
+@pytest.mark.deep
 def test_half_a_millimetre_on_the_ruler_is_inside_the_interval(
     tables: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,7 @@ def test_default_shape_count_is_one_constant_and_accurate_enough_to_draw() -> No
 # -- intervals and plans ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.deep
 def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: Any) -> None:
     runs = [str(path) for path in made()]
     assert main(["identify", *runs, "--profile", "c0", "--coverage", "0.9", "--next", "m_add", "--json"]) == 0
@@ -258,6 +259,7 @@ def test_with_the_same_calibration_every_point_is_the_same(protocol: Protocol, t
         np.testing.assert_array_equal(again[name], column, err_msg=name)
 
 
+@pytest.mark.deep
 def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
     """Several recordings a frequency: those before the pause were given up, and are not averaged in."""
     protocol = SineDwell(frequencies_hz=(160,), record_s=0.1, wanted=2e-5)

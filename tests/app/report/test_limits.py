@@ -135,6 +135,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     assert "NOT PASSED: of 2 limits 1 met, 1 not met." in messages
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("options", "says"),
     [

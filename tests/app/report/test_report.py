@@ -31,6 +31,8 @@ from protocols.runfile.results import store_verdict
 from tests.helpers.report_specimen import TRUTH, blocks_of
 from tests.helpers.simulated_bench import laboratory, run
 
+pytestmark = pytest.mark.deep
+
 
 @pytest.fixture
 def copy(folder: Path, tmp_path: Path) -> Path:

@@ -153,6 +153,7 @@ def test_a_profile_can_be_cancelled() -> None:
         profile_interval(joint_fit(FEW), "c0", cancelled=stop.is_set)
 
 
+@pytest.mark.deep
 def test_a_dwell_tells_its_parameters_while_it_runs() -> None:
     truth = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
     f = np.array([25.0, 75, 125, 150, 160, 175, 200, 250])
