@@ -32,7 +32,7 @@ from protocols.base import (
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, sine_point
-from protocols.signals import estimate_max_min, fit_frequency, fit_sine
+from protocols.signals import estimate_max_min, fit_sine
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
 """Relative change between windows that counts as settled under the sine, and how long it is waited for."""
@@ -144,7 +144,11 @@ class SquareDwell(Protocol):
             raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
         sine, square = sine_point(recordings[:-1], simulated), recordings[-1]
         rate = square.rate_hz
-        frequency = fit_frequency(square.drive_v, rate, drive.frequency_hz)
+        # The clock's error is the sine's: harmonics that fold back bias a fit to the square wave, and a wrong frequency
+        # makes its high harmonics look like noise.
+        sine_drive = recordings[0].drive
+        nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
+        frequency = drive.frequency_hz * sine.frequency / nominal_hz
         driven = fit_sine(square.drive_v, rate, frequency, HARMONIC_COUNT)
         moved = fit_sine(square.displacement_m, rate, frequency, HARMONIC_COUNT)
         extremes = estimate_max_min(square.displacement_m, rate, frequency)

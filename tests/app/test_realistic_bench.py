@@ -68,7 +68,7 @@ def test_two_sessions_share_no_noise_and_the_file_has_the_seed(tmp_path: Path) -
         assert np.mean(same) < 0.5
         assert one.configuration["simulation"]["noise_seed"] != two.configuration["simulation"]["noise_seed"]
     (event,) = [event for event in first.events if isinstance(event, InterferenceMeasured)]
-    assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.02)
+    assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.1)  # 5 standard errors in 1 s of noise drawn anew
     assert Quality.INTERFERENCE in Quality(first.points[0].quality)
     for a, b in zip(first.points, second.points, strict=True):
         assert a.fundamental != b.fundamental

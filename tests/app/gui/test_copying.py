@@ -61,6 +61,7 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
     window, plot = stage.window, stage.window.measure_page.response
+    QTest.mouseMove(find(window, "measure.specimen"))  # the pointer may rest on the plot since another test
     find(window, "measure.specimen").setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()
