@@ -199,22 +199,38 @@ class Campaign:
         self._change(name, skipped=reason)
 
     def repeat(self, name: str) -> None:
-        """Require a new run of an item: earlier runs do not count."""
+        """Require a new run of an item. What counts now counts until there is one, an accepted run until that is accepted."""
         self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
 
-    def accept(self, name: str) -> None:
-        """Accept the estimates of an item's run."""
-        line = self.item_state(name)
-        if line.run is None or line.status not in HAS_VALID_RUN:
-            raise CampaignError(f"{name} has no run that could be accepted: it is {line.status}")
-        self._change(name, accepted=(*line.item.accepted, line.run.name))
+    def accept(self, name: str, run: str = "") -> None:
+        """Accept the result of an item: of its newest run, or of an earlier one, which counts from then on.
 
-    def reject(self, name: str) -> None:
-        """Reject the run of an item; the run before it counts, or the item is missing."""
+        Raises:
+            CampaignError: there is no such run with a result.
+        """
         line = self.item_state(name)
-        if line.run is None:
+        if run and run not in [each.name for each in line.results]:
+            raise CampaignError(f"{name} has no run {run} with a result")
+        if not run:
+            if line.run is None or line.status not in HAS_VALID_RUN:
+                raise CampaignError(f"{name} has no run that could be accepted: it is {line.status}")
+            run = line.run.name if line.candidate is None else line.candidate.name
+        names = [each.name for each in line.results]
+        passed_over = [
+            each for each in names[names.index(run) + 1 :] if each not in (*line.item.accepted, *line.item.rejected)
+        ]
+        self._change(
+            name,
+            accepted=(*(each for each in line.item.accepted if each != run), run),
+            rejected=(*(each for each in line.item.rejected if each != run), *passed_over),
+        )
+
+    def reject(self, name: str, run: str = "") -> None:
+        """Reject a run of an item, by default its newest; the run before it counts, or the item is missing."""
+        line = self.item_state(name)
+        if line.reviewed_run is None:
             raise CampaignError(f"{name} has no run that could be rejected")
-        self._change(name, rejected=(*line.item.rejected, line.run.name))
+        self._change(name, rejected=(*line.item.rejected, run or line.reviewed_run.name))
 
     def move(self, name: str, before: str = "") -> None:
         """Move an item before another one, or to the end. Raises CampaignError if it would precede a dependency."""
@@ -253,8 +269,6 @@ class Campaign:
             if run.protocol == item.protocol
             and run.specimen == self.specimen
             and run.simulated == self.simulated
-            and run.start_time >= item.since
-            and run.name not in item.rejected
             and all(run.requested_parameters.get(name) == value for name, value in settings.items())
         ]
 

@@ -129,9 +129,9 @@ class CampaignItem:
         needs: names of the items that must be done before.
         prepare: setup prompts that the protocol itself does not show.
         skipped: why it is skipped; empty if it is not.
-        since: earlier runs (ISO, UTC) do not count.
+        since: when a new run was requested (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
         rejected: names of run files that do not count.
-        accepted: names of run files whose results the operator has accepted.
+        accepted: names of run files whose results the operator has accepted; the last one counts.
     """
 
     name: str

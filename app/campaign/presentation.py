@@ -40,6 +40,8 @@ def next_action_reason(state: ItemState) -> str:
     """Return why this item is next."""
     needs = " and ".join(state.item.needs)
     match state.next_action:
+        case NextAction.RESUME if state.status is ItemStatus.STALE:
+            return "It is to be measured again, and the run that does so was interrupted. Its points are kept."
         case NextAction.RESUME:
             return f"The last run {first_clause(state.reason)}. The points that are there are kept."
         case NextAction.REPEAT if state.status is ItemStatus.STALE:
@@ -56,11 +58,11 @@ def first_clause(reason: str) -> str:
     return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
 
 
-def format_rehearsal(rehearsal: Rehearsal) -> str:
-    """Return duration, prompts, voltages and file size of an item in one line."""
+def format_rehearsal(rehearsal: Rehearsal, time_scale: float = 1.0) -> str:
+    """Return duration, prompts, voltages and file size of an item in one line; `time_scale`: real seconds per bench second."""
     prompts = {0: "no prompts", 1: "1 prompt"}.get(rehearsal.prompts, f"{rehearsal.prompts} prompts")
     volts = format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)
-    return f"about {format_duration(rehearsal.duration_s)}, {prompts}, {volts} on the specimen, file about {format_bytes(rehearsal.file_bytes)}"
+    return f"about {format_duration(time_scale * rehearsal.duration_s)}, {prompts}, {volts} on the specimen, file about {format_bytes(rehearsal.file_bytes)}"
 
 
 MAX_ESTIMATES = 6
@@ -109,11 +111,11 @@ def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, q
 
 
 def format_progress(summary: CampaignSummary, running: str = "", run_left_s: float = 0.0) -> str:
-    """`3 of 7 done, about 1 h 05 min and 42 prompts left`."""
+    """`3 of 7 done, about 1 h 05 min and 42 prompts left`, in real time; `run_left_s` is bench time of the present run."""
     words = f"{summary.done_count} of {summary.total_count} done"
     if not summary.remaining:
         return words
-    left_s = summary.remaining_s(running) + run_left_s
+    left_s = summary.remaining_s(running) + summary.time_scale * run_left_s
     prompts = sum(rehearsal.prompts for rehearsal in summary.remaining)
     return f"{words}, about {format_duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
 
@@ -129,7 +131,7 @@ def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextSt
 
 
 def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
-    estimates = [format_named_estimate(estimate) for estimate in item.state.estimates]
+    estimates = [format_named_estimate(estimate) for estimate in item.state.reviewed_estimates]
     more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
     found = (
         ";  ".join(estimates[:MAX_ESTIMATES]) + more
@@ -151,7 +153,7 @@ def _join_names(names: list[str]) -> str:
 def _run_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
     heading = f"{ACTION_LABELS[item.state.next_action]} {item.name}: {item.state.title}"
     takes = (
-        f"{'at most ' * (item.state.next_action is NextAction.RESUME)}{format_rehearsal(item.rehearsal)}."
+        f"{'at most ' * (item.state.next_action is NextAction.RESUME)}{format_rehearsal(item.rehearsal, summary.time_scale)}."
         if item.rehearsal
         else ""
     )
@@ -202,7 +204,10 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
         DetailSection(
             "Carried over from earlier measurements", tuple(map(format_named_estimate, summary.accepted_estimates))
         ),
-        DetailSection("Will take", (format_rehearsal(summary.rehearsal),) if summary.rehearsal is not None else ()),
+        DetailSection(
+            "Will take",
+            (format_rehearsal(summary.rehearsal, summary.time_scale),) if summary.rehearsal is not None else (),
+        ),
         DetailSection("Set up first", tuple(prompt.text for prompt in item.prepare)),
         DetailSection("Depends on", (", ".join(item.needs),) if item.needs else ()),
         DetailSection("Settings that differ from the protocol's", settings),

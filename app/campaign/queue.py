@@ -45,8 +45,8 @@ class CampaignRunner:
             RunReadError: the run cannot be resumed.
         """
         item, specimen, folder = state.item, self.campaign.specimen, self.campaign.path.parent
-        if state.next_action is NextAction.RESUME and state.run is not None:
-            request = RunRequest.resuming(state.run, folder)
+        if state.next_action is NextAction.RESUME and state.resumed_run is not None:
+            request = RunRequest.resuming(state.resumed_run, folder)
         else:
             request = RunRequest(self.campaign.protocol_for(item), folder, specimen)
         reference = reference_model(folder, specimen)

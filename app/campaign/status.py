@@ -48,6 +48,8 @@ class CampaignRuns:
         return known
 
 
+REPEAT_REASON = "it is to be measured again; this result counts until then"
+
 RELATIVE_TOLERANCE = 1e-9
 """Relative difference below which estimates are equal."""
 
@@ -100,6 +102,12 @@ class ItemState:
     """Start time of that run, ISO, UTC."""
     estimates: tuple[EstimatedQuantity, ...] = ()
     """Estimates of the valid run, on which later items are based."""
+    resumed_run: Path | None = None
+    """The run that `NextAction.RESUME` continues."""
+    candidate: RunSummary | None = None
+    """A later run that counts once it is accepted; until then the accepted one counts."""
+    results: tuple[RunSummary, ...] = ()
+    """Every run with a result, also the rejected ones, oldest first."""
 
     @property
     def is_ready(self) -> bool:
@@ -110,6 +118,23 @@ class ItemState:
     def accepted(self) -> bool:
         """Whether the operator has accepted the estimates of the valid run."""
         return self.run is not None and self.run.name in self.item.accepted
+
+    @property
+    def awaits_acceptance(self) -> bool:
+        """Whether a result is to be accepted: that of the candidate, or that of the valid run."""
+        return self.candidate is not None or (self.status is ItemStatus.DONE and not self.accepted)
+
+    @property
+    def reviewed_estimates(self) -> tuple[EstimatedQuantity, ...]:
+        """Estimates of the run that is accepted or rejected next."""
+        return self.estimates if self.candidate is None else self.candidate.estimates
+
+    @property
+    def reviewed_run(self) -> Path | None:
+        """The run that is accepted or rejected next: the candidate, or else `run`."""
+        if self.candidate is None or self.run is None:
+            return self.run
+        return self.run.parent / self.candidate.name
 
 
 def evaluate_items(
@@ -145,38 +170,77 @@ def _evaluate_item(
 ) -> ItemState:
     if item.skipped:
         return ItemState(item, title, ItemStatus.SKIPPED, item.skipped, NextAction.NONE)
-    last = runs[-1] if runs else None
+    results = tuple(run for run in runs if run.has_result)
+    # Runs before a request to measure again are not resumed; their results count until there is another.
+    since = [run for run in runs if (run.running or run.start_time >= item.since) and run.name not in item.rejected]
+    last = since[-1] if since else None
     if last is not None and last.running:
-        return ItemState(
-            item, title, ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, folder / last.path
-        )
-    waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
-    do = NextAction.WAIT if waits else NextAction.REPEAT
-    if done := next((run for run in reversed(runs) if run.has_result), None):
-        why = _stale_reason(item, done, previous, based_on.get(done.name))
-        later = "" if last is None or last is done else f"; a later run {_later_text(last)}"
-        status, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, _result_text(done))
         return ItemState(
             item,
             title,
-            status,
-            reason + later,
+            ItemStatus.RUNNING,
+            f"{last.name} is being written",
+            NextAction.WAIT,
+            folder / last.path,
+            results=results,
+        )
+    waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
+    do = NextAction.WAIT if waits else NextAction.REPEAT
+    resumes = last is not None and not last.has_result and last.resumable
+    if (done := _valid_run(item, results, previous, based_on)) is not None:
+        newest = [run for run in results if run.name not in item.rejected][-1]
+        candidate = newest if newest is not done and newest.name not in item.accepted else None
+        requested = bool(item.since) and newest.start_time < item.since
+        why = REPEAT_REASON if requested else _stale_reason(item, done, previous, based_on.get(done.name))
+        if candidate is not None:
+            why, later = "", "; a later run is to be accepted"
+        else:
+            later = "" if last is None or last.has_result else f"; a later run {_later_text(last)}"
+        if requested and resumes and not waits:
+            do = NextAction.RESUME
+        return ItemState(
+            item,
+            title,
+            ItemStatus.STALE if why else ItemStatus.DONE,
+            (why or _result_text(done)) + later,
             do if why else NextAction.NONE,
             folder / done.path,
             done.start_time,
             done.estimates,
-        )  # fmt: skip
+            folder / last.path if last is not None and do is NextAction.RESUME else None,
+            candidate,
+            results,
+        )
     if last is None:
         if waits:
-            return ItemState(item, title, ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT)
-        return ItemState(item, title, ItemStatus.MISSING, "not measured yet", NextAction.RUN)
-    if last.resumable:
+            status, reason, do = ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT
+        else:
+            status, reason, do = ItemStatus.MISSING, "not measured yet", NextAction.RUN
+        return ItemState(item, title, status, reason, do, results=results)
+    path = folder / last.path
+    if resumes:
         why = "its program is gone" if last.state == RunState.CRASHED else last.reason
         reason = f"{last.state} with {last.entries} points: {why}"
         do = NextAction.WAIT if waits else NextAction.RESUME
-        return ItemState(item, title, ItemStatus.UNFINISHED, reason, do, folder / last.path, last.start_time)
+        return ItemState(
+            item, title, ItemStatus.UNFINISHED, reason, do, path, last.start_time, resumed_run=path, results=results
+        )
     status = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
-    return ItemState(item, title, status, _failure_text(last), do, folder / last.path, last.start_time)
+    return ItemState(item, title, status, _failure_text(last), do, path, last.start_time, results=results)
+
+
+def _valid_run(
+    item: CampaignItem,
+    results: Sequence[RunSummary],
+    previous: Mapping[str, ItemState],
+    based_on: Mapping[str, Basis],
+) -> RunSummary | None:
+    """Return the run that counts: the one accepted last, while what it rests on has not changed; otherwise the newest."""
+    valid = {run.name: run for run in results if run.name not in item.rejected}
+    accepted = next((valid[name] for name in reversed(item.accepted) if name in valid), None)
+    if accepted is not None and not _stale_reason(item, accepted, previous, based_on.get(accepted.name)):
+        return accepted
+    return list(valid.values())[-1] if valid else None
 
 
 def _result_text(run: RunSummary) -> str:

@@ -12,6 +12,7 @@ from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus
 from app.identification import IdentificationResult, ObservationError, SheetError, amplifier_of, identify
+from app.session import real_duration_s
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, PaperChainError
@@ -33,20 +34,29 @@ class ItemSummary:
     accepted_estimates: tuple[EstimatedQuantity, ...] = ()
     """Accepted estimates of its dependencies."""
     rehearsal: Rehearsal | None = None
-    """Rehearsal; None if nothing is left to do, or without a bench."""
+    """Rehearsal, in bench time; None if nothing is left to do, or without a bench."""
+    time_scale: float = 1.0
+    """Real seconds per second of bench time, which a simulated bench may pass faster."""
 
     @property
     def name(self) -> str:
         return self.state.item.name
 
     @property
+    def duration_s(self) -> float | None:
+        """Real time that the measurement takes; None if nothing is left to do, or without a bench."""
+        return None if self.rehearsal is None else self.time_scale * self.rehearsal.duration_s
+
+    @property
     def awaits_acceptance(self) -> bool:
         """Whether the item is done but its estimates are not accepted yet."""
-        return self.state.status is ItemStatus.DONE and not self.state.accepted
+        return self.state.awaits_acceptance
 
     @property
     def status_text(self) -> str:
         """Status as text."""
+        if self.state.candidate is not None:
+            return "new result, to be accepted"
         if self.state.status is ItemStatus.DONE:
             return "done, accepted" if self.state.accepted else "done, to be accepted"
         return str(self.state.status)
@@ -68,6 +78,8 @@ class CampaignSummary:
     """Why the bench cannot measure the rest; empty if it can, or without a bench."""
     can_undo: bool = False
     can_redo: bool = False
+    time_scale: float = 1.0
+    """Real seconds per second of bench time."""
 
     def item(self, name: str) -> ItemSummary | None:
         return next((row for row in self.items if row.name == name), None)
@@ -92,10 +104,8 @@ class CampaignSummary:
         return tuple(row.rehearsal for row in self.items if row.rehearsal is not None)
 
     def remaining_s(self, excluding: str = "") -> float:
-        """Return the bench time still needed, without one item."""
-        return sum(
-            row.rehearsal.duration_s for row in self.items if row.rehearsal is not None and row.name != excluding
-        )
+        """Return the real time still needed, without one item."""
+        return sum(row.duration_s for row in self.items if row.duration_s is not None and row.name != excluding)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +133,14 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
             refusal = next((f"{item.name}: {reason}" for item, reason in rehearsed.refusals), "")
         except (BenchError, CampaignError) as error:
             refusal = str(error)
+    time_scale = real_duration_s(1.0, bench)
     rows = tuple(
         ItemSummary(
             line,
             campaign.needs_operator(line.item),
             tuple(campaign.accepted_estimates(line.item).values()),
             rehearsals.get(line.item.name),
+            time_scale,
         )
         for line in lines
     )
@@ -143,6 +155,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
         refusal=refusal,
         can_undo=campaign.can_undo,
         can_redo=campaign.can_redo,
+        time_scale=time_scale,
     )
 
 

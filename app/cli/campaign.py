@@ -210,7 +210,10 @@ VERBS: Mapping[str, tuple[type[CampaignCommand], str]] = {
     "run": (RunItemCommand, "measure the next item, or the one that is named"),
     "resume": (RunItemCommand, "resume the item that was interrupted"),
     "skip": (SkipCommand, "skip an item"),
-    "repeat": (ItemCommand, "measure an item again: its earlier runs no longer count"),
+    "repeat": (
+        ItemCommand,
+        "measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted",
+    ),
     "accept": (ItemCommand, "accept the result of an item's run after reviewing it"),
     "reject": (ItemCommand, "reject the present run of an item"),
     "move": (MoveCommand, "move an item before another one"),

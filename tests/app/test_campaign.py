@@ -110,13 +110,47 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
 def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
     campaign, events = measured
     campaign.repeat("wiring")
-    assert [line.status for line in campaign.item_states()] == [ItemStatus.MISSING, ItemStatus.STALE, ItemStatus.STALE]
+    assert [line.status for line in campaign.item_states()] == [ItemStatus.STALE] * 3
+    assert campaign.item_state("wiring").estimates, "what counted before still counts"
     assert campaign.next_item().item.name == "wiring"
     carry_out(campaign, events, most=1)
     lines = campaign.item_states()
     assert [line.status for line in lines] == [ItemStatus.DONE, ItemStatus.STALE, ItemStatus.STALE]
     assert lines[1].reason == "wiring was measured again"
     assert campaign.next_item(hands_free=True) is None  # the steps need manual actions, and the dwell depends on them
+
+
+@pytest.mark.deep
+def test_an_accepted_run_counts_until_the_new_one_is_accepted(measured) -> None:
+    campaign, events = measured
+    campaign.accept("wiring")
+    first = campaign.item_state("wiring").run
+    campaign.repeat("wiring")
+    assert campaign.item_state("wiring").run == first
+    assert "this result counts until then" in campaign.item_state("wiring").reason
+    assert campaign.undo(), "a key pressed by mistake is taken back"
+    assert [line.status for line in campaign.item_states()] == [ItemStatus.DONE] * 3
+    campaign.repeat("wiring")
+    carry_out(campaign, events, most=1)
+    line = campaign.item_state("wiring")
+    assert (line.status, line.run, line.next_action) == (ItemStatus.DONE, first, NextAction.NONE)
+    assert line.candidate is not None
+    assert campaign.item_state("dwell").status is ItemStatus.DONE, "nothing rests on the new run yet"
+    campaign.reject("wiring")
+    line = campaign.item_state("wiring")
+    assert (line.status, line.run, line.candidate) == (ItemStatus.STALE, first, None), (
+        "it is still to be measured again"
+    )
+    campaign.undo()
+    campaign.accept("wiring")
+    line = campaign.item_state("wiring")
+    assert line.run != first
+    assert line.candidate is None
+    assert campaign.item_state("steps").status is ItemStatus.STALE
+    assert first is not None
+    campaign.accept("wiring", first.name)
+    assert campaign.item_state("wiring").run == first, "an earlier run is selected"
+    assert campaign.item_state("dwell").status is ItemStatus.DONE
 
 
 def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(measured) -> None:

@@ -45,6 +45,9 @@ ACTION_BUTTON_LABELS = {
 """Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
 
 
+STEP_HEIGHT_LINES = 8
+
+
 class NextStepPane(QFrame):
     """Shows one step."""
 
@@ -61,6 +64,7 @@ class NextStepPane(QFrame):
             for action, text in ACTION_BUTTON_LABELS.items()
         }
         text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
+        self.setFixedHeight(STEP_HEIGHT_LINES * self.fontMetrics().lineSpacing())  # the list below never moves
         buttons = column(*self.buttons.values(), STRETCH, spacing=6)
         row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
 
@@ -71,6 +75,7 @@ class NextStepPane(QFrame):
         self.detail.setText(step.detail)
         for label in (self.reason, self.detail):
             label.setVisible(bool(label.text()))
+            label.setToolTip(label.text())
         for what, button in self.buttons.items():
             button.setVisible(what in step.actions)
             first = bool(step.actions) and what == step.actions[0]

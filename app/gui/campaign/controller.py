@@ -35,6 +35,8 @@ class CampaignController(QObject):
     """Emitted when `summary`, `estimates` or `available` have changed."""
     message = Signal(str)
     """Why something was not done."""
+    modified = Signal(str)
+    """What was changed, where `modify` was given a text for it."""
     run_requested = Signal(object)
     """A `RunRequest` for the session."""
 
@@ -114,8 +116,8 @@ class CampaignController(QObject):
         """Read the status of every item again."""
         self.modify(lambda _: None)
 
-    def modify(self, action: Callable[[Campaign], object]) -> None:
-        """Apply a change to the campaign and refresh."""
+    def modify(self, action: Callable[[Campaign], object], done: str = "") -> None:
+        """Apply a change to the campaign and refresh; `done` tells it when it is done."""
         if self._campaign is None:
             return
 
@@ -127,7 +129,18 @@ class CampaignController(QObject):
             self._stamp = campaign.path.stat().st_mtime_ns
             return summarize_campaign(campaign, self._bench())
 
-        self._file_worker.submit(work, self._on_summary, self._on_error)
+        def show(summary: CampaignSummary) -> None:
+            self._on_summary(summary)
+            if done:
+                self.modified.emit(done)
+
+        self._file_worker.submit(work, show, self._on_error)
+
+    def undo(self, forward: bool = False) -> None:
+        """Undo the last change of the plan, or redo the one that was undone."""
+        self.modify(
+            lambda campaign: campaign.redo() if forward else campaign.undo(), "Done again" if forward else "Undone"
+        )
 
     # -- runs ----------------------------------------------------------------------------------------------------------
 

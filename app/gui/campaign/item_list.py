@@ -163,7 +163,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         left, right, middle = round(box.right()) + 16, area.right() - 10, area.center().y()
         top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
         bottom = QRect(QPoint(left, middle), QPoint(right, area.bottom()))
-        duration = "" if row.rehearsal is None else format_duration(row.rehearsal.duration_s)
+        duration = "" if row.duration_s is None else format_duration(row.duration_s)
         self._draw_line(painter, option, top, (row.name, theme.text), (row.state.title, theme.text), duration)
         head = ("running" if running else row.status_text, color)
         reason = "" if status in ("done", "running") else row.state.reason

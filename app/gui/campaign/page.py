@@ -13,7 +13,7 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import Theme, add_actions, choose_files
+from app.gui.widgets import Theme, Toast, add_actions, choose_files
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for
 from app.session import WindowState
 
@@ -57,6 +57,7 @@ class CampaignPage(QStackedWidget):
                 QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored
             )  # the Measure page determines the minimum size
             self.addWidget(part)
+        self.toast = Toast(self)
         self._connect_signals()
 
     # -- interface to the main window ----------------------------------------------------------------------------------
@@ -156,11 +157,18 @@ class CampaignPage(QStackedWidget):
                 return
             case "skip":
                 why = "" if row.state.status == "skipped" else "skipped"
-                self.controller.modify(lambda campaign: campaign.skip(row.name, why))
+                done = f"{row.name} is skipped" if why else f"{row.name} is included again"
+                self.controller.modify(lambda campaign: campaign.skip(row.name, why), done)
             case "accept" if row.awaits_acceptance:
-                self.controller.modify(lambda campaign: campaign.accept(row.name))
-            case "repeat" | "reject" if row.state.run is not None:
-                self.controller.modify(lambda campaign: getattr(campaign, action)(row.name))
+                done = f"{row.name} is accepted"
+                self.controller.modify(lambda campaign: campaign.accept(row.name), done)
+            case "repeat" if row.state.run is not None:
+                kept = "; its result counts until a new one is accepted" if row.state.estimates else ""
+                done = f"{row.name} is to be measured again{kept}"
+                self.controller.modify(lambda campaign: campaign.repeat(row.name), done)
+            case "reject" if row.state.run is not None:
+                done = f"{row.name}: {row.state.reviewed_run.name if row.state.reviewed_run else 'the run'} is rejected"
+                self.controller.modify(lambda campaign: campaign.reject(row.name), done)
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""
@@ -208,6 +216,11 @@ class CampaignPage(QStackedWidget):
         for pane in (self.board.header, self.start_pane):
             pane.message_label.show_message(text, is_error=True)
 
+    def _show_change(self, text: str) -> None:
+        """Show what was changed; everything but an undo can be undone."""
+        undone = text in ("Undone", "Done again")
+        self.toast.show_message(text, None if undone else self.controller.undo)
+
     def _show_start(self) -> None:
         if not self._busy:
             self.controller.find_campaigns(self._location()[0])
@@ -225,6 +238,7 @@ class CampaignPage(QStackedWidget):
     def _connect_signals(self) -> None:
         self.controller.changed.connect(self._on_campaign_changed)
         self.controller.message.connect(self._show_message)
+        self.controller.modified.connect(self._show_change)
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
         self.start_pane.browse_pressed.connect(self._choose_campaign_file)
@@ -233,14 +247,16 @@ class CampaignPage(QStackedWidget):
         )
         self.board.action_requested.connect(self.perform_action)
         self.board.item_moved.connect(
-            lambda name, before: self.controller.modify(lambda campaign: campaign.move(name, before))
+            lambda name, before: self.controller.modify(
+                lambda campaign: campaign.move(name, before), f"{name} is moved"
+            )
         )
         add_actions(
             self,
             {
                 "campaign.queue": self._toggle_queue,
-                "campaign.undo": lambda: self.controller.modify(lambda campaign: campaign.undo()),
-                "campaign.redo": lambda: self.controller.modify(lambda campaign: campaign.redo()),
+                "campaign.undo": self.controller.undo,
+                "campaign.redo": lambda: self.controller.undo(forward=True),
                 "campaign.new": self._show_start,
                 "campaign.open": self._choose_campaign_file,
             },

@@ -40,3 +40,4 @@ from .theme import LIGHT as LIGHT
 from .theme import Theme as Theme
 from .theme import style_sheet as style_sheet
 from .theme import system_theme as system_theme
+from .toast import Toast as Toast

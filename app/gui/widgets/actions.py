@@ -97,7 +97,7 @@ ACTIONS = {
                     "repeat",
                     "Measure the selected one again",
                     "M",
-                    "Measure it again: its earlier runs no longer count",
+                    "Measure it again: what counts now counts until the new result is accepted",
                     False,
                 ),
                 ("accept", "Accept the result of the selected item (also Enter)", "A", "", False),

@@ -144,7 +144,7 @@ def style_sheet(theme: Theme) -> str:
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
     QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
-    QLabel[kind="step"] {{ font-size: 19pt; font-weight: bold; }}
+    QLabel[kind="step"] {{ font-size: 15pt; font-weight: bold; }}
     QLabel[kind="step-why"] {{ font-size: 11pt; }}
     QLabel[kind="step-detail"] {{ font-size: 11pt; font-weight: bold; }}
     QLabel[kind="large"] {{ font-size: 11pt; }}
@@ -228,6 +228,8 @@ def style_sheet(theme: Theme) -> str:
     QFrame[kind="broken"] QLabel {{ color: {theme.simulated}; font-size: 11pt; font-weight: bold; }}
     QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
     QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
+    QFrame[kind="toast"] {{ background: {theme.text}; border: none; border-radius: 6px; }}
+    QFrame[kind="toast"] QLabel {{ color: {theme.window}; font-size: 11pt; }}
     QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.error}; border-radius: 6px; }}
     QFrame[kind="caution"] {{ background: {theme.panel}; border: 2px solid {theme.warning}; border-radius: 6px; }}
     QFrame[kind="caution"] QLabel, QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
