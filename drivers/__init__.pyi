@@ -6,6 +6,7 @@ from .bench.levels import LevelAction as LevelAction
 from .bench.levels import LevelSettings as LevelSettings
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
+from .bench.safety_statement import safety_statement as safety_statement
 from .bench.shutdown import DISPLACEMENT_CHANNEL as DISPLACEMENT_CHANNEL
 from .bench.shutdown import DRIVE_CHANNEL as DRIVE_CHANNEL
 from .bench.shutdown import LiveWarning as LiveWarning
@@ -67,6 +68,7 @@ from .interfaces import RestTimer as RestTimer
 from .interfaces import Scale as Scale
 from .interfaces import Source as Source
 from .interfaces import Stream as Stream
+from .interfaces import UnattendedEnd as UnattendedEnd
 from .nidaq.analog_input import NiDigitizer as NiDigitizer
 from .nidaq.analog_input import list_devices as list_devices
 from .nidaq.analog_output import NiAnalogOutput as NiAnalogOutput

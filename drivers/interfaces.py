@@ -221,6 +221,16 @@ class HoldRenewer(Protocol):
 
 
 @runtime_checkable
+class UnattendedEnd(Protocol):
+    """A source that states what its output does when program and watchdog die at the same moment."""
+
+    @property
+    def unattended_end(self) -> str:
+        """What a drive and a held level do then, as a clause for an operator."""
+        ...
+
+
+@runtime_checkable
 class LiveChecker(Protocol):
     """A source that reports whether an earlier program left a drive or a level on it. For others this is assumed."""
 

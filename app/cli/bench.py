@@ -194,6 +194,8 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
     times = record["times"]
     if times["stop_s"] is not None:
         console.print(f"Stop takes {times['stop_s']:.2f} s until the instrument reports rest")
+    if times["reply_s"] is not None:
+        console.print(f"The slowest reply arrives {times['reply_s']:.2f} s after its message, an upload's included")
     if times["start_s"] is not None:
         console.print(f"A drive begins {1e3 * times['start_s']:.1f} ms after its trigger")
     if times["second_client_s"] is not None:

@@ -90,13 +90,15 @@ class ConsoleObserver:
             case RunStarted():
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
                 self._print(f"writing {event.path}" + (f"; {self._key_help}" if self._key_help else ""))
-            case BenchArmed(high_voltage):
+            case BenchArmed(high_voltage, _, safety):
                 on = (
                     "high voltage is on, as confirmed by the operator"
                     if high_voltage
                     else "high voltage is off and stays off"
                 )
                 self._print(f"rest is measured; {on}")
+                if safety:
+                    self._print(f"safety: {safety}")
             case PromptShown(_, prompt):
                 self._print((f"> {prompt.text}", "bold yellow"))
             case PromptAnswered(_, text):

@@ -249,6 +249,7 @@ def _make_watchdog(
     if not config.watchdog.enabled:
         return NoWatchdog(WATCHDOG_DISABLED_WARNING)
     card_output = config.source.kind == "card-output"
+    measured = commissioning_state(source.identity, config.simulated)
     if card_output and server:
         return NoWatchdog(SERVED_OUTPUT_WARNING)
     clock.watchdog = WatchdogClient(
@@ -271,6 +272,8 @@ def _make_watchdog(
             and not getattr(source, "SINGLE_SESSION", False),
             patience_s=config.watchdog.patience_s,
             locks=locks,
+            measured_stop_s=measured.stop_s,
+            measured_reply_s=measured.reply_s,
         )
     )
     return clock.watchdog

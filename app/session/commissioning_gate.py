@@ -24,12 +24,14 @@ class CommissioningState:
         note: for the log of each run; empty if there is nothing to say.
         stored: plain values for each run file.
         stop_s: measured duration of Stop; 0 if unknown.
+        reply_s: longest measured time from a message to its reply; 0 if unknown.
     """
 
     refusal: str
     note: str
     stored: dict[str, Any]
     stop_s: float = 0.0
+    reply_s: float = 0.0
 
 
 def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -> CommissioningState:
@@ -46,11 +48,18 @@ def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -
 
     record = load_record(identity)
     if record is not None and record.is_valid:
-        stop_s = record.stop_s if math.isfinite(record.stop_s) else None
-        stored = {"status": "commissioned", "date": record.date, "stop_s": stop_s, "record": str(record.path)}
+        stop_s, reply_s = (s if math.isfinite(s) else None for s in (record.stop_s, record.reply_s))
+        stored = {
+            "status": "commissioned",
+            "date": record.date,
+            "stop_s": stop_s,
+            "reply_s": reply_s,
+            "record": str(record.path),
+        }
         stop = f"; Stop took {stop_s:.2f} s" if stop_s is not None else ""
-        note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}"
-        return CommissioningState("", note, stored, stop_s or 0.0)
+        reply = f"; its slowest reply took {reply_s:.2f} s" if reply_s is not None else ""
+        note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
+        return CommissioningState("", note, stored, stop_s or 0.0, reply_s or 0.0)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}

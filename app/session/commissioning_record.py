@@ -47,6 +47,7 @@ class CommissioningRecord:
         date: when it was made, ISO 8601.
         failed: the checks that did not pass, as sentences.
         stop_s: measured duration of Stop, NaN if unknown.
+        reply_s: longest measured time from a message to its reply, NaN if unknown.
         simulated: whether the instrument was a simulated one.
         path: of its file.
     """
@@ -55,6 +56,7 @@ class CommissioningRecord:
     date: str
     failed: tuple[str, ...]
     stop_s: float
+    reply_s: float
     simulated: bool
     path: Path
 
@@ -119,6 +121,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
             "stop_s": _finite(found.times.stop_s),
             "start_s": _finite(found.times.start_s),
             "second_client_s": _finite(found.times.second_client_s),
+            "reply_s": _finite(found.times.reply_s),
         },
         "errors": list(found.errors),
     }
@@ -145,13 +148,14 @@ def load_record(identity: Identity) -> CommissioningRecord | None:
             )
             for check in read["checks"]
         ]
-        stop_s = read["times"]["stop_s"]
+        times = {name: math.nan if value is None else float(value) for name, value in read["times"].items()}
         failed = tuple(describe_check(check) for check in checks if not check.passed)
         return CommissioningRecord(
             worst_verdict(checks),
             str(read["date"]),
             failed,
-            math.nan if stop_s is None else float(stop_s),
+            times["stop_s"],
+            times.get("reply_s", math.nan),  # older records have none
             bool(read["simulated"]),
             path,
         )

@@ -62,10 +62,14 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return Severity.INFO, f"{begun}, into {PurePath(event.path).name}"
         case StreamStarted():
             return Severity.INFO, f"The card runs at {event.rate_hz:g} scans per second"
-        case BenchArmed(high_voltage):
+        case BenchArmed(high_voltage, _, safety):
             if not high_voltage:
                 return Severity.SUCCESS, "Rest is measured; high voltage is off and stays off"
-            return Severity.WARNING, "Armed: rest is measured; high voltage is on, as confirmed by the operator"
+            stated = f". Safety: {safety}" if safety else ""
+            return (
+                Severity.WARNING,
+                f"Armed: rest is measured; high voltage is on, as confirmed by the operator{stated}",
+            )
         case InterferenceMeasured(_, lines) if lines:
             return Severity.WARNING, f"At rest the laser sees {', '.join(map(_describe_line, lines))}"
         case RunPaused(reason, high_voltage):

@@ -12,7 +12,16 @@ from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
-from drivers.interfaces import DriveChecker, HoldRenewer, Identity, LiveChecker, OutputReporter, RestTimer, Source
+from drivers.interfaces import (
+    DriveChecker,
+    HoldRenewer,
+    Identity,
+    LiveChecker,
+    OutputReporter,
+    RestTimer,
+    Source,
+    UnattendedEnd,
+)
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
@@ -119,6 +128,11 @@ class HvAmplifier:
     def reason_unsupported(self, drive: Drive) -> str:
         """Return why the source cannot play a drive, with the remedy; empty if it can."""
         return self._source.reason_unsupported(drive) if isinstance(self._source, DriveChecker) else ""
+
+    @property
+    def unattended_end(self) -> str:
+        """What the source does when program and watchdog die; empty if its driver does not state it."""
+        return self._source.unattended_end if isinstance(self._source, UnattendedEnd) else ""
 
     @property
     def plays_to_the_end(self) -> bool:

@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import math
 import time
 from pathlib import Path
 from typing import Protocol
@@ -24,6 +25,9 @@ class Watchdog(Protocol):
 
     inactive_reason: str
     """Why the bench is not monitored; empty if it is."""
+
+    notices_after_s: float
+    """After how long a silence of the run thread it acts; NaN where nothing watches."""
 
     @property
     def takeover_outcome(self) -> str:
@@ -72,6 +76,7 @@ class NoWatchdog:
 
     def __init__(self, inactive_reason: str = "") -> None:
         self.inactive_reason = inactive_reason
+        self.notices_after_s = math.nan
         self.takeover_outcome = ""
 
     def set_log_folder(self, folder: Path) -> None: ...

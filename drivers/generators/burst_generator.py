@@ -260,6 +260,11 @@ class BurstGenerator(ABC):
         """Whether a drive can only be stopped by waiting for its end."""
         return not self.CAN_FREEZE_RANGE
 
+    @property
+    def unattended_end(self) -> str:
+        limit = "" if self.CAN_FREEZE_RANGE else f", within {MAX_UNSTOPPABLE_DRIVE_S:g} s"
+        return f"a drive plays to its end and is at rest{limit}; a held level stays"
+
     def stop(self) -> None:
         if not self.CAN_FREEZE_RANGE:
             self._wait_for_burst_end()

@@ -96,7 +96,7 @@ class NiAnalogOutput:
         margin_s: float = 0.1,
         lease_s: float = 5.0,
     ) -> None:
-        self._connection = NiConnection(device, server)
+        self._connection, self._server = NiConnection(device, server), server
         self._physical_channel, self._readback_channel = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
         self._trigger = f"/{device}/{start_trigger}" if start_trigger else ""
         self._clock, self._margin_s, self.lease_s = clock, margin_s, lease_s
@@ -152,6 +152,13 @@ class NiAnalogOutput:
                 f"{MAX_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
             )
         return ""
+
+    @property
+    def unattended_end(self) -> str:
+        if self._server:
+            rest = f"{self.lease_s:g} s later, at {RETURN_V_PER_S:g} V/s"
+            return f"a drive plays to its end and is at rest; a held level returns to rest {rest}"
+        return "the output stays at the sample that was converted last"
 
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
         replies_s = (STOP_ROUND_TRIPS + RAMP_ROUND_TRIPS) * self._reply_s

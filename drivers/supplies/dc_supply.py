@@ -173,6 +173,8 @@ class DcSupply:
             f"in up to {self._fall_time_s:g} s. Use a generator or the card's output for it. Nothing was sent"
         )
 
+    unattended_end = "the output stays at the level that was reached"
+
     def stop(self) -> None:
         self._stop_staircase()
         RampDown(self._output.link).query(self._output.clear_error_queue)

@@ -1,4 +1,4 @@
-"""Observed link: an instrument's connection whose messages are reported before they are sent."""
+"""Observed link: an instrument's connection whose messages and replies are reported."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,10 +12,13 @@ class ObservedLink:
     Args:
         link: the connection.
         on_message: may sleep, so that messages are separated in time.
+        on_reply: called after each reply.
     """
 
-    def __init__(self, link: Link, on_message: Callable[[str], None]) -> None:
-        self._link, self._on_message = link, on_message
+    def __init__(
+        self, link: Link, on_message: Callable[[str], None], on_reply: Callable[[], None] = lambda: None
+    ) -> None:
+        self._link, self._on_message, self._on_reply = link, on_message, on_reply
         self.name = link.name
 
     def write(self, message: str) -> None:
@@ -25,7 +28,9 @@ class ObservedLink:
 
     def read(self) -> str:
         """Return the next reply. Raises LinkError if none arrives within the timeout."""
-        return self._link.read()
+        reply = self._link.read()
+        self._on_reply()
+        return reply
 
     def clear(self) -> None:
         """Discard pending replies."""

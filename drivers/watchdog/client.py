@@ -35,6 +35,7 @@ class WatchdogClient:
 
     def __init__(self, config: WatchdogConfig) -> None:
         self._config = config
+        self.notices_after_s = config.silence_s
         self._log_folder: Path | None = None
         self._changed = threading.Condition()
         self._write_lock = threading.Lock()
@@ -99,7 +100,9 @@ class WatchdogClient:
     @contextlib.contextmanager
     def allow_silence(self, seconds: float | None = None) -> Iterator[None]:
         before, takeovers = self._allowed_silence_s, self._takeovers_at_allow
-        self._allowed_silence_s = max(before, self._config.timeout_s + REPLY_MARGIN_S if seconds is None else seconds)
+        self._allowed_silence_s = max(
+            before, self._config.longest_reply_s + REPLY_MARGIN_S if seconds is None else seconds
+        )
         self.send_heartbeat()
         if self._taking_over:
             with self._changed:
@@ -119,7 +122,11 @@ class WatchdogClient:
         self._takeover_outcome = ""
         self._send(f"help {_single_line(reason)}")
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._takeover_outcome or self._ended), REST_REQUEST_TIMEOUT_S)
+            # Two attempts, and what each needs beside Stop.
+            self._changed.wait_for(
+                lambda: bool(self._takeover_outcome or self._ended),
+                REST_REQUEST_TIMEOUT_S + self._config.retry_time_s(0.0),
+            )
         return self._takeover_outcome or "the watchdog did not answer"
 
     def log(self, message: str) -> None:

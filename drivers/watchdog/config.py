@@ -28,6 +28,8 @@ class WatchdogConfig:
             watchdog kills a program that hangs, and connects then.
         patience_s: how long it retries.
         locks: lock files of the instruments; they stay locked until the watchdog has ended, too.
+        measured_stop_s: duration of Stop, from the commissioning record of the source; 0 if unknown.
+        measured_reply_s: longest time from a message to its reply, from the same record; 0 if unknown.
     """
 
     source: str
@@ -44,6 +46,17 @@ class WatchdogConfig:
     own_connection: bool = True
     patience_s: float = 30.0
     locks: tuple[str, ...] = ()
+    measured_stop_s: float = 0.0
+    measured_reply_s: float = 0.0
+
+    @property
+    def longest_reply_s(self) -> float:
+        """How long the program may wait for a reply without counting as dead: the timeout, or what was measured if longer."""
+        return max(self.timeout_s, self.measured_reply_s)
+
+    def retry_time_s(self, assumed_s: float) -> float:
+        """Return for how long a failed way to rest is retried: a second attempt must fit, by the measured Stop."""
+        return max(assumed_s, 2 * self.measured_stop_s)
 
     def as_line(self) -> str:
         return json.dumps(asdict(self))

@@ -92,14 +92,17 @@ class WatchdogLoop:
                 self._live = False
                 if not self._config.own_connection:
                     self._kill_program()
-                self._bring_to_rest(silent, self._config.patience_s)
+                self._bring_to_rest(silent, self._config.retry_time_s(self._config.patience_s))
             if self._live and time.monotonic() - self._last_tick_s > TICK_PERIOD_S:
                 self._last_tick_s = time.monotonic()
                 send_line("tick")
 
     def _on_program_exit(self) -> None:
         if self._live or self._took_over:
-            self._bring_to_rest("the program ended without a word while the bench was live", self._config.patience_s)
+            self._bring_to_rest(
+                "the program ended without a word while the bench was live",
+                self._config.retry_time_s(self._config.patience_s),
+            )
         else:
             self._log("the program ended without a word; the source was at rest, nothing was to be done")
 
@@ -122,7 +125,9 @@ class WatchdogLoop:
                 self._log(argument, to_stderr=False)
             case "help" if self._config.own_connection:
                 self._bring_to_rest(
-                    f"the program could not, and requested it: {argument}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
+                    f"the program could not, and requested it: {argument}",
+                    self._config.retry_time_s(REQUESTED_REST_TIMEOUT_S),
+                    to_stderr=False,
                 )
             case "help":
                 send_line("could-not the watchdog has no connection of its own while the program runs")

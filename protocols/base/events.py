@@ -40,6 +40,8 @@ class BenchArmed:
     high_voltage: bool = True
     way_to_rest_s: float = math.nan
     """Predicted duration of the way to rest from the farthest level; NaN if unknown."""
+    safety: str = ""
+    """How soon the bench is at rest after a stop, and after the death of program and watchdog; empty without high voltage."""
 
 
 @dataclass(frozen=True, slots=True)

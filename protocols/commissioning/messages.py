@@ -1,8 +1,11 @@
 """Messages to a source by what they change: the setting to which a transient of the output is attributed."""
 
+import math
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+
+import numpy as np
 
 from drivers import Clock, Link
 from drivers.transport.observed_link import ObservedLink
@@ -60,11 +63,13 @@ class MessageLog:
         self.separate = False
         self._clock: Clock | None = None
         self._messages: list[Message] = []
+        self.reply_s = math.nan
+        """Longest time from the beginning of a message to its reply; NaN before the first."""
 
     def observe(self, link: Link, clock: Clock) -> ObservedLink:
         """Return the link to the source whose messages are noted."""
         self._clock = clock
-        return ObservedLink(link, self._note)
+        return ObservedLink(link, self._note, self._note_reply)
 
     def take(self) -> tuple[Message, ...]:
         """Return the messages since the last call."""
@@ -78,3 +83,7 @@ class MessageLog:
         if self.separate and kind in SEPARATED:
             self._clock.sleep(SEPARATION_S)
         self._messages.append(Message(self._clock.now(), kind, text.partition(",#")[0][:60]))
+
+    def _note_reply(self) -> None:
+        if self._clock is not None and self._messages:
+            self.reply_s = float(np.fmax(self.reply_s, self._clock.now() - self._messages[-1].time_s))

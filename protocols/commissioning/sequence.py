@@ -67,7 +67,7 @@ class Commissioning:
         second_client: Callable[[], float] | None = None,
     ) -> None:
         self._bench, self._clock, self._progress, self._second_client = bench, clock, progress, second_client
-        self._exerciser = Exerciser(bench, clock, messages)
+        self._exerciser, self._messages = Exerciser(bench, clock, messages), messages
         self._rest_v = bench.amplifier.map.rest_v
         self._traces: list[Trace] = []
         self._started = self._lost = 0
@@ -101,7 +101,7 @@ class Commissioning:
                 _offset(above, below),
                 *_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)}),
             ]
-            return self._commissioned(checks, MeasuredTimes(math.nan, math.nan, math.nan))
+            return self._commissioned(checks, MeasuredTimes(math.nan, math.nan, math.nan, self._messages.reply_s))
         checks = [*self._levels(bursts, everything), _offset(above, below)]
         checks += [*_waveforms(sine or again, uneven, larger), *_transients(everything, stopped), self._starts()]
         checks += [*_wire(cut, bursts), _crosstalk(bursts)]
@@ -183,7 +183,7 @@ class Commissioning:
             self._progress("second connection")
             with suppress(InstrumentError):
                 second_s = self._second_client()
-        return MeasuredTimes(stop_s, max(delays, default=math.nan), second_s)
+        return MeasuredTimes(stop_s, max(delays, default=math.nan), second_s, self._messages.reply_s)
 
 
 def _worst(check: OutputCheck, found: Sequence[tuple[float, str]], limit: float, unit: str = "V") -> CheckedOutput:

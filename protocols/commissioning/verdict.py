@@ -69,11 +69,13 @@ class MeasuredTimes:
             waits for the end of a burst, without that time.
         start_s: from the trigger to the first sample of a drive.
         second_client_s: reply of the instrument to a second connection; NaN if it answers one client only.
+        reply_s: longest time from the beginning of a message to its reply, uploads included.
     """
 
     stop_s: float
     start_s: float
     second_client_s: float
+    reply_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

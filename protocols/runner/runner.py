@@ -6,7 +6,7 @@ import logging
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from drivers import ArmedBench, Bench, BenchError, LiveWarning
+from drivers import ArmedBench, Bench, BenchError, LiveWarning, safety_statement
 from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import (
     BenchArmed,
@@ -144,7 +144,12 @@ class Runner:
                 protocol.high_voltage,
                 self._warn_of_live_specimen,
             ) as armed:
-                self._recorder.publish(BenchArmed(protocol.high_voltage, armed.predicted_rest_s))
+                statement = safety_statement(self._bench.amplifier, self._bench.watchdog, armed.predicted_rest_s)
+                self._recorder.publish(
+                    BenchArmed(
+                        protocol.high_voltage, armed.predicted_rest_s, statement if protocol.high_voltage else ""
+                    )
+                )
                 try:
                     self._entries.run(armed, self._preparation, self._resume_state)
                 finally:

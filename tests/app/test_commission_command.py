@@ -14,9 +14,9 @@ from app.session import commissioning_record, connect
 from app.session.commissioning import commission
 from app.session.commissioning_gate import commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record
-from drivers import Identity, WallClock
+from drivers import Identity, NoWatchdog, WallClock, WatchdogConfig
 from drivers.generators.assumptions import OutputCheck
-from protocols.base import RunStatus
+from protocols.base import BenchArmed, RunStatus
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict
 from protocols.measurements.sine_dwell import SineDwell
@@ -38,7 +38,7 @@ def result(level_v: float = 0.0) -> Commissioned:
         CheckedOutput(OutputCheck.REST, level_v, "V", -0.05, 0.05, "before 'sine'"),
         CheckedOutput(OutputCheck.SCALE, 1.0, "1", 0.97, 1.03),
     )
-    return Commissioned(checks, MeasuredTimes(0.2, 1e-3, float("nan")), (), ())
+    return Commissioned(checks, MeasuredTimes(0.2, 1e-3, float("nan"), 0.4), (), ())
 
 
 def test_a_record_is_that_of_the_instrument_and_its_firmware() -> None:
@@ -49,6 +49,7 @@ def test_a_record_is_that_of_the_instrument_and_its_firmware() -> None:
     assert found.path == path
     assert found.is_valid
     assert found.stop_s == 0.2
+    assert found.reply_s == 0.4
     for other in (
         Identity("Keysight Technologies", "33511B", "MY/12 34", "5.03-3.02"),
         Identity("Keysight Technologies", "33511B", "MY/12 35", "5.02-3.02"),
@@ -95,6 +96,28 @@ def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
     assert not state.refusal
     assert state.stored["status"] == "commissioned"
     assert state.stored["stop_s"] == 0.2
+    assert (state.stop_s, state.reply_s) == (0.2, 0.4)
+    assert state.note.endswith("Stop took 0.20 s; its slowest reply took 0.40 s")
+
+
+def test_a_record_without_a_reply_time_is_read(tmp_path: Path) -> None:
+    path = save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
+    stored = json.loads(path.read_text())
+    del stored["times"]["reply_s"]
+    path.write_text(json.dumps(stored))
+    state = commissioning_state(IDENTITY, simulated=False)
+    assert (state.refusal, state.stop_s, state.reply_s) == ("", 0.2, 0.0)
+
+
+def test_measured_times_are_stated_when_the_bench_is_armed_and_lengthen_the_way_to_rest(tmp_path: Path) -> None:
+    said = []
+    for measured_s in (0.0, 1.5):
+        with laboratory() as lab:
+            lab.bench.amplifier.measured_stop_s = measured_s
+            ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+        said += [e.safety for e in ran.events if isinstance(e, BenchArmed)]
+    assert "(Stop" not in said[0]
+    assert "the way to rest takes up to 2.0 s (Stop measured 1.50 s at commissioning)" in said[1]
 
 
 def test_a_firmware_change_invalidates_the_record() -> None:
@@ -189,7 +212,16 @@ def test_an_unknown_trait_is_refused_with_those_that_the_model_has(
 
 @pytest.mark.deep
 @pytest.mark.parametrize(("model", "answers_two"), [("33511B", True), ("SDG1032X", False)])
-def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(model: str, answers_two: bool) -> None:
+def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(
+    model: str, answers_two: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[WatchdogConfig] = []
+
+    def start(config: WatchdogConfig) -> NoWatchdog:
+        given.append(config)
+        return NoWatchdog()
+
+    monkeypatch.setattr("drivers.WatchdogClient", start)
     control = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(1.0))
     with ServedBench(control) as served:
         config = BenchConfig.model_validate(
@@ -197,7 +229,6 @@ def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(model: st
                 "generator": {"resource": f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"},
                 "card": {"server": f"127.0.0.1:{served.card.port}"},
                 "sensor": {"delay_s": 1e-4},
-                "watchdog": {"enabled": False},
             }
         )
         with connect(config) as before:
@@ -208,4 +239,8 @@ def test_a_source_on_its_wires_is_commissioned_and_admits_high_voltage(model: st
         with connect(config) as after:
             assert after.bench.high_voltage_refusal == ""
             assert after.bench.amplifier.measured_stop_s == done.result.times.stop_s
+            assert (given[0].measured_stop_s, given[0].measured_reply_s) == (0.0, 0.0)
+            assert given[-1].measured_stop_s == done.result.times.stop_s
+            assert given[-1].measured_reply_s == done.result.times.reply_s
+            assert after.bench.configuration["commissioning"]["reply_s"] == done.result.times.reply_s > 0
         assert after.bench.configuration["commissioning"]["status"] == "commissioned"

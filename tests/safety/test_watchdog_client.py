@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -108,11 +109,11 @@ def children(monkeypatch: pytest.MonkeyPatch) -> Children:
 
 
 @pytest.fixture
-def make(children: Children) -> Iterator[Callable[[], WatchdogClient]]:
+def make(children: Children) -> Iterator[Callable[..., WatchdogClient]]:
     clients: list[WatchdogClient] = []
 
-    def start() -> WatchdogClient:
-        clients.append(WatchdogClient(CONFIG))
+    def start(config: WatchdogConfig = CONFIG) -> WatchdogClient:
+        clients.append(WatchdogClient(config))
         return clients[-1]
 
     yield start
@@ -243,6 +244,22 @@ def test_a_command_of_the_source_may_take_as_long_as_its_reply(live: WatchdogCli
         with live.allow_silence(8.0):
             pass
     assert heard(live, child) == [f"beat {s}" for s in ("1.200", "1.200", "1.200", "1.200", "8.000", "1.200", "0.400")]
+
+
+@pytest.mark.parametrize(("measured_s", "allowed_s"), [(3.0, "4.000"), (0.1, "1.200")])
+def test_a_slower_reply_that_was_measured_is_allowed_and_a_faster_one_shortens_nothing(
+    make: Callable[..., WatchdogClient], children: Children, measured_s: float, allowed_s: str
+) -> None:
+    client = make(replace(CONFIG, measured_reply_s=measured_s, measured_stop_s=measured_s))
+    client.arm()
+    with client.allow_silence():
+        pass
+    assert heard(client, children[0])[-2:] == [f"beat {allowed_s}", "beat 0.400"]
+
+
+def test_a_second_attempt_of_the_measured_duration_fits_and_a_shorter_one_shortens_no_patience() -> None:
+    assert replace(CONFIG, measured_stop_s=20.0).retry_time_s(30.0) == 40.0
+    assert replace(CONFIG, measured_stop_s=0.2).retry_time_s(30.0) == 30.0
 
 
 @pytest.mark.parametrize("reports", [False, True])
