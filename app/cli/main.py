@@ -43,9 +43,9 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
     "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
-    "export": ("app.cli.runs", "a run as CSV, JSON or MAT files"),
+    "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "verify": ("app.cli.run_files", "verify run files by their checksums; repair files that a killed program left"),
-    "import": ("app.cli.import_", "import tables and time series, CSV or MAT, as run files"),
+    "import": ("app.cli.import_", "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files"),
     "protocols": ("app.cli.run", "list the protocols and their parameters"),
     "resume": (
         "app.cli.run",

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from app.archive import (
+    FORMATS,
     PARTS,
     Catalogue,
     ExportError,
@@ -106,7 +107,12 @@ class ExportCommand:
     """Write runs as files for other programs."""
 
     runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
-    format: Format = option("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
+    format: Format = option(
+        "--format",
+        choices=FORMATS,
+        default="csv",
+        help="(default: csv); mat73 is MATLAB 7.3, uff has the frequency responses",
+    )
     out: Path | None = option(
         "--out", type=path_argument, metavar="FOLDER", help="folder for the files (default: that of the run)"
     )
@@ -213,7 +219,8 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     "export": CommandSyntax(
         ExportCommand,
         "Points, estimates, events and raw samples with their times, SI units in every header. Files "
-        "from a simulated bench have SIMULATED in their names.",
+        "from a simulated bench have SIMULATED in their names. uff: frequency responses as a Universal File (data sets 151, 164, 58) "
+        "for modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.",
         "example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
     ),
 }

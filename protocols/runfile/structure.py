@@ -124,6 +124,19 @@ def check_structure(file: "h5py.File") -> None:
         )
 
 
+def check_file_structure(path: str | Path) -> None:
+    """Check an HDF5 file that is to be read by another library.
+
+    Raises:
+        StructureError: as `check_structure`.
+        OSError: it is not a readable HDF5 file.
+    """
+    import h5py  # slow to import
+
+    with h5py.File(path, "r") as file:
+        check_structure(file)
+
+
 def is_run_beside(name: str) -> bool:
     """Whether the name of a continued run is that of a run file, relative to the folder of the file that names it."""
     if not name or not name.isprintable() or not name.endswith(".h5"):

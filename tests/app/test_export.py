@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.export import ExportError, export_run
+from app.archive import ExportError, export_run
 from app.cli.main import main
 from app.common.progress import Progress
 from protocols.runfile.reader import Run
@@ -97,8 +97,8 @@ def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: P
 
 
 def test_too_long_a_run_is_refused_with_what_to_do(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.archive.export.MAX_SCANS_IN_ONE_FILE", 100)
-    with Run(path) as run, pytest.raises(ExportError, match="take csv, or leave the raw data out"):
+    monkeypatch.setattr("app.archive.exporting.export.MAX_SCANS", {"mat": 100})
+    with Run(path) as run, pytest.raises(ExportError, match="take csv or parquet, or leave the raw data out"):
         export_run(run, tmp_path, "mat")
 
 

@@ -28,7 +28,7 @@ def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Qua
     )  # fmt: skip
 
 
-def _begun(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
+def begun_run(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
     header = RunMetadata(
         protocol="sine-dwell",
         title="Sine dwell",
@@ -61,7 +61,7 @@ def finished_run(
     verdict: Verdict = NOT_JUDGED,
 ) -> Path:
     """A run of a few points that ended in order."""
-    file = _begun(folder, specimen, frequencies, rate_hz)
+    file = begun_run(folder, specimen, frequencies, rate_hz)
     for f in frequencies:
         file.append_point(sine_point(f, size_m))
     file.finish(RunStatus.COMPLETED, "all points measured", (FOUND,), verdict=verdict)
@@ -71,7 +71,7 @@ def finished_run(
 def crashed_run(folder: Path, specimen: str = "T3") -> Path:
     """What a program leaves that is killed after its first point."""
     with mock.patch("protocols.runfile.writer.os.getpid", return_value=NOBODY):
-        file = _begun(folder / ".writing", specimen, (100.0, 160.0), 5000.0)
+        file = begun_run(folder / ".writing", specimen, (100.0, 160.0), 5000.0)
     file.append_point(sine_point(100.0))
     folder.mkdir(exist_ok=True)
     left = folder / file.path.name

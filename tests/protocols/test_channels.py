@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tactor_bench as tb
-from app.archive.export import export_run
+from app.archive.exporting.export import export_run
 from app.config.bench_file import BenchConfig, ConfigError, load_bench
 from app.session.bench_connection import connect
 from model import AmplifierMap

@@ -57,6 +57,8 @@ COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
         ColumnSpec("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz", "omega", "angularfrequency"), (1.0, 2000.0)),
         ColumnSpec("peak_to_peak", "m", "max - min of the displacement: the paper's amplitude", ("pp", "p2p", "pkpk", "pktopk", "maxmin", "peaktopeakamplitude", "peakpeak"), DISPLACEMENT_RANGE_M),
         ColumnSpec("fundamental", "m", "peak amplitude of the fundamental", ("peakamplitude", "fundamentalamplitude", "sineamplitude"), DISPLACEMENT_RANGE_M),
+        ColumnSpec("receptance", "m/V", "peak amplitude of the fundamental over that of the drive", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
+        ColumnSpec("receptance_errors", "m/V", "standard uncertainty of the receptance"),
         ColumnSpec("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),
         ColumnSpec("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.5)),
         ColumnSpec("drive_peak_to_peak", "V", "drive at the amplifier's input, max - min", ("drivepp", "vpp", "drivemaxmin"), (0.02, 5.0)),
@@ -101,7 +103,7 @@ INPUT_UNCERTAINTIES: dict[str, dict[str, str]] = {
 }
 """Inputs whose uncertainty a fit takes into account, beside the measured quantities, by protocol and with their units."""
 REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "sine-dwell": (("frequency",), ("peak_to_peak", "fundamental")),
+    "sine-dwell": (("frequency",), ("peak_to_peak", "fundamental", "receptance")),
     "static-loading": (("load", "mass"), ("deflection",)),
     "voltage-steps": (("level", "drive", "specimen_voltage"), ("deflection",)),
     "mass-resonance": (("mass",), ("frequency", "resonance")),

@@ -1,4 +1,4 @@
-"""Imports tables and time series, CSV or MAT, as run files."""
+"""Imports tables and time series (CSV, MATLAB, TDMS, Universal File) as run files."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from app.archive.importing import tdms
 from app.archive.importing.columns import (
     TIME_SERIES,
     ColumnMapping,
@@ -21,6 +22,7 @@ from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.points import ImportedRun, build_points, write_imported_run
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.time_series import build_series_points
+from app.archive.importing.universal_file import is_universal_file, read_universal_file
 from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
 from app.config import AmplifierTable, validation_messages
@@ -87,9 +89,13 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
             f"{path} is empty; give a table with a header line, for example 'frequency [Hz],peak_to_peak [um]'"
         )
     if data.startswith(b"MATLAB 7.3 MAT-file"):
-        raise TableImportError(
-            f"{path} is a MATLAB file of version 7.3, which is HDF5; save it again: save('file.mat', '-v7')"
-        )
+        from app.archive.importing.mat_table import read_mat73_table
+
+        return read_mat73_table(path, sha256)
+    if data.startswith(tdms.SIGNATURE):
+        return tdms.read_tdms(path, sha256)
+    if is_universal_file(data):
+        return read_universal_file(path, sha256, data)
     if data.startswith(HDF5_SIGNATURE):
         raise TableImportError(
             f"{path} is an HDF5 file: a run is used as it is; of anything else save the table as CSV or MAT"

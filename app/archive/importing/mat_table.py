@@ -1,5 +1,6 @@
 """MAT file reader: named vectors, a structure of vectors, or an export of this program."""
 
+import importlib.util
 import pickle
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,24 @@ def read_mat_table(path: Path, sha256: str) -> ImportTable:
         TableImportError: it cannot be read, or holds no vectors.
     """
     _check_sizes(path)
-    whole = _load_mat(path)
+    return _table(path, sha256, _load_mat(path, READER_SCRIPT))
+
+
+def read_mat73_table(path: Path, sha256: str) -> ImportTable:
+    """Read the table of a MAT file of version 7.3, which is HDF5.
+
+    Raises:
+        TableImportError: it cannot be read, holds no vectors, or hdf5storage is not installed.
+    """
+    if importlib.util.find_spec("hdf5storage") is None:
+        raise TableImportError(
+            f"{path} is a MATLAB file of version 7.3, which needs the library hdf5storage; install it with: pip install 'tactor-bench[formats]', "
+            "or save the file again: save('file.mat', '-v7')"
+        )
+    return _table(path, sha256, _load_mat(path, READER_SCRIPT_73))
+
+
+def _table(path: Path, sha256: str, whole: Mapping[str, Any]) -> ImportTable:
     named = {name: value for name, value in whole.items() if not name.startswith("__")}
     structures = {name: value for name, value in named.items() if isinstance(value, dict)}
     table = named
@@ -54,14 +72,37 @@ READER_SCRIPT = """import pickle, sys
 from scipy.io import loadmat
 sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))"""
 """Run in a separate process: scipy's reader crashes on some damaged files."""
+READER_SCRIPT_73 = """import pickle, sys
+import numpy
+from hdf5storage import loadmat
+from protocols.runfile.structure import check_file_structure
+
+def plain(value):
+    # A structure is a mapping, or an array of one record; vectors have two dimensions.
+    if isinstance(value, dict):
+        return {str(name): plain(each) for name, each in value.items()}
+    value = numpy.asarray(value)
+    if value.dtype.names:
+        record = value.reshape(-1)[0]
+        return {name: plain(record[name]) for name in value.dtype.names}
+    if value.dtype == object:
+        return plain(value.reshape(-1)[0]) if value.size == 1 else None
+    if value.dtype.kind in 'US':
+        return ''.join(map(str, value.reshape(-1)))
+    return value.item() if value.size == 1 else value.squeeze()
+
+check_file_structure(sys.argv[1])
+named = {name: plain(value) for name, value in loadmat(sys.argv[1]).items()}
+sys.stdout.buffer.write(pickle.dumps({name: value for name, value in named.items() if value is not None}))"""
+"""As READER_SCRIPT, for version 7.3; links to other files and sizes beyond the file are refused before anything is read."""
 READ_TIMEOUT_S = 120.0
 
 
-def _load_mat(path: Path) -> dict[str, Any]:
-    """Read a MAT file with scipy in a separate process."""
+def _load_mat(path: Path, script: str) -> dict[str, Any]:
+    """Read a MAT file in a separate process."""
     try:
         done = subprocess.run(  # noqa: S603 - this very Python, and our own text
-            python_command("-c", READER_SCRIPT, str(path.resolve())),
+            python_command("-c", script, str(path.resolve())),
             env=python_environment(),
             capture_output=True,
             timeout=READ_TIMEOUT_S,

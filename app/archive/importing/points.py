@@ -170,6 +170,14 @@ def _complete_dwell(
                 '--set "peak_to_peak_v=5 V", or name its column: --column drive_peak_to_peak=NAME'
             )
         values["drive_amplitude"] = np.full(rows, options.settings["peak_to_peak_v"] / 2)
+    if "receptance" in values:
+        if "fundamental" in values:
+            raise TableImportError(
+                f"{table.path} has both receptance and fundamental; name the one to leave out with --column"
+            )
+        values["fundamental"] = values.pop("receptance") * values["drive_amplitude"]
+        if "receptance_errors" in values:
+            values["fundamental_errors"] = values.pop("receptance_errors") * values["drive_amplitude"]
     if (beyond := np.flatnonzero(values["drive_amplitude"] > 1.05 * (options.amplifier.high_v - rest_v))).size:
         raise TableImportError(
             f"{table.path}, {table.row_locations[beyond[0]]}: a drive of {2 * values['drive_amplitude'][beyond[0]]:.4g} V, max - min, leaves the "

@@ -5,9 +5,9 @@ from functools import partial
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QWidget
 
-from app.archive import FORMATS, MeasuredResponse, RunSummary
+from app.archive import FORMAT_NAMES, FORMATS, MeasuredResponse, RunSummary
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -71,23 +71,26 @@ class RunDetailsPane(QWidget):
         self.explore_button = make_button(
             "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
         )
-        self.export_buttons = [
-            make_button(
-                kind.upper(),
-                partial(self.export_pressed.emit, kind),
-                "choice",
-                f"Points, estimates, events and raw samples as {kind.upper()} files",
-                f"runs.export-{kind}",
-            )
-            for kind in FORMATS
-        ]
+        self.export_button = make_button(
+            "Export",
+            lambda: None,
+            "choice",
+            tooltip("runs.export"),
+            "runs.export",
+            accessibleName="export the selected runs",
+        )
+        menu = QMenu(self.export_button)
+        for kind in FORMATS:
+            action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
+            action.setObjectName(f"runs.export-{kind}")
+        self.export_button.setMenu(menu)
         fields = grid(
             (QLabel("tags"), 0, 0),
             (self.tags_edit, 0, 1),
             (QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop),
             (self.note_edit, 1, 1),
         )
-        buttons = row(self.open_button, self.explore_button, STRETCH, QLabel("Export"), *self.export_buttons, spacing=6)
+        buttons = row(self.open_button, self.explore_button, STRETCH, self.export_button, spacing=6)
         column(
             self.heading,
             (self.plot, 1),
@@ -117,7 +120,7 @@ class RunDetailsPane(QWidget):
         """Show facts and notes of the selected runs; the plot follows when the files are read."""
         one = selected[0] if len(selected) == 1 else None
         readable = any(e.readable for e in selected)
-        for widget in (self.open_button, self.explore_button, *self.export_buttons):
+        for widget in (self.open_button, self.explore_button, self.export_button):
             widget.setEnabled(readable)
         self.tags_edit.setEnabled(bool(selected))
         self.note_edit.setEnabled(one is not None)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from app.archive.export import export_run
+from app.archive.exporting.export import export_run
 from app.cli.main import main
 from app.identification.specimen_identification import identify
 from drivers.sensors.laser_sensor import LaserSensor

@@ -1,0 +1,1 @@
+"""Export of runs for other programs: tables, MATLAB, Parquet, workbooks, Universal Files."""

@@ -1,0 +1,76 @@
+"""Export as MAT files."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.archive.exporting.parts import Part, about_rows, event_records, raw_chunks, raw_columns
+from app.common import Progress
+from protocols.runfile.reader import Run
+
+
+def write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
+    """Write a MAT file of version 5, which every version of MATLAB and Octave reads."""
+    from scipy.io import savemat
+
+    savemat(
+        str(path),
+        _record(run, parts, progress),
+        appendmat=False,
+        long_field_names=True,
+        oned_as="column",
+        do_compression=True,
+    )
+
+
+def write_mat73(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
+    """Write a MAT file of version 7.3, which has no limit of 2 GB for a variable."""
+    import hdf5storage
+
+    record = {name: _columns_upright(part) for name, part in _record(run, parts, progress).items()}
+    # Texts of this library are vectors, too: only with "row" are they those of MATLAB.
+    hdf5storage.savemat(str(path), record, appendmat=False, format="7.3", oned_as="row", store_python_metadata=False)
+
+
+def _columns_upright(part: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a structure whose vectors of numbers are columns, (N, 1)."""
+    return {
+        name: value.reshape(-1, 1)
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype != object
+        else value
+        for name, value in part.items()
+    }
+
+
+def _record(run: Run, parts: Sequence[Part], progress: Progress) -> dict[str, Any]:
+    """Return structures `about`, `points`, `estimates`, `events`, `raw`, each with a `units` of its fields."""
+    record: dict[str, Any] = {}
+    if "about" in parts:
+        record["about"] = dict(about_rows(run))
+    if "points" in parts:
+        record["points"] = {name: np.asarray(column) for name, column in run.points().items()}
+        record["points"]["units"] = run.units()
+    if "estimates" in parts:
+        record["estimates"] = {
+            e.name.replace(" ", "_"): {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+            for e in run.estimates()
+        }
+    if "events" in parts:
+        events = list(event_records(run))
+        record["events"] = {
+            "time": np.array([e["time"] for e in events]),
+            "kind": np.array([e["kind"] for e in events], object),
+            "fields": np.array([json.dumps(e["fields"], default=str) for e in events], object),
+            "units": {"time": "s"},
+        }
+    if "raw" in parts:
+        chunks = list(raw_chunks(run, progress))
+        record["raw"] = {
+            name: np.concatenate([chunk[at] for chunk in chunks] or [np.empty(0)])
+            for at, (name, _) in enumerate(raw_columns(run))
+        }
+        record["raw"]["units"] = dict(raw_columns(run))
+    return record
