@@ -2,7 +2,8 @@
 
 A fast linear sweep is repeated without a pause, every other time inverted. Even-order products - above all the amplifier's
 second harmonic, 21 % of the fundamental - fall between the lines of the response. The first period, in which the response
-becomes periodic, is recorded but not used; the spread of the others gives the standard errors.
+becomes periodic, is recorded but not used; the spread of the others gives the standard errors. Where the waveform memory is too small for
+the band, octaves of it are swept one after the other (`pieces`).
 """
 
 import math
@@ -49,6 +50,14 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
+from protocols.measurements.sweep_pieces import (
+    MIN_PERIODS,
+    SETTLED_S,
+    adapted_pieces,
+    fewest_pieces,
+    merge_pieces,
+    piece_bands,
+)
 from protocols.signals import FrequencyResponse
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
@@ -58,8 +67,9 @@ DRIVE_MARGIN_S = 0.5
 
 DRIVE_TOLERANCE = 0.05
 
-MIN_LINES = 16
-"""Fewest lines in the band of a sweep that is made faster for a small waveform memory."""
+MIN_LINES = 30
+"""Fewest lines in the band of a sweep that is made faster for a small waveform memory: fewer do not show by their scatter what repeats
+with every period (see `repeating_error_share`)."""
 
 FASTER = tuple(1.1**k for k in range(1, 50))
 """Factors by which a sweep is made faster, tried in turn."""
@@ -115,17 +125,28 @@ class Sweep(Protocol):
     stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
     peak_to_peak_v: DriveVpp = 5.0
     sweep_s: Annotated[
-        float, Unit("s"), Interval(ge=0.02, le=60), "one way through the band; lines lie 1 / sweep_s apart"
+        float,
+        Unit("s"),
+        Interval(ge=0.02, le=60),
+        "one way through the band, or through the highest of its pieces; lines lie 1 / sweep_s apart",
     ] = 0.5
     periods: Annotated[
         int, Unit("1"), Interval(ge=2, le=1000), "periods used, of two sweeps each; one more is played"
     ] = 6
+    pieces: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=1, le=60),
+        "octaves that are swept one after the other where the generator's memory is too small for the band; 1: all at once",
+    ] = 1
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often all of it is done"] = 1
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:
-        if self.stop_hz <= self.start_hz + 5 / self.sweep_s:
+        if self.pieces > 1:
+            self._check_pieces()
+        elif self.stop_hz <= self.start_hz + 5 / self.sweep_s:
             raise ValueError(
                 f"stop_hz of {self.stop_hz:g} Hz must lie at least five lines, {5 / self.sweep_s:g} Hz, above start_hz"
             )
@@ -136,28 +157,55 @@ class Sweep(Protocol):
             raise ValueError(f"two sweeps of {self.sweep_s:g} s are {samples:g} samples: it must be a whole number")
         return self
 
+    def _check_pieces(self) -> None:
+        octaves = fewest_pieces(self.start_hz, self.stop_hz)
+        if self.stop_hz < 2 * self.start_hz:
+            raise ValueError(
+                f"pieces are octaves, and the band from {self.start_hz:g} to {self.stop_hz:g} Hz is none: use pieces = 1"
+            )
+        if self.pieces < octaves:
+            raise ValueError(
+                f"{self.pieces} pieces of an octave do not cover {self.start_hz:g} to {self.stop_hz:g} Hz: "
+                f"at least {octaves} are needed"
+            )
+        lines = self.pieces * self.sweep_s * self.stop_hz / 2
+        if lines < MIN_LINES:
+            raise ValueError(
+                f"{self.pieces} pieces of {self.sweep_s:g} s hold about {lines:.0f} lines together, at least {MIN_LINES} are needed: "
+                "use more pieces or a longer sweep_s"
+            )
+
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Sweep faster where the source's memory is small, as many more times."""
+        """Sweep faster where the source's memory is small, as many more times; or in pieces, each for its share of the time."""
         most = self.sweep_s * (self.stop_hz - self.start_hz) / MIN_LINES
         rate = 2 * self.sample_rate_hz
-        faster = [math.floor(self.sweep_s * rate / divisor) / rate for divisor in FASTER if divisor <= most]
-        changes = [{"sweep_s": s, "periods": math.ceil(self.periods * self.sweep_s / s)} for s in faster]
+        faster = [(divisor, math.floor(self.sweep_s * rate / divisor) / rate) for divisor in FASTER]
+        used_s = self.periods * self.sweep_s
+        changes = [{"sweep_s": s, "periods": math.ceil(used_s / s)} for divisor, s in faster if divisor <= most]
+        if self.stop_hz >= 2 * self.start_hz:
+            octave_s = used_s / math.log2(self.stop_hz / self.start_hz)
+            pieces = max(adapted_pieces(self.start_hz, self.stop_hz), self.pieces)
+            changes += [
+                {"sweep_s": s, "periods": max(math.ceil(octave_s / s), MIN_PERIODS), "pieces": pieces}
+                for _, s in faster
+                if s > 0
+            ]
         return first_adapted(changes, self, rest_v, reason_unsupported)
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
-        drive = self._drive(rest_v)
-        return tuple(
-            PlanEntry(f"sweep {i}", (drive,), drive.duration_s + 0.5, (i,)) for i in range(1, self.repeats + 1)
-        )
+        drives = self._drives(rest_v)
+        seconds = sum(drive.duration_s + 0.5 for drive in drives)
+        return tuple(PlanEntry(f"sweep {i}", drives, seconds, (i,)) for i in range(1, self.repeats + 1))
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        yield Record((self.periods + 1) * 2 * self.sweep_s, entry.drives[0])
+        for drive in entry.drives:
+            if isinstance(drive, PeriodicSweep):
+                yield Record(sum(self._played_periods(drive.sweep_s)) * drive.period_s, drive)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
         from protocols.signals import fit_sdof
 
-        recording = recordings[-1]
-        response = self._response(recording)
+        response = self._response(recordings)
         check_response_present(response)
         top = int(response.modulus.argmax())
         peak_hz = float(response.frequency_hz[top])
@@ -170,8 +218,10 @@ class Sweep(Protocol):
             damping, damping_error = mode.damping_ratio, mode.damping_error
             half = natural_hz * min(damping, 0.5)
             core = response.within(natural_hz - half, natural_hz + half).coherence
-        amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
-        drive_off = abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
+        asked_v = 0.5 * self.peak_to_peak_v
+        amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
+        amplitude_v = max(amplitudes, key=lambda volts: abs(volts - asked_v))
+        drive_off = abs(amplitude_v - asked_v) > DRIVE_TOLERANCE * asked_v
         return SweepPoint(
             repeat=float(key[0]),
             resonance=natural_hz,
@@ -183,14 +233,12 @@ class Sweep(Protocol):
             coherence=float(core.min()) if core.size else math.nan,
             lines=float(response.frequency_hz.size),
             drive_amplitude=amplitude_v,
-            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
+            quality=point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
         return (
-            frequency_response_curve(
-                self._response(recordings[-1]), f"of sweep {key[0]:g}" if self.repeats > 1 else ""
-            ),
+            frequency_response_curve(self._response(recordings), f"of sweep {key[0]:g}" if self.repeats > 1 else ""),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
@@ -238,29 +286,55 @@ class Sweep(Protocol):
         ratios = [p.peak_response / highest for p in usable_points(points) if math.isfinite(p.peak_response)]
         return membrane_absent_check(ratios, reference.calibrated, reference.source)
 
-    def _response(self, recording: Recording) -> FrequencyResponse:
+    def _last(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
+        """Return the recordings of the last sweep: one of each piece."""
+        return recordings[-self.pieces :]
+
+    def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
+        parts = [self._piece_response(recording) for recording in self._last(recordings)]
+        return parts[0] if self.pieces == 1 else merge_pieces(parts)
+
+    def _piece_response(self, recording: Recording) -> FrequencyResponse:
         from protocols.signals import estimate_periodic_response
 
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):
             raise ValueError(f"a sweep cannot use a recording under {drive.kind}")
-        # Samples before the drive belong to the period that is dropped.
-        surplus = len(recording.drive_v) - round((self.periods + 1) * drive.period_s * recording.rate_hz)
+        # Samples before the drive belong to the periods that are dropped.
+        dropped, used = self._played_periods(drive.sweep_s)
+        surplus = len(recording.drive_v) - round((dropped + used) * drive.period_s * recording.rate_hz)
         return estimate_periodic_response(
             recording.drive_v[max(surplus, 0) :],
             recording.displacement_m[max(surplus, 0) :],
             recording.rate_hz,
             drive.period_s,
             (drive.start_hz, drive.stop_hz),
+            dropped,
             delay_s=recording.sensor_delay_s,
         )
 
-    def _drive(self, rest_v: float) -> PeriodicSweep:
+    def _played_periods(self, sweep_s: float) -> tuple[int, int]:
+        """Return how many periods of a piece are dropped and how many are used: of all pieces for about the same time."""
+        if self.pieces == 1:
+            return 1, self.periods
+        used = max(round(self.periods * self.sweep_s / sweep_s), MIN_PERIODS)
+        return math.ceil(SETTLED_S / (2 * sweep_s)), used
+
+    def _drives(self, rest_v: float) -> tuple[PeriodicSweep, ...]:
+        if self.pieces == 1:
+            return (self._drive(self.start_hz, self.stop_hz, self.sweep_s, rest_v),)
+        rate = 2 * self.sample_rate_hz  # of a period, two sweeps, a whole number of samples
+        return tuple(
+            self._drive(low, top, math.floor(self.sweep_s * self.stop_hz / top * rate + 1e-6) / rate, rest_v)
+            for low, top in piece_bands(self.start_hz, self.stop_hz, self.pieces)
+        )
+
+    def _drive(self, start_hz: float, top_hz: float, sweep_s: float, rest_v: float) -> PeriodicSweep:
         # A whole number of cycles: the top gives way, by less than a line, because the period must not.
-        cycles = round(0.5 * (self.start_hz + self.stop_hz) * self.sweep_s)
-        stop_hz = 2 * cycles / self.sweep_s - self.start_hz
-        periods = self.periods + 1 + math.ceil(DRIVE_MARGIN_S / (2 * self.sweep_s))
-        return PeriodicSweep(self.start_hz, stop_hz, self.sweep_s, periods, self.peak_to_peak_v / 2, rest_v)
+        cycles = round(0.5 * (start_hz + top_hz) * sweep_s)
+        stop_hz = 2 * cycles / sweep_s - start_hz
+        periods = sum(self._played_periods(sweep_s)) + math.ceil(DRIVE_MARGIN_S / (2 * sweep_s))
+        return PeriodicSweep(start_hz, stop_hz, sweep_s, periods, self.peak_to_peak_v / 2, rest_v)
 
 
 def _mean_with_error(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Every protocol on every source, as docs/protocols-and-sources.md says: it runs, or is refused before anything moves."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,9 @@ from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run
 from tests.helpers.sources import GENERATORS, SHORTER, SOURCES, SUPPLY, rehearsed, source_bench
+
+NARROW = Sweep(start_hz=300, stop_hz=525)
+"""A sweep that an AFG1022 cannot play: its band is less than an octave, so that there are no pieces of it."""
 
 PEAK_HZ = 151.1127
 """Largest response of the paper's tactor with 7.73 g, from the model on a fine grid."""
@@ -92,15 +96,30 @@ def test_what_fits_is_not_adapted_and_what_nothing_helps_names_another_protocol(
         assert adapt_to_source(Hysteresis(), lab.bench.amplifier).requested == {
             "frequencies_hz": [0.1, 0.2, 0.5, 1.0, 2.0, 5.0]
         }
-        with pytest.raises(
+        with pytest.raises(  # no octave: no pieces
             DriveRejectedError, match=r"this PeriodicSweep needs .* On this source, run sine-dwell instead$"
         ):
-            rehearse(Sweep(), lab.bench.amplifier)
+            rehearse(NARROW, lab.bench.amplifier)
     with laboratory(source_bench(SUPPLY)) as lab:
         with pytest.raises(DriveRejectedError, match=r"not play a Sine: .* run voltage-steps instead$"):
             rehearse(Hysteresis(), lab.bench.amplifier)
         with pytest.raises(DriveRejectedError, match=r"follows 25 V/s at most, not 1000 V/s; lengthen the rise"):
             rehearse(FreeDecay(), lab.bench.amplifier)
+
+
+@pytest.mark.deep
+def test_the_protocol_that_a_refusal_names_runs_as_it_is_named(tmp_path: Path) -> None:
+    with laboratory(source_bench("AFG1022")) as lab:
+        refused = run(NARROW, tmp_path, lab)
+        assert refused.status is RunStatus.FAILED
+        (named,) = re.findall(r"On this source, run ([\w-]+) instead", refused.reason)
+        ran = run(PROTOCOLS[named].model_validate({}), tmp_path, lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    with laboratory(source_bench(SUPPLY)) as lab:
+        refused = run(Hysteresis(), tmp_path, lab)
+        (named,) = re.findall(r"On this source, run ([\w-]+) instead", refused.reason)
+        ran = run(PROTOCOLS[named].model_validate({}), tmp_path, lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
 
 
 @pytest.mark.deep

@@ -18,9 +18,11 @@ from model.response.harmonic_response import tactor_modal_form
 from protocols.base import CurveReady, LogMessage, PointMeasured, PromptShown, Quality
 from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sweep import Sweep
+from protocols.measurements.sweep_pieces import merge_pieces
 from protocols.rehearsal import rehearse
 from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
+from protocols.signals import FrequencyResponse
 from tests.helpers.level_protocol import resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -218,6 +220,47 @@ def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Pa
     error_bars_are_right(ran.path)
 
 
+@pytest.mark.one_in(5)
+@pytest.mark.parametrize("model", ["33210A", "DG812", "AFG1022", "SDG1032X"])
+def test_a_sweep_in_pieces_is_the_models_within_its_error_bars(model: str, tmp_path: Path) -> None:
+    """The steps between the points of such a generator fold onto some lines of some pieces, whose errors must say so."""
+    with laboratory(simulated(generator={"model": model}, seed=1)) as lab:
+        ran = run(Sweep(), tmp_path, lab)
+    assert ran.status == "completed", ran.reason
+    assert not [check.name for check in ran.verdict.checks if not check.passed]
+    (point,) = ran.points
+    natural, damping = first_pole(Tactor())
+    assert abs(point.resonance - natural) < 4 * point.resonance_errors < 0.05
+    assert abs(point.damping - damping) < 4 * point.damping_errors < 2e-4
+    assert point.lines >= 72
+    with Run(ran.path) as file:
+        assert file.requested == {"sweep_s": 0.5, "periods": 6, "pieces": 1}
+        assert len(list(file.recordings())) == file.parameters["pieces"] == 12
+        columns = {name: column.values for name, column in file.curves()[0].columns.items()}
+    assert np.all(np.diff(columns["frequency"]) > 0)
+    expected = np.abs(truth(Tactor(), columns["frequency"]))
+    z = (columns["response"] - expected) / columns["response_errors"]
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
+    assert np.mean(np.abs(z) < 2) > 0.9
+
+
+def test_a_line_of_a_piece_that_departs_from_the_others_has_its_departure_as_error() -> None:
+    draw = np.random.default_rng(2)
+    f = np.concatenate([np.linspace(low, 2 * low, 12) for low in (30.0, 40.0, 55.0, 75.0, 100.0, 130.0)])
+    expected = 1e-3 / (1 - (f / 158) ** 2 + 0.42j * f / 158)
+    error = 1e-4 * np.abs(expected)
+    seen = expected + error * (draw.standard_normal(f.size) + 1j * draw.standard_normal(f.size))
+    wrong = int(np.flatnonzero(f == 130.0)[0])
+    seen[wrong] *= 1 + 3e-3
+    parts = np.split(np.arange(f.size), 6)
+    found = merge_pieces([FrequencyResponse(f[p], seen[p], error[p], np.ones(p.size), 20.0, 2.0, 0.0) for p in parts])
+    at = int(np.flatnonzero(found.frequency_hz == 130.0)[0])
+    share = found.standard_error / np.abs(found.response)
+    assert np.all(np.diff(found.frequency_hz) >= 0)
+    assert 1e-3 < share[at] < 6e-3
+    assert np.delete(share, at).max() < 2.5e-4
+
+
 def test_a_periodic_sweep_is_continuous_and_its_halves_are_opposite() -> None:
     drive = PeriodicSweep(25.0, 527.0, 0.5, 3, 2.5, 2.5)
     t = np.linspace(0, drive.duration_s, 600_001)
@@ -238,6 +281,9 @@ def test_a_periodic_sweep_is_continuous_and_its_halves_are_opposite() -> None:
         (Sweep, {"stop_hz": 30}, "at least five lines, 10 Hz, above start_hz"),
         (Sweep, {"sweep_s": 0.50005}, "it must be a whole number"),
         (Sweep, {"sample_rate_hz": 1000}, "at least four times stop_hz"),
+        (Sweep, {"pieces": 3}, "3 pieces of an octave do not cover 25 to 525 Hz: at least 5 are needed"),
+        (Sweep, {"pieces": 5, "sweep_s": 0.02}, "hold about 26 lines together, at least 30 are needed"),
+        (Sweep, {"pieces": 2, "start_hz": 300}, "pieces are octaves, and the band from 300 to 525 Hz is none"),
         (MassResonance, {"low_hz": 20}, "must rise and lie within the sweep"),
         (MassResonance, {"masses_kg": (1e-3, 1e-3)}, "names a mass twice"),
         (MassResonance, {"sweep_s": 30, "piece_s": 2}, "too coarse for a peak at 125 Hz"),

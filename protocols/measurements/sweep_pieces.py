@@ -1,0 +1,98 @@
+"""Pieces of a sweep: octaves of its band, where a generator's waveform memory holds no sweep of the whole band.
+
+A memory of N points holds the same number of cycles, and hence of lines, below any frequency. A piece spans an octave; the tops of
+the pieces lie at equal ratios and closer together than octaves, so that each frequency is covered by several pieces of different
+periods, whose lines interleave. Every piece is a periodic sweep of its own that begins and ends at rest.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from model import Array, Complex
+from protocols.signals import FrequencyResponse
+from protocols.signals.response import concatenate_responses
+
+PIECES_PER_OCTAVE = 3
+"""How closely the tops of adapted pieces lie: so many pieces cover a frequency in mid-band."""
+
+SETTLED_S = 0.3
+"""How long a piece is played before its periods are used: until the free vibration from rest has decayed."""
+
+MIN_PERIODS = 3
+"""Fewest periods of a piece that are used."""
+
+OUTLIER_SIGMAS = 4.0
+"""Departure of a line from the smooth curve through its neighbours, in standard errors, that its error does not explain."""
+
+
+def fewest_pieces(start_hz: float, stop_hz: float) -> int:
+    """Return how many octaves cover a band."""
+    return max(math.ceil(math.log2(stop_hz / start_hz) - 1e-9), 1)
+
+
+def adapted_pieces(start_hz: float, stop_hz: float) -> int:
+    """Return how many pieces interleave over a band."""
+    return 1 + max(math.ceil(PIECES_PER_OCTAVE * math.log2(stop_hz / (2 * start_hz))), 0)
+
+
+def piece_bands(start_hz: float, stop_hz: float, pieces: int) -> tuple[tuple[float, float], ...]:
+    """Return the octaves of the pieces, from the lowest: their tops at equal ratios, the highest at the top of the band."""
+    return tuple((0.5 * top, top) for top in np.geomspace(2 * start_hz, stop_hz, pieces).tolist())
+
+
+def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+    """Return the responses of pieces as one, their lines in order.
+
+    A piece has too few lines to show by their scatter what repeats with every period; all together have enough. What a card without
+    a filter folds back from the steps between a generator's points falls on some lines of one piece only: such a line departs from those of
+    the other pieces around it, and has its departure as error.
+    """
+    from protocols.signals.periodic_response import repeating_error_share
+
+    joined = concatenate_responses(parts)
+    order = np.argsort(joined.frequency_hz, kind="stable")
+    f, response, noise = joined.frequency_hz[order], joined.response[order], joined.standard_error[order]
+    error = np.hypot(noise, repeating_error_share(f, response, noise) * np.abs(response))
+    return replace(
+        joined,
+        frequency_hz=f,
+        response=response,
+        standard_error=_with_departures(f, response, error),
+        coherence=joined.coherence[order],
+        degrees_of_freedom=min(part.degrees_of_freedom for part in parts),
+    )
+
+
+def _with_departures(frequency_hz: Array, response: Complex, standard_error: Array) -> Array:
+    """Return the standard errors, larger at lines that depart from the smooth curve through their neighbours.
+
+    The worst line first, and the others once it has lost its weight.
+    """
+    from numpy.polynomial.legendre import legvander
+
+    from protocols.signals.periodic_response import POLYNOMIAL_DEGREE, WINDOW_LINES
+
+    errors, size = standard_error.copy(), frequency_hz.size
+    if size < WINDOW_LINES:
+        return errors
+    first = np.clip(np.arange(size) - WINDOW_LINES // 2, 0, size - WINDOW_LINES)
+    at = first[:, None] + np.arange(WINDOW_LINES)
+    own = np.arange(size) - first
+    f = frequency_hz[at]
+    place = 2 * (f - f[:, :1]) / (f[:, -1:] - f[:, :1]) - 1
+    inverse = 1 / response
+    for _ in range(size):
+        s = errors / np.abs(response) ** 2
+        q, _ = np.linalg.qr(legvander(place, POLYNOMIAL_DEGREE) / s[at][..., None])
+        target = (inverse / s)[at][..., None]
+        left = (target - q @ (q.swapaxes(1, 2) @ target))[np.arange(size), own, 0]
+        free = 1 - (q[np.arange(size), own] ** 2).sum(1)  # share of a line's departure that the curve does not follow
+        departure = np.abs(left) / np.sqrt(free)
+        worst = int(departure.argmax())
+        if not departure[worst] > OUTLIER_SIGMAS:
+            break
+        errors[worst] *= departure[worst] / np.sqrt(2 * free[worst])
+    return errors
