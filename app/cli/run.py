@@ -51,6 +51,13 @@ class RunCommand(ProtocolOptions):
 class WindowCommand(ProtocolOptions):
     """Open the window."""
 
+    bench: str = option(
+        "--bench",
+        default="",
+        inherited=True,
+        metavar="FILE|sim",
+        help="bench file, 'sim', 'ideal' or 'realistic' (default: the bench chosen last in the window; with --start 'sim')",
+    )
     protocol: str = option(nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
     autostart: bool = switch("--start", "start the run as soon as the bench is connected")
 
@@ -58,13 +65,14 @@ class WindowCommand(ProtocolOptions):
         from app.cli.headless import make_protocol, select_bench
         from app.gui.screen import window_unavailable_reason
 
-        bench = select_bench(self)
+        bench = select_bench(replace(self, bench=self.bench or "sim"))
+        given = bool(self.bench or self.speed is not None or self.seed is not None or self.autostart)
         protocol = make_protocol(self.protocol, self.settings)
         if why := window_unavailable_reason():
             raise UsageError(
                 f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'"
             )
-        return _open_window(bench, self, protocol, self.autostart)
+        return _open_window(bench, self, protocol, self.autostart, bench_given=given)
 
 
 @dataclass(frozen=True)
@@ -155,28 +163,37 @@ class ResumeCommand(BenchOptions, _AgainOptions):
         return run_headless(bench, request, self.json)[0]
 
 
-def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool) -> int:
+def _open_window(
+    selected: "SelectedBench",
+    options: BenchOptions,
+    protocol: "Protocol",
+    autostart: bool,
+    bench_given: bool = True,
+) -> int:
     from app.config import load_bench
     from app.gui.application import OpenedBench, open_window
     from app.session import SimulationSettings, connect
 
-    def choose(config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
+    def choose(name: str, config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
         if not config.simulated:
-            return OpenedBench(lambda: connect(config, speed, without_commissioning=without_commissioning), config)
+            return OpenedBench(
+                lambda: connect(config, speed, without_commissioning=without_commissioning), config, name=name
+            )
         simulation = SimulationSettings(speed)
-        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation)
+        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation, name)
 
     def open_bench(name: str) -> OpenedBench:
         other = load_bench(name)
-        return choose(other, other.simulation_parameters.speed if other.simulated else 1.0)
+        return choose(name, other, other.simulation_parameters.speed if other.simulated else 1.0)
 
     return open_window(
-        choose(selected.config, selected.speed, selected.without_commissioning),
+        choose(options.bench or "sim", selected.config, selected.speed, selected.without_commissioning),
         protocol,
         options.out,
         options.specimen,
         autostart,
         bench_factory=open_bench,
+        bench_given=bench_given,
     )
 
 

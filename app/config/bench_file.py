@@ -107,22 +107,37 @@ def load_bench(name: str) -> BenchConfig:
     Raises:
         ConfigError: the file is missing or wrong.
     """
+    return read_bench(bench_text(name), "the simulated bench" if name in SIMULATED_BENCHES else name)
+
+
+def bench_text(name: str) -> str:
+    """Return the text of a bench file, or of one of `SIMULATED_BENCHES`.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
     if name in SIMULATED_BENCHES:
-        text = resources.files("sim_hardware").joinpath(SIMULATED_BENCHES[name]).read_text(encoding="utf-8")
-        where = "the simulated bench"
-    else:
-        where = name
-        try:
-            with Path(name).open(encoding="utf-8") as file:
-                text = file.read(MAX_FILE_BYTES + 1)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-            where = truncate_text(name)
-            raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
-        if len(text) > MAX_FILE_BYTES:
-            raise ConfigError(
-                f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
-            )
+        return resources.files("sim_hardware").joinpath(SIMULATED_BENCHES[name]).read_text(encoding="utf-8")
+    try:
+        with Path(name).open(encoding="utf-8") as file:
+            text = file.read(MAX_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        where = truncate_text(name)
+        raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
+    if len(text) > MAX_FILE_BYTES:
+        raise ConfigError(
+            f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
+        )
+    return text
+
+
+def read_bench(text: str, where: str) -> BenchConfig:
+    """Return the bench of a text; `where` names it in messages.
+
+    Raises:
+        ConfigError: the text is wrong.
+    """
     try:
         return _with_fresh_noise(BenchConfig.model_validate(parse_toml(text)))
     except ValidationError as error:

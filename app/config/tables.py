@@ -113,6 +113,9 @@ class SensorTable(ConfigTable):
     gain_relative_uncertainty: Annotated[
         float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative"
     ] = 0.0
+    calibration_points: Annotated[
+        tuple[tuple[float, float], ...], "points of the calibration: position in m and volts, written by the Bench page"
+    ] = ()
     serial: str = ""
     calibrated: Annotated[str, "date of calibration, YYYY-MM-DD"] = ""
     expires: Annotated[str, "last day on which the calibration holds, YYYY-MM-DD; later every run is flagged"] = ""
@@ -131,7 +134,7 @@ class SensorTable(ConfigTable):
 
     @property
     def laser_sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump(exclude={"preset", "delay_uncertainty_s"}))
+        return LaserSensor(**self.model_dump(exclude={"preset", "delay_uncertainty_s", "calibration_points"}))
 
     @model_validator(mode="before")
     @classmethod

@@ -15,8 +15,9 @@ from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.common import to_number
-from app.config import BenchConfig
+from app.config import BenchConfig, ConfigError
 from app.gui.main_window import MainWindow
+from app.gui.tabs import BENCH
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings
 from protocols.base import Protocol
@@ -24,6 +25,9 @@ from protocols.base import Protocol
 UNITS_IMPORT_DELAY_MS = 500
 WELCOME_SEEN_KEY = "window/seen"
 """Settings key: this window has been opened before."""
+
+LAST_BENCH_KEY = "bench/last"
+"""Settings key: the bench that was chosen last in the window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +38,13 @@ class OpenedBench:
         connect: opens it.
         config: the bench file, for names and the amplifier's map.
         simulation: settings of a simulated bench that the operator may change in the window.
+        name: path of its file, or name of a simulated bench.
     """
 
     connect: Connect
     config: BenchConfig
     simulation: SimulationSettings | None = None
+    name: str = "sim"
 
 
 BenchFactory = Callable[[str], OpenedBench]
@@ -65,6 +71,7 @@ def open_window(
     settings: QSettings | None = None,
     make_session: MakeSession = Session,
     bench_factory: BenchFactory | None = None,
+    bench_given: bool = True,
 ) -> int:
     """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
@@ -77,6 +84,8 @@ def open_window(
         settings: where window, folder and specimen are stored; None for the user's own settings.
         make_session: tests give one that needs no bench.
         bench_factory: opens another bench by its file, where the window may change to one; raises ConfigError.
+        bench_given: `bench` was asked for; if not, the bench chosen last takes its place, and without one the Bench page is
+            shown.
     """
     qt_application()
     kept = settings or QSettings()
@@ -86,15 +95,27 @@ def open_window(
     newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
     kept.setValue(WELCOME_SEEN_KEY, True)
     starts_demo = False
+    last, problem = "" if bench_given else str(kept.value(LAST_BENCH_KEY, "")), ""
+    shows_benches = not bench_given and not last
+    if last and bench_factory is not None:
+        try:
+            bench = bench_factory(last)
+        except ConfigError as error:
+            problem, shows_benches = f"The bench used last cannot be opened. {error}", True
     while True:
         requested: list[OpenedBench] = []
 
         def change(name: str, requested: list[OpenedBench] = requested) -> None:
             if bench_factory is not None:
                 requested.append(bench_factory(name))
+                kept.setValue(LAST_BENCH_KEY, name)
 
         adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
-        window = MainWindow(adapter, bench.config, protocol, folder, specimen, kept, autostart, change)
+        window = MainWindow(adapter, bench.config, protocol, folder, specimen, kept, autostart, change, bench.name)
+        if shows_benches and not starts_demo:
+            window.tabs.select_page(BENCH)
+        if problem:
+            window.tabs.bench.show_message(problem)
         if newcomer:
             window.central.show_welcome()
         if starts_demo:
@@ -105,6 +126,7 @@ def open_window(
             break
         bench = requested[-1]
         newcomer = autostart = False
+        shows_benches, problem = False, ""  # the page that was visible is shown again
     if units.ident is not None:
         units.join()
     return code

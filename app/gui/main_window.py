@@ -15,7 +15,7 @@ from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
-from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
+from app.gui.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
 from app.gui.widgets import Item, Overlaid, Theme, add_actions, column, style_sheet, system_theme, update_actions
 from app.live import SessionAdapter
 from app.session import WindowState, initial_window_state, unreported_watchdog_messages
@@ -52,6 +52,7 @@ class MainWindow(QMainWindow):
         settings: QSettings,
         autostart: bool = False,
         change_bench: Callable[[str], object] | None = None,
+        open_bench: str = "sim",
     ) -> None:
         super().__init__()
         self.adapter, self._settings, self._autostart = adapter, settings, autostart
@@ -69,7 +70,7 @@ class MainWindow(QMainWindow):
         self.notices = NoticeArea(self.controller, self)
         controls = SimulationControls(adapter.simulation, self.controller) if adapter.simulation is not None else None
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
-        self.tabs = MainTabs(protocol, adapter, config, settings, self.theme)
+        self.tabs = MainTabs(protocol, adapter, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs)
         self._build(config.name)
@@ -129,6 +130,8 @@ class MainWindow(QMainWindow):
                 self.close_session()
                 return
         self.central.welcome.message_label.show_message(problem, is_error=True)
+        if BENCH in self.tabs.created_pages:
+            self.tabs.bench.show_message(problem)
 
     def close_session(self, force: bool = False) -> None:
         """Go to rest, release the bench and close. `force` closes even with an unacknowledged unsafe message."""
@@ -250,6 +253,7 @@ class MainWindow(QMainWindow):
         self.tabs.run_requested.connect(self.start_campaign_run)
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
+        self.tabs.bench_chosen.connect(self.change_bench)
         add_actions(
             self,
             {

@@ -9,7 +9,7 @@ from shiboken6 import isValid
 from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.welcome import WelcomePage
-from app.gui.tabs import MainTabs
+from app.gui.tabs import BENCH, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 
@@ -34,6 +34,7 @@ class CentralStack(QWidget):
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
         self.welcome.closed.connect(self.show_pages)
         self.welcome.demo_requested.connect(self.demo_requested)
+        self.welcome.setup_pressed.connect(self._show_bench_page)
         self.welcome.browse_pressed.connect(self._choose_bench_file)
         add_actions(self, {"shortcuts": self.toggle_shortcuts})
 
@@ -77,6 +78,10 @@ class CentralStack(QWidget):
         if not self.is_covered:
             self._previous_focus = QApplication.focusWidget()
         self.stack.setCurrentWidget(widget)
+
+    def _show_bench_page(self) -> None:
+        self.show_pages()
+        self.tabs.select_page(BENCH)
 
     def _choose_bench_file(self) -> None:
         choose_files(

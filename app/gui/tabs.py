@@ -1,4 +1,4 @@
-"""Tabs of the main window: the four pages, created when they are first needed."""
+"""Tabs of the main window: the pages, created when they are first needed."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from app.session import WindowState
 from protocols.base import Protocol as Measurement
 
 if TYPE_CHECKING:
+    from app.gui.bench_page.page import BenchPage
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
     from app.gui.runs.page import RunsPage
@@ -48,25 +49,34 @@ class Page(Protocol):
         """Take the keyboard focus, without which the page's shortcuts do nothing."""
 
 
-MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
+MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH = range(5)
 """Index of each page."""
 
-TITLES = ("Measure", "Campaign", "Explore", "Runs")
+TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench")
 
 
 class MainTabs(QTabWidget):
-    """Creates the four pages, connects them, and saves and restores their state.
+    """Creates the pages, connects them, and saves and restores their state.
 
     The Measure page is built immediately, another when it is first selected or requested. Pages do not refer to each other.
     """
 
     run_requested = Signal(object)
     """A `RunRequest` of the campaign for the session."""
+    bench_chosen = Signal(str)
+    """Path or name of the bench to open."""
 
     def __init__(
-        self, protocol: Measurement, adapter: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
+        self,
+        protocol: Measurement,
+        adapter: SessionAdapter,
+        config: BenchConfig,
+        settings: QSettings,
+        theme: Theme,
+        open_bench: str,
     ) -> None:
         super().__init__()
+        self._open_bench = open_bench
         self._adapter, self._settings, self._first_theme = adapter, settings, theme
         self._amplifier = config.amplifier
         self._worker = BackgroundWorker("pages", self)
@@ -90,6 +100,7 @@ class MainTabs(QTabWidget):
             self._make_campaign,
             self._make_explore,
             self._make_runs,
+            self._make_bench,
         )
         self._created: dict[int, Page] = {}
         self._page_layouts: list[QVBoxLayout] = []
@@ -184,6 +195,11 @@ class MainTabs(QTabWidget):
         return cast("RunsPage", self.page(RUNS))
 
     @property
+    def bench(self) -> BenchPage:
+        """The Bench page, created if necessary."""
+        return cast("BenchPage", self.page(BENCH))
+
+    @property
     def folder(self) -> Path:
         """Folder for run files."""
         return Path(self.measure.run_panel.folder_edit.text().strip()).expanduser()
@@ -198,11 +214,11 @@ class MainTabs(QTabWidget):
         """Import the other pages in the background, which takes a second, and create them."""
 
         def load() -> None:
-            for name in ("campaign", "explore", "runs"):
+            for name in ("campaign", "explore", "runs", "bench_page"):
                 importlib.import_module(f"app.gui.{name}.page")
 
         def make(_: object) -> None:
-            for at in sorted(range(RUNS + 1), key=lambda at: at != self.currentIndex()):  # the selected page first
+            for at in sorted(range(self.count()), key=lambda at: at != self.currentIndex()):  # the selected page first
                 QTimer.singleShot(0, self, partial(self._preload_page, at))
 
         self._worker.submit(load, make)
@@ -293,6 +309,13 @@ class MainTabs(QTabWidget):
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_requested.connect(self._overlay_runs)
+        return page
+
+    def _make_bench(self) -> BenchPage:
+        from app.gui.bench_page.page import BenchPage
+
+        page = BenchPage(self._adapter, self._open_bench, self._first_theme)
+        page.bench_chosen.connect(self.bench_chosen)
         return page
 
     def _open_run(self, path: Path) -> None:

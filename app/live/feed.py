@@ -1,8 +1,13 @@
 """Live feed of samples to the screen: scaled and min/max decimated in the bench thread, block by block."""
 
+import math
 import threading
+import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from app.live.minmax_trace import MinMaxTrace
 from drivers import Block, InputChannel, LaserSensor, Scale
@@ -26,6 +31,31 @@ COLUMNS = 1000
 SPANS = (TimeSpan(0.1, 0.2, triggered=True), TimeSpan(1.0, 1.0), TimeSpan(10.0, 10.0))
 
 
+READING_BLOCKS = 20
+"""Blocks of which a reading is the mean: a second in real time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Mean volts of the last second while the card is watched between runs.
+
+    Attributes:
+        drive_v: at the amplifier's input.
+        sensor_v: of the displacement sensor's output.
+        sensor_error_v: standard error of its mean, from the scatter of the blocks.
+        displacement_um: by the bench's calibration; NaN out of range.
+        blocks: number of blocks averaged.
+        age_s: seconds since the last block arrived.
+    """
+
+    drive_v: float
+    sensor_v: float
+    sensor_error_v: float
+    displacement_um: float
+    blocks: int
+    age_s: float
+
+
 class LiveFeed:
     """Drive in volts at the amplifier's input and displacement in micrometres, the last of each of `SPANS`."""
 
@@ -41,6 +71,9 @@ class LiveFeed:
         self._rate_hz = 1.0
         self._scans = 0
         self._latest_um: float | None = None
+        self._monitored: deque[tuple[float, float]] = deque(maxlen=READING_BLOCKS)
+        """Mean volts of drive and sensor, block by block."""
+        self._monitored_at_s = 0.0
 
     @property
     def streamed_s(self) -> float:
@@ -61,12 +94,18 @@ class LiveFeed:
                 trace.reset(rate_hz)
             self._channels = ChannelCalibration.pair(scales, sensor)
             self._rate_hz, self._scans = rate_hz, 0
+            self._monitored.clear()
             for drive, displacement in self._traces.values():
                 drive.reset(rate_hz)
                 displacement.reset(rate_hz)
 
-    def add_block(self, block: Block) -> None:
-        """Append a block; one before `start_stream` is dropped: its scale is not known."""
+    def add_block(self, block: Block, monitored: bool = False) -> None:
+        """Append a block; one before `start_stream` is dropped: its scale is not known.
+
+        Args:
+            block: of the card.
+            monitored: it is read between runs, and contributes to `reading`.
+        """
         if not self._channels:
             return
         drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
@@ -81,6 +120,33 @@ class LiveFeed:
         with self._lock:
             self._scans += block.raw.shape[1]
             self._latest_um = float(displacement_um.mean())
+            if monitored:
+                volts = self._channels[1].scale.to_volts(block.raw[1])
+                self._monitored.append((float(drive_v.mean()), float(volts.mean())))
+                self._monitored_at_s = time.monotonic()
+
+    def restart_reading(self) -> None:
+        """Begin a new mean: the target has moved."""
+        with self._lock:
+            self._monitored.clear()
+
+    @property
+    def reading(self) -> Reading | None:
+        """Mean of the last second while the card is watched between runs; None without one."""
+        with self._lock:
+            if not self._monitored or not self._channels:
+                return None
+            drive_v, sensor_v = np.mean(self._monitored, axis=0)
+            blocks = len(self._monitored)
+            error_v = (
+                float(np.std([v for _, v in self._monitored], ddof=1)) / math.sqrt(blocks) if blocks > 1 else math.nan
+            )
+            sensor = self._channels[1].sensor
+            metres = sensor.displacement_m(np.array([sensor_v]))[0] if sensor is not None else math.nan
+            if sensor is not None and not sensor.is_valid(np.array([sensor_v])).all():
+                metres = math.nan
+            age_s = time.monotonic() - self._monitored_at_s
+            return Reading(float(drive_v), float(sensor_v), error_v, 1e6 * float(metres), blocks, age_s)
 
     @property
     def latest_um(self) -> float | None:

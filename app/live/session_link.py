@@ -8,8 +8,10 @@ from datetime import datetime
 
 from app.live.feed import LiveFeed
 from app.session import (
+    BlockMonitored,
     ConnectedBench,
     FaultPlan,
+    MonitorStarted,
     Observer,
     Session,
     SessionEvent,
@@ -121,6 +123,9 @@ class SessionAdapter:
         if isinstance(event, BlockStored | BlockDiscarded):
             self.feed.add_block(event.block)
             return
+        if isinstance(event, MonitorStarted | BlockMonitored):
+            self._observe_monitor(event)
+            return
         if isinstance(event, StreamStarted) and self.session.bench is not None:
             bench = self.session.bench
             self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
@@ -132,6 +137,12 @@ class SessionAdapter:
             self.events.publish(event)
         finally:
             self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
+
+    def _observe_monitor(self, event: MonitorStarted | BlockMonitored) -> None:
+        if isinstance(event, BlockMonitored):
+            self.feed.add_block(event.block, monitored=True)
+        elif (bench := self.session.bench) is not None:
+            self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)

@@ -12,7 +12,9 @@ from .request import choose_bench as choose_bench
 from .request import load_protocol_class as load_protocol_class
 from .session import BenchFailed as BenchFailed
 from .session import BenchOpened as BenchOpened
+from .session import BlockMonitored as BlockMonitored
 from .session import ConnectedBench as ConnectedBench
+from .session import MonitorStarted as MonitorStarted
 from .session import Observer as Observer
 from .session import RunRejected as RunRejected
 from .session import Session as Session

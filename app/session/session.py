@@ -15,7 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, UnsafeError
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import (
     Event,
@@ -45,6 +45,9 @@ HUNG_S = 60.0
 """The same where the watchdog did not act: longer than any way to rest with a silent instrument."""
 
 HUNG_CONNECTING_S = 10.0
+
+MONITOR_RATE_HZ = 10e3
+"""Scans per second while the card is watched between runs."""
 
 
 class SessionState(StrEnum):
@@ -83,7 +86,24 @@ class RunRejected:
     words: str
 
 
-SessionEvent = Event | BenchOpened | BenchFailed | RunRejected
+@dataclass(frozen=True, slots=True)
+class MonitorStarted:
+    """The card runs between runs, to be watched; nothing is driven and nothing stored."""
+
+    kind: ClassVar[str] = "MonitorStarted"
+    rate_hz: float
+    scales: tuple[Scale, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMonitored:
+    """A block of the card between runs."""
+
+    kind: ClassVar[str] = "BlockMonitored"
+    block: Block
+
+
+SessionEvent = Event | BenchOpened | BenchFailed | RunRejected | MonitorStarted | BlockMonitored
 Observer = Callable[[SessionEvent], object]
 
 
@@ -132,7 +152,8 @@ class Session:
         """Set-up that the next run of another protocol prompts for; None if the tactor is under the sensor."""
         self._restore_id: int | None = None
         self._control = RunControl()
-        self._requests: queue.SimpleQueue[Callable[[], RunRequest] | None] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
+        self._monitoring = threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
@@ -174,9 +195,17 @@ class Session:
         self.outcome = None
         self._stop_requested_s = self._takeover_seen_s = math.inf
         self.finished.clear()
-        self._requests.put(load)
+        self._requests.put(lambda connected: self._run(connected, load))
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
             self.finished.set()
+
+    def monitor(self, active: bool) -> None:
+        """Watch the card between runs, or stop watching; returns immediately. A run ends it, and it is requested again after it."""
+        if not active:
+            self._monitoring.clear()
+        elif not self._monitoring.is_set():
+            self._monitoring.set()
+            self._requests.put(self._monitor)
 
     @property
     def pause_requested(self) -> bool:
@@ -252,8 +281,8 @@ class Session:
                 identities = dict(connected.bench.configuration.get("identities", {}))
                 self.state = SessionState.IDLE
                 self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
-                while (load := self._requests.get()) is not None:
-                    self._run(connected, load)
+                while (request := self._requests.get()) is not None:
+                    request(connected)
         except BenchError as error:
             self.unsafe = isinstance(error, UnsafeError)
             self._fail(str(error))
@@ -297,6 +326,22 @@ class Session:
             self.outcome = runner.run()
             self.path = runner.path
         self.finished.set()
+
+    def _monitor(self, connection: ConnectedBench) -> None:
+        """Publish blocks of the card until another request arrives; nothing is commanded."""
+        bench = connection.bench
+        waits = not isinstance(bench.configuration.get("speed", 1.0), int | float)  # the virtual clock does not
+        try:
+            with bench.open_stream(MONITOR_RATE_HZ) as stream:
+                self._events.publish(MonitorStarted(stream.rate_hz, stream.scales))
+                while self._monitoring.is_set() and self._requests.empty():
+                    self._events.publish(BlockMonitored(stream.read()))
+                    if waits:
+                        time.sleep(bench.block_s)
+        except BenchError as error:
+            self._events.publish(LogMessage(f"The card cannot be watched: {error}"))
+        finally:
+            self._monitoring.clear()
 
     def _report_watchdog_log(self, folder: Path) -> None:
         for note in unreported_watchdog_messages(folder):

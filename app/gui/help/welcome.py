@@ -2,16 +2,14 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFrame, QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QWidget
 
 from app.gui.widgets import (
-    SELECTABLE,
     STRETCH,
     Item,
     StatusLine,
     column,
     configure,
-    grid,
     make_button,
     make_label,
     make_panel,
@@ -24,21 +22,16 @@ DEMO_TEXT = (
     "A sine dwell on a simulated tactor: 18 frequencies in about half a minute. Nothing is connected and nothing can "
     "break. The points arrive on the model's curve, and the run is kept as a file in the folder {folder}."
 )
-SETUP_STEPS = (
-    ("tactor-bench devices", "lists what is connected to this computer."),
-    ("tactor-bench bench new my-bench.toml", "writes a first bench file from it, with a comment on every line."),
-    (
-        "tactor-bench check --bench my-bench.toml",
-        "checks the wiring with a tenth of a volt, the specimen disconnected.",
-    ),
-    ("tactor-bench --bench my-bench.toml", "starts with it; or open the file here:"),
+SETUP_TEXT = (
+    "The page Bench looks for generator and card, shows their live values, calibrates the sensor, checks the wiring, commissions "
+    "the source, and writes the commented bench file. In a terminal: tactor-bench devices, bench new, check, commission."
 )
 SAFETY_TEXT = (
     "0 V at the amplifier's input is −500 V on the specimen. Read docs/safety.md before a real bench is switched on."
 )
 PAGES_TEXT = (
     "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) runs all of them on a specimen.  "
-    "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  F1 lists every key."
+    "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  Bench (Ctrl+5) sets up the bench.  F1 lists every key."
 )
 
 
@@ -46,6 +39,7 @@ class WelcomePage(QWidget):
     """Covers the pages until the user has made a choice."""
 
     demo_requested = Signal()
+    setup_pressed = Signal()
     browse_pressed = Signal()
     closed = Signal()
 
@@ -60,29 +54,17 @@ class WelcomePage(QWidget):
             name="welcome.demo",
             minimumHeight=64,
         )
+        self.setup_button = make_button(
+            "Set up a bench …", self.setup_pressed.emit, name="welcome.setup", minimumHeight=44
+        )
         self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit, name="welcome.browse")
         close = make_button(shortcut_label("Not now", "escape"), self.closed.emit, name="welcome.close")
-        steps = grid(spacing=(10, 2), stretch={1: 1})
-        for at, (command, purpose) in enumerate(SETUP_STEPS):
-            steps.addWidget(QLabel(f"{at + 1}."), 2 * at, 0)
-            steps.addWidget(
-                make_label(
-                    command,
-                    "command",
-                    wrap=False,
-                    textInteractionFlags=SELECTABLE | Qt.TextInteractionFlag.TextSelectableByKeyboard,
-                    focusPolicy=Qt.FocusPolicy.NoFocus,
-                ),
-                2 * at,
-                1,
-            )
-            steps.addWidget(make_label(purpose, "large"), 2 * at + 1, 1)
         left = _panel("See it work", self.about_label, 10, self.demo_button, STRETCH)
         right = _panel(
             "Set up my bench",
-            make_label("In a terminal:", "large"),
-            steps,
-            8,
+            make_label(SETUP_TEXT, "large"),
+            10,
+            self.setup_button,
             self.browse_button,
             self.message_label,
             8,
@@ -112,7 +94,8 @@ class WelcomePage(QWidget):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            (self.browse_button if self.browse_button.hasFocus() else self.demo_button).click()
+            focused = next((b for b in (self.setup_button, self.browse_button) if b.hasFocus()), self.demo_button)
+            focused.click()
             return
         super().keyPressEvent(event)
 

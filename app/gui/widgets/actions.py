@@ -58,6 +58,7 @@ ACTIONS = {
         ActionInfo("page.campaign", "Page Campaign", ("Ctrl+2",)),
         ActionInfo("page.explore", "Page Explore", ("Ctrl+3",)),
         ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
+        ActionInfo("page.bench", "Page Bench", ("Ctrl+5",)),
         ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
         ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("Ctrl+K",)),
         ActionInfo("reconnect", "Connect to the bench again", ("F6",)),

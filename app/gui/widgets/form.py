@@ -3,10 +3,11 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, Literal, get_args, get_origin
 
 from annotated_types import Interval
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWidget
@@ -40,14 +41,14 @@ class FormResult:
     errors: Mapping[str, str]
 
 
-def protocol_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
+def protocol_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
     """Return the fields of a protocol in the order of its class."""
     written = list(kind.__annotations__)
     names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
-    return tuple(_make_field(kind, name) for name in names)
+    return tuple(make_field(kind, name) for name in names)
 
 
-def form_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
+def form_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
     """Return the fields of a form; descriptions refer to other fields by their labels."""
 
     def label(name: re.Match[str]) -> str:
@@ -80,12 +81,13 @@ def check_form(kind: type[Protocol], texts: Mapping[str, Any]) -> FormResult:
         protocol = kind(**values)  # unreadable fields have their defaults, so that the others are still checked
     except ValidationError as error:
         for fault in error.errors():
-            faults.setdefault(*_field_error(kind, fault))
+            faults.setdefault(*field_error(kind, fault))
         return FormResult(None, faults)
     return FormResult(None if faults else protocol, faults)
 
 
-def _make_field(kind: type[Protocol], name: str) -> FormField:
+def make_field(kind: type[BaseModel], name: str) -> FormField:
+    """Return a parameter as a form shows it."""
     info = kind.model_fields[name]
     given = unit_of(kind, name) or ""
     unit = "" if given == "1" else given
@@ -101,13 +103,19 @@ def _make_field(kind: type[Protocol], name: str) -> FormField:
         limits=_format_limits(interval, unit),
         is_list=many,
         is_switch=annotation is bool,
-        choices=tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else (),
+        choices=_choices(annotation),
     )
 
 
-def _field_label(kind: type[Protocol], name: str) -> str:
+def _choices(annotation: Any) -> tuple[str, ...]:
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
+        return tuple(annotation)
+    return tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else ()
+
+
+def _field_label(kind: type[BaseModel], name: str) -> str:
     unit = unit_of(kind, name) or ""
-    return name.removesuffix(f"_{unit.lower()}").replace("_", " ")
+    return name.removesuffix(f"_{unit.lower().replace('/', '_per_')}").replace("_", " ")
 
 
 def _format_limits(interval: Interval | None, unit: str) -> str:
@@ -124,13 +132,13 @@ def _format_limits(interval: Interval | None, unit: str) -> str:
     return f"{' to '.join(filter(None, (lower, upper)))} {unit}".strip() if lower or upper else ""
 
 
-def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
+def field_error(kind: type[BaseModel], error: Any) -> tuple[str, str]:
     """Return the field of a validation error, and the message."""
     place, message = error["loc"], error["msg"].removeprefix("Value error, ")
     if not place:  # fields that contradict each other: the message begins with the one to change
         return next((name for name in kind.model_fields if message.startswith(name)), ""), message
     name = str(place[0])
-    field = _make_field(kind, name)
+    field = make_field(kind, name)
     value = error["input"]
     if error["type"].startswith(("greater_than", "less_than")):
         return name, f"{format_parameter(value)} {field.unit}".strip() + f" is outside the range: {field.limits}"

@@ -1,0 +1,92 @@
+"""Calibration of the displacement sensor: a line through two or more positions and the volts read there."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+MIN_VOLTS_OVER_NOISE = 10.0
+"""Least span of the volts, in standard errors of one reading, through which a line is drawn."""
+
+
+class CalibrationError(ValueError):
+    """No line can be drawn; the message names the reason and the remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPoint:
+    """A position by gauge block or micrometer and the sensor's volts there.
+
+    Args:
+        position_m: the position.
+        position_uncertainty_m: its standard uncertainty, independent from point to point.
+        volts: mean of the sensor's output.
+        volts_error: standard error of this mean.
+    """
+
+    position_m: float
+    position_uncertainty_m: float
+    volts: float
+    volts_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class SensorCalibration:
+    """The line position = gain * (volts - zero).
+
+    Attributes:
+        gain_m_per_v: its slope.
+        zero_v: volts at position 0.
+        gain_relative_uncertainty: standard uncertainty of the gain, relative: from the stated uncertainties, or from the scatter
+            about the line where that is larger.
+        residuals_m: position less line, point by point.
+    """
+
+    gain_m_per_v: float
+    zero_v: float
+    gain_relative_uncertainty: float
+    residuals_m: tuple[float, ...]
+
+
+def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
+    """Fit a line to positions and volts, weighted with their uncertainties.
+
+    Raises:
+        CalibrationError: there are fewer than two points, or their positions or volts do not differ.
+    """
+    if len(points) < 2:
+        raise CalibrationError(f"a line needs two points, and there {'is one' if points else 'are none'}; take another")
+    x = np.array([p.position_m for p in points])
+    v = np.array([p.volts for p in points])
+    noise_v = np.array([p.volts_error for p in points])
+    gauge_m = np.array([p.position_uncertainty_m for p in points])
+    if np.ptp(x) == 0:
+        raise CalibrationError("all points have the same position; move the target and take another")
+    if np.ptp(v) <= max(MIN_VOLTS_OVER_NOISE * noise_v.max(), 1e-6):
+        raise CalibrationError(
+            f"the volts of all points agree within {np.ptp(v):.2g} V; move the target further, and look whether the sensor is in "
+            "range and its output reaches the card"
+        )
+    gain = np.polyfit(v, x, 1)[0]
+    variance = gauge_m**2 + (gain * noise_v) ** 2
+    stated = bool((variance > 0).all())
+    weights = 1 / variance if stated else np.ones_like(x)
+    for _ in range(3):  # the volts' share of the variance depends on the gain
+        v_mean, x_mean = np.average(v, weights=weights), np.average(x, weights=weights)
+        spread = np.sum(weights * (v - v_mean) ** 2)
+        gain = np.sum(weights * (v - v_mean) * (x - x_mean)) / spread
+        if stated:
+            weights = 1 / (gauge_m**2 + (gain * noise_v) ** 2)
+    if gain == 0:
+        raise CalibrationError("the line is flat: the volts do not follow the positions; check the order of the points")
+    residuals = x - x_mean - gain * (v - v_mean)
+    chi2, freedom = float(np.sum(weights * residuals**2)), len(points) - 2
+    scatter = chi2 / freedom if freedom else 0.0
+    gain_variance = (max(scatter, 1.0) if stated else scatter) / spread
+    return SensorCalibration(
+        float(gain),
+        float(v_mean - x_mean / gain),
+        math.sqrt(gain_variance) / abs(float(gain)),
+        tuple(residuals.tolist()),
+    )

@@ -1,0 +1,1 @@
+"""Bench page: set-up, calibration, wiring check and commissioning of a bench."""

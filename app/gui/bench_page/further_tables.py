@@ -1,0 +1,143 @@
+"""Further tables of a bench file: specimen, abort levels, watchdog, further channels and serial meters."""
+
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.config import BenchConfig, ChannelTable, LevelsTable, MeterTable, SpecimenTable, WatchdogTable
+from app.gui.bench_page.table_form import TableForm
+from app.gui.widgets import STRETCH, column, configure, make_button, make_choice, make_label, make_panel, row
+
+NEW_METER = {"driver": "keyence-lkg", "port": "COM3"}
+
+
+class FurtherTables(QWidget):
+    """The tables that few benches change, behind a button."""
+
+    changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open_button = make_choice(
+            "Specimen, abort levels, watchdog, further inputs and meters", "Show the other tables", checkable=True
+        )
+        self.open_button.setObjectName("bench.further")
+        self.single = {
+            "specimen": TableForm("specimen", SpecimenTable),
+            "levels": TableForm("levels", LevelsTable),
+            "watchdog": TableForm("watchdog", WatchdogTable),
+        }
+        self.channels: list[TableForm] = []
+        self.meters: list[tuple[QLineEdit, TableForm]] = []
+        self._content, self._list = QWidget(), QWidget()
+        self._rows = column(parent=self._list, margins=(0, 0, 0, 0), spacing=6)
+        column(
+            *(
+                make_panel(
+                    make_label(title, "caption", wrap=False), self.single[name], margins=(10, 8, 10, 8), spacing=4
+                )
+                for name, title in (
+                    ("specimen", "Specimen as it is mounted"),
+                    ("levels", "Abort levels"),
+                    ("watchdog", "Watchdog"),
+                )
+            ),
+            self._list,
+            row(
+                make_button("Add an input of the card", self._add_channel, name="bench.channels.add"),
+                make_button("Add a serial meter", self._add_meter, name="bench.meters.add"),
+                STRETCH,
+            ),
+            parent=self._content,
+            margins=(0, 0, 0, 0),
+            spacing=6,
+        )
+        column(self.open_button, self._content, parent=self, margins=(0, 0, 0, 0), spacing=6)
+        self._content.hide()
+        self.open_button.toggled.connect(self._content.setVisible)
+        for form in self.single.values():
+            form.changed.connect(self.changed)
+
+    @property
+    def forms(self) -> list[TableForm]:
+        """All forms."""
+        return [*self.single.values(), *self.channels, *(form for _, form in self.meters)]
+
+    @property
+    def tables(self) -> dict[str, Any]:
+        """The tables as they are typed."""
+        return {
+            **{name: form.record for name, form in self.single.items()},
+            "channels": [form.record.model_dump() for form in self.channels],
+            "meters": {edit.text().strip(): form.record.model_dump() for edit, form in self.meters},
+        }
+
+    def set_config(self, config: BenchConfig) -> None:
+        """Show the tables of a bench."""
+        for name, form in self.single.items():
+            form.set_record(getattr(config, name))
+        if self.tables["channels"] == [table.model_dump() for table in config.channels] and self.tables["meters"] == {
+            name: table.model_dump() for name, table in config.meters.items()
+        }:
+            return
+        while (item := self._rows.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self.channels, self.meters = [], []
+        for channel in config.channels:
+            self._show_channel(channel)
+        for name, meter in config.meters.items():
+            self._show_meter(name, meter)
+
+    def _add_channel(self) -> None:
+        used = {form.record.name for form in self.channels}
+        number = next(n for n in range(1, 1000) if f"input{n}" not in used)
+        self._show_channel(ChannelTable.model_validate({"name": f"input{number}", "channel": f"ai{number + 1}"}))
+        self.changed.emit()
+
+    def _add_meter(self) -> None:
+        used = {edit.text() for edit, _ in self.meters}
+        self._show_meter(next(f"meter{n}" for n in range(1, 1000) if f"meter{n}" not in used), MeterTable(**NEW_METER))
+        self.changed.emit()
+
+    def _show_channel(self, table: ChannelTable) -> None:
+        form = TableForm(f"channel{len(self.channels) + 1}", ChannelTable)
+        form.set_record(table)
+        form.changed.connect(self.changed)
+        self.channels.append(form)
+
+        def remove() -> None:
+            self.channels.remove(form)
+            panel.deleteLater()
+            self.changed.emit()
+
+        panel = make_panel(
+            row(make_label("Input of the card", "caption"), make_button("Remove", remove, "choice")),
+            form,
+            margins=(10, 8, 10, 8),
+            spacing=4,
+        )
+        self._rows.addWidget(panel)
+
+    def _show_meter(self, name: str, table: MeterTable) -> None:
+        form = TableForm(f"meter{len(self.meters) + 1}", MeterTable)
+        form.set_record(table)
+        form.changed.connect(self.changed)
+        edit = configure(QLineEdit(name), f"bench.meter{len(self.meters) + 1}.key", accessibleName="name of the meter")
+        edit.textEdited.connect(lambda _: self.changed.emit())
+        entry = (edit, form)
+        self.meters.append(entry)
+
+        def remove() -> None:
+            self.meters.remove(entry)
+            panel.deleteLater()
+            self.changed.emit()
+
+        panel = make_panel(
+            row(make_label("Serial meter", "caption", wrap=False), (edit, 1), make_button("Remove", remove, "choice")),
+            form,
+            margins=(10, 8, 10, 8),
+            spacing=4,
+        )
+        self._rows.addWidget(panel)

@@ -1,0 +1,296 @@
+"""Bench page: list of benches, the instruments of one, scan, live values and its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt, QUrl, Signal
+from PySide6.QtGui import QDesktopServices, QHideEvent
+from PySide6.QtWidgets import QLineEdit, QSplitter, QWidget
+
+from app.config import BenchDraft, ConfigError, FoundDevice, bench_files, find_devices
+from app.gui.bench_page.bench_list import BenchList
+from app.gui.bench_page.further_tables import FurtherTables
+from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile, TileGrid
+from app.gui.widgets import (
+    STRETCH,
+    BackgroundWorker,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_scroll_area,
+    row,
+)
+from app.live import SessionAdapter
+from app.session import WindowState
+
+STALE_S = 1.0
+"""A reading older than this is not shown as a live value."""
+
+
+class BenchPage(QSplitter):
+    """One page of the window.
+
+    Args:
+        adapter: for live values of the open bench.
+        open_bench: path of its file, or name of the simulated bench.
+        theme: at the beginning.
+    """
+
+    title = "Bench"
+    bench_chosen = Signal(str)
+    """Path or name of the bench to connect to."""
+
+    def __init__(self, adapter: SessionAdapter, open_bench: str, theme: Theme) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        self._adapter, self._open_bench = adapter, open_bench
+        self._worker = BackgroundWorker("bench page", self)
+        self._state: WindowState | None = None
+        self._watching = False
+        self.draft: BenchDraft | None = None
+        self.benches = BenchList()
+        self.name_edit = configure(QLineEdit(), "bench.name", accessibleName="name of the bench")
+        self.hosts_edit = configure(
+            QLineEdit(),
+            "bench.hosts",
+            accessibleName="LAN addresses of instruments",
+            placeholderText="LAN: 192.0.2.7, 192.0.2.8:5025",
+            toolTip="Instruments on a LAN socket cannot be discovered, only queried: their addresses, host or host:port",
+        )
+        self.server_edit = configure(
+            QLineEdit(),
+            "bench.server",
+            accessibleName="NI gRPC device server",
+            placeholderText="NI server: host:port",
+            toolTip="NI's gRPC device server, for the card of another computer; empty for a card in this one",
+        )
+        self.scan_button = make_button("Scan", self.scan, tip="Look for instruments; nothing is set", name="bench.scan")
+        self.message_label = configure(StatusLine(), "bench.message")
+        self.connect_button = make_button(
+            "Save and connect",
+            self.save_and_connect,
+            "go",
+            "Open this bench in the window",
+            "bench.connect",
+            minimumHeight=36,
+        )
+        self.save_button = make_button("Save", self.save, tip="Write the commented bench file", name="bench.save")
+        self.show_button = make_button(
+            "Show file", self.show_file, tip="Open the folder of the file", name="bench.show"
+        )
+        self.file_label = make_label(
+            kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
+        )
+        self.source, self.amplifier = SourceTile(), AmplifierTile(theme)
+        self.card = CardTile(lambda: self.server_edit.text().strip())
+        self.sensor = SensorTile()
+        self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
+        self.further = FurtherTables()
+        self._build()
+        self.set_theme(theme)
+        self.show_bench(open_bench)
+
+    # -- interface to the window -----------------------------------------------------------------------------------------
+
+    def set_state(self, view: WindowState) -> None:
+        """Show identity and state of the instruments of the open bench."""
+        if not view.can_run:
+            self._watching = False
+        self._state = view
+        by_role = {status.role: status for status in view.instruments} if self.is_open else {}
+        for tile in self.tiles:
+            tile.set_status(by_role.get(tile.role), view.problem)
+        self._update_buttons()
+
+    def set_theme(self, theme: Theme) -> None:
+        self.amplifier.plot.set_theme(theme)
+
+    def activate(self) -> None:
+        self.benches.list.setFocus()
+
+    def tick(self) -> None:
+        """Show live values of the open bench, which are watched while the page is visible."""
+        if self._state is not None and self._state.can_run and not self._watching and self.isVisible():
+            self._watching = True
+            self._adapter.session.monitor(active=True)
+        reading = self._adapter.feed.reading if self.is_open else None
+        if reading is not None and reading.age_s > STALE_S:
+            reading = None
+        for tile in (self.amplifier, self.card, self.sensor):
+            tile.show_reading(reading)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        if self._watching:
+            self._watching = False
+            self._adapter.session.monitor(active=False)
+
+    def shutdown(self) -> None:
+        """Stop background threads."""
+        self._worker.close()
+
+    def show_message(self, text: str) -> None:
+        """Show why the bench cannot be opened."""
+        self.message_label.show_message(text, is_error=True)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the bench that is shown is the one that the window has opened."""
+        return self.draft is not None and self.draft.name == self._open_bench
+
+    # -- commands --------------------------------------------------------------------------------------------------------
+
+    def show_bench(self, name: str) -> None:
+        """Show a bench file or a simulated bench; an empty name begins a new one."""
+
+        def load() -> tuple[BenchDraft, list[Path]]:
+            return (BenchDraft.load(name) if name else BenchDraft.new()), bench_files()
+
+        self._worker.submit(load, lambda loaded: self._show_draft(*loaded), self._on_error, latest_only="load")
+
+    def scan(self) -> None:
+        """Look for instruments in the background."""
+        hosts = [part for part in self.hosts_edit.text().replace(",", " ").split() if part]
+        server = self.server_edit.text().strip()
+        self.scan_button.setEnabled(False)
+        self.message_label.show_message("Scanning: USB, LAN, serial ports and cards …", persistent=True)
+        self._worker.submit(lambda: find_devices(hosts, server), lambda found: self._show_found(*found), self._on_error)
+
+    def save(self, connect: bool = False) -> None:
+        """Write the bench file."""
+        draft = self.draft
+        if draft is None or self._has_faults:
+            self.show_message("A value is at fault: correct it first, it is marked in red.")
+            return
+
+        def saved(result: tuple[BenchDraft, list[Path]]) -> None:
+            self._show_draft(*result)
+            self.message_label.show_message(f"Saved: {result[0].name}")
+            if connect:
+                self.bench_chosen.emit(result[0].name)
+
+        self._worker.submit(lambda: (draft.save(), bench_files()), saved, self._on_error)
+
+    def save_and_connect(self) -> None:
+        """Write the bench file if it was edited, and open the bench in the window."""
+        if self.draft is None:
+            return
+        if self.draft.edited:
+            self.save(connect=True)
+        else:
+            self.bench_chosen.emit(self.draft.name)
+
+    def show_file(self) -> None:
+        """Open the folder of the bench file."""
+        if self.draft is not None and self.draft.has_file:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(Path(self.draft.name).resolve().parent)))
+
+    # -- inside ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def _has_faults(self) -> bool:
+        return any(form.has_faults for form in self._forms)
+
+    def _show_draft(self, draft: BenchDraft, files: list[Path]) -> None:
+        self.draft = draft
+        self.benches.show_benches(files, draft.name, self._open_bench)
+        self.name_edit.setText(draft.config.name)
+        self.server_edit.setText(draft.config.card.server)
+        for tile in (self.source, self.amplifier, self.card, self.sensor):
+            tile.found_box.hide()
+            tile.set_config(draft.config)
+        self.further.set_config(draft.config)
+        self.message_label.show_message("")
+        if self._state is not None:
+            self.set_state(self._state)
+        self._update_buttons()
+
+    def _show_found(self, devices: list[FoundDevice], notes: list[str]) -> None:
+        self.scan_button.setEnabled(True)
+        self.source.show_found([device for device in devices if device.role in ("generator", "supply")])
+        self.card.show_found([device for device in devices if device.role == "card"])
+        found = [device for device in devices if device.role in ("generator", "supply", "card")]
+        have = ", ".join(f"{device.role} {device.identity}" for device in found) or "nothing was found"
+        text = "\n".join((f"Scan: {have}.", *notes))
+        self.message_label.show_message(text, is_error=not found, persistent=True)
+
+    def _on_edited(self) -> None:
+        if self.draft is None:
+            return
+        tables: dict[str, Any] = {
+            "name": self.name_edit.text().strip() or "bench",
+            "source": self.source.source_form.record,
+            "generator": self.source.generator_form.record,
+            "supply": self.source.supply_form.record,
+            "amplifier": self.amplifier.form.record,
+            "card": self.card.form.record,
+            "sensor": self.sensor.form.record,
+            **self.further.tables,
+        }
+        try:
+            self.draft = self.draft.with_tables(**tables)
+        except ConfigError as error:
+            self.show_message(str(error))
+        else:
+            self.message_label.show_message("")
+        self._update_buttons()
+
+    def _on_error(self, error: Exception) -> None:
+        self.scan_button.setEnabled(True)
+        self.show_message(str(error))
+
+    def _update_buttons(self) -> None:
+        draft = self.draft
+        edited = draft is not None and draft.edited
+        busy = self._state is not None and self._state.busy
+        self.save_button.setEnabled(edited and not busy)
+        self.show_button.setEnabled(draft is not None and draft.has_file)
+        self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
+        self.connect_button.setEnabled(draft is not None and not busy)
+        if draft is None:
+            return
+        where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
+        self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
+
+    def _build(self) -> None:
+        configure(self, "bench/columns", childrenCollapsible=False)
+        content, area = QWidget(), make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+        column(
+            row(make_label("Name", wrap=False), (self.name_edit, 1)),
+            row(self.connect_button, self.save_button, self.show_button, (self.file_label, 1)),
+            row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
+            self.message_label,
+            TileGrid(self.tiles),
+            self.further,
+            STRETCH,
+            parent=content,
+            margins=(6, 0, 6, 6),
+            spacing=6,
+        )
+        area.setWidget(content)
+        content.setAutoFillBackground(False)
+        area.setMinimumSize(300, 200)
+        self.benches.setMinimumWidth(150)
+        for part, stretch in ((self.benches, 0), (area, 1)):
+            self.addWidget(part)
+            self.setStretchFactor(self.indexOf(part), stretch)
+        self.setSizes([200, 1000])
+        self.benches.selected.connect(self.show_bench)
+        self.benches.new_pressed.connect(lambda: self.show_bench(""))
+        self.name_edit.textEdited.connect(lambda _: self._on_edited())
+        self._forms = (
+            self.source.source_form,
+            self.source.generator_form,
+            self.source.supply_form,
+            self.amplifier.form,
+            self.card.form,
+            self.sensor.form,
+            *self.further.forms,
+        )
+        for tile in self.tiles:
+            tile.changed.connect(self._on_edited)
+        self.further.changed.connect(self._on_edited)

@@ -1,0 +1,109 @@
+"""Form of one table of a bench file: its main fields, and the others behind *More*."""
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QGridLayout, QSizePolicy, QWidget
+
+from app.config import ConfigTable
+from app.gui.widgets import FieldRow, column, field_error, grid, make_choice, make_field
+
+
+class TableForm(QWidget):
+    """Editable fields of a table of the bench file; a fault is written below its field.
+
+    Args:
+        table: name of the table, for object names.
+        kind: of the table.
+        main: names of the fields that are always visible; all if empty.
+        hidden: names of the fields that are edited elsewhere.
+    """
+
+    changed = Signal()
+
+    def __init__(
+        self, table: str, kind: type[ConfigTable], main: Sequence[str] = (), hidden: Collection[str] = ()
+    ) -> None:
+        super().__init__()
+        self._kind, self._record = kind, kind.model_construct()
+        names = [name for name in kind.model_fields if name not in hidden]
+        shown = [name for name in (main or names) if name in names]
+        others = [name for name in names if name not in shown]
+        self.rows = {name: self._make_row(table, name) for name in (*shown, *others)}
+        self.more_button = make_choice("More", "Show the other values of this table", checkable=True)
+        self.more_button.setObjectName(f"bench.{table}.more")
+        self._others = QWidget()
+        top = QWidget()
+        _fill(grid(parent=top, margins=(0, 0, 0, 0), spacing=(8, 2), stretch={1: 1}), [self.rows[n] for n in shown])
+        _fill(
+            grid(parent=self._others, margins=(0, 0, 0, 0), spacing=(8, 2), stretch={1: 1}),
+            [self.rows[n] for n in others],
+        )
+        column(top, self.more_button, self._others, parent=self, margins=(0, 0, 0, 0), spacing=4)
+        self.more_button.setVisible(bool(others))
+        self._others.hide()
+        self.more_button.toggled.connect(self._others.setVisible)
+
+    def set_record(self, record: ConfigTable) -> None:
+        """Show the values of a table."""
+        if record == self._record and not self.has_faults:
+            return
+        self._record = record
+        for name, row in self.rows.items():
+            row.editor.blockSignals(True)
+            row.set_value(getattr(record, name))
+            row.editor.blockSignals(False)
+            _show_fault(row, "")
+
+    @property
+    def record(self) -> Any:
+        """The table as it is typed; the last valid one while a field is at fault."""
+        return self._record
+
+    @property
+    def has_faults(self) -> bool:
+        """Whether a field is at fault."""
+        return any(not row.note_label.isHidden() for row in self.rows.values())
+
+    def _make_row(self, table: str, name: str) -> FieldRow:
+        row = FieldRow(make_field(self._kind, name), self._kind.model_fields[name].get_default())
+        row.editor.setObjectName(f"bench.{table}.{name}")
+        row.editor.setAccessibleName(f"{table} {row.editor.accessibleName()}".strip())
+        row.editor.setMinimumWidth(70)
+        row.editor.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        row.note_label.setObjectName(f"bench.{table}.{name}.fault")
+        _show_fault(row, "")
+        row.edited.connect(self._on_edited)
+        return row
+
+    def _on_edited(self) -> None:
+        faults: dict[str, str] = {}
+        values = self._record.model_dump() | {name: row.text for name, row in self.rows.items()}
+        try:
+            record = self._kind.model_validate(values)
+        except ValidationError as error:
+            for fault in error.errors():
+                faults.setdefault(*field_error(self._kind, fault))
+        else:
+            self._record = record
+        if (general := faults.pop("", "")) and self.rows:
+            faults.setdefault(next(iter(self.rows)), general)
+        for name, row in self.rows.items():
+            _show_fault(row, faults.get(name, ""))
+        self.changed.emit()
+
+
+def _show_fault(row: FieldRow, fault: str) -> None:
+    """Show what is wrong; what a field means is in its tool tip, so that the tiles stay small."""
+    row.show_error(fault)
+    row.note_label.setVisible(bool(fault))
+
+
+def _fill(layout: QGridLayout, rows: Sequence[FieldRow]) -> None:
+    for at, row in enumerate(rows):
+        layout.addWidget(row.label, 2 * at, 0)
+        layout.addWidget(row.editor, 2 * at, 1)
+        layout.addWidget(row.unit, 2 * at, 2)
+        layout.addWidget(row.note_label, 2 * at + 1, 0, 1, 3)

@@ -1,0 +1,168 @@
+"""Bench page: benches, tiles with live values, scan, editing and saving, and the bench chosen last."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtWidgets import QApplication, QWidget
+
+from app.config.bench_editing import bench_files
+from app.config.bench_file import BenchConfig, load_bench
+from app.config.discovery import FoundDevice
+from app.gui import application
+from app.gui.main_window import MainWindow
+from app.gui.tabs import BENCH, MEASURE
+from protocols.measurements.sine_dwell import SineDwell
+from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
+
+pytestmark = pytest.mark.deep
+
+FOUND = [
+    FoundDevice("generator", "TCPIP::192.0.2.7::5025::SOCKET", "Keysight 33511B #MY1", "MY1", "keysight-33500"),
+    FoundDevice("card", "Dev3", "NI USB-6341 #77", "77"),
+]
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+@pytest.fixture
+def window(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, no_widget_left_behind: None
+) -> Iterator[MainWindow]:
+    with whole_window(Bench(config), config, SineDwell(frequencies_hz=(100.0,)), tmp_path, settings) as window:
+        press(window, Qt.Key.Key_5, Qt.KeyboardModifier.ControlModifier)
+        until(lambda: window.tabs.currentIndex() == BENCH and window.tabs.bench.draft is not None, "for the page")
+        yield window
+
+
+def type_into(window: QWidget, name: str, text: str) -> None:
+    edit = find(window, name)
+    edit.setFocus()
+    edit.selectAll()
+    edit.insert(text)
+
+
+def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -> None:
+    until(lambda: find(window, "bench.card.live").text(), "for a reading")
+    assert find(window, "bench.card.live").text() == "ai0 0.000 V    ai1 0.0000 V"
+    assert find(window, "bench.amplifier.live").text() == "−500 V if high voltage is on"
+    assert "33511B" in find(window, "bench.generator.identity").text()
+    assert "ready" in find(window, "bench.sensor.state").text()
+
+
+def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: MainWindow) -> None:
+    until(lambda: window.adapter.feed.reading is not None, "for a reading")
+    window.tabs.select_page(MEASURE)
+    press(window, Qt.Key.Key_F5)
+    until(lambda: window.state.outcome is not None, "for the run")
+    assert window.state.outcome.verdict.outcome.has_result
+    assert window.adapter.feed.reading is None
+    window.tabs.select_page(BENCH)
+    until(lambda: window.adapter.feed.reading is not None, "for a reading after the run")
+    until(lambda: find(window, "bench.card.live").text().startswith("ai0 2.500 V"), "for rest")
+
+
+def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
+    window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(
+        "app.gui.bench_page.page.find_devices", lambda *given: asked.append(given) or (FOUND, ["no VISA library"])
+    )
+    page = window.tabs.bench
+    find(page, "bench.new").click()
+    until(lambda: page.draft is not None and page.draft.name == "", "for the new bench")
+    type_into(window, "bench.hosts", "192.0.2.7, 192.0.2.8:5555")
+    type_into(window, "bench.server", "192.0.2.9:31763")
+    find(page, "bench.scan").click()
+    until(lambda: find(page, "bench.card.device").text() == "Dev3", "for the scan")
+    assert asked == [(["192.0.2.7", "192.0.2.8:5555"], "192.0.2.9:31763")]
+    assert "no VISA library" in find(page, "bench.message").text()
+    type_into(window, "bench.name", "Ann")
+    type_into(window, "bench.sensor.gain_m_per_v", "0.5 mm/V")
+    find(page, "bench.further").click()
+    type_into(window, "bench.specimen.gap_m", "1 mm")
+    find(page, "bench.channels.add").click()
+    find(page, "bench.save").click()
+    until(bench_files, "for the file")
+    until(lambda: page.draft is not None and page.draft.has_file, "for the page")
+    config = load_bench(str(bench_files()[0]))
+    assert (config.name, config.generator.resource, config.generator.serial) == ("Ann", FOUND[0].where, "MY1")
+    assert (config.card.device, config.card.server) == ("Dev3", "192.0.2.9:31763")
+    assert (config.sensor.gain_m_per_v, config.specimen.gap_m) == (5e-4, 1e-3)
+    assert [channel.channel for channel in config.channels] == ["ai2"]
+    assert "# 0 V on the specimen" in bench_files()[0].read_text("utf-8")
+    assert not find(page, "bench.save").isEnabled()
+
+
+def test_a_fault_is_written_below_its_field_and_is_not_saved(window: MainWindow) -> None:
+    type_into(window, "bench.amplifier.slope_above", "-3")
+    fault = find(window, "bench.amplifier.slope_above.fault")
+    assert fault.isVisible()
+    assert "-3" in fault.text()
+    type_into(window, "bench.name", "other")
+    find(window, "bench.save").click()
+    assert "correct it first" in find(window, "bench.message").text()
+    assert not bench_files()
+    type_into(window, "bench.amplifier.slope_above", "500")
+    assert not fault.isVisible()
+    assert window.tabs.bench.amplifier.plot._curve.getData()[1][-1] == 1250
+
+
+def test_every_widget_for_input_has_a_name_and_a_text_for_screen_readers(window: MainWindow) -> None:
+    page = window.tabs.bench
+    for widget in page.findChildren(QWidget):
+        if widget.focusPolicy() & Qt.FocusPolicy.TabFocus and type(widget).__module__.startswith(("app", "PySide6")):
+            if widget.objectName().startswith("qt_") or not hasattr(widget, "accessibleName"):
+                continue
+            if type(widget).__name__ in ("QLineEdit", "QComboBox", "QCheckBox", "QPushButton", "QListWidget"):
+                assert widget.objectName().startswith("bench."), widget
+                assert widget.accessibleName() or widget.property("text"), widget.objectName()
+
+
+def test_the_bench_chosen_last_is_opened_at_the_next_start(
+    qt: QApplication, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[tuple[str, int]] = []
+
+    def close_at_once(window: MainWindow, _units: object) -> int:
+        opened.append((window.tabs._open_bench, window.tabs.currentIndex()))
+        if len(opened) == 1:
+            window.change_bench("other.toml")
+        window._session_closed = True
+        window.tabs.shutdown()
+        window.deleteLater()
+        return 0
+
+    monkeypatch.setattr(application, "_run_until_closed", close_at_once)
+
+    def start() -> None:
+        application.open_window(
+            application.OpenedBench(lambda: pytest.fail("nothing connects here"), load_bench("sim")),
+            SineDwell(),
+            tmp_path,
+            settings=settings,
+            make_session=lambda *_: ListeningSession(),
+            bench_factory=lambda name: application.OpenedBench(
+                lambda: pytest.fail("nothing connects here"), load_bench("sim"), name=name
+            ),
+            bench_given=False,
+        )
+
+    start()
+    assert opened == [("sim", BENCH), ("other.toml", MEASURE)]
+    del opened[:]
+    start()
+    assert opened[0][0] == "other.toml"
+
+
+def test_a_start_without_any_bench_shows_the_page_behind_the_welcome(open_stage: OpenStage) -> None:
+    window = open_stage().window
+    window.central.show_welcome()
+    find(window, "welcome.setup").click()
+    assert window.tabs.currentIndex() == BENCH
+    assert not window.central.is_covered
