@@ -151,10 +151,11 @@ class ScpiTcpServer(Closeable):
             return  # accepted, and never answered (dmm6500-serial-decode at 0465be2, on an SDG2122X)
         lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
-            # Messages that arrive together are carried out one after the other, as an instrument does.
+            # Messages that arrive together are carried out one after the other, as an instrument does. The time of one counts
+            # from its end: a process that is held up in the middle may find bench time waiting, and the next would have the same.
             self._clock.sleep(self._busy_until_s - self._clock.now())
-            self._busy_until_s = self._clock.now() + self._command_s
             reply = self._instrument.handle(line)
+            self._busy_until_s = self._clock.now() + self._command_s
             if reply is None:
                 continue
             if (wait := reply.wait_s(self._command_s, self._speed)) > _MIN_WAIT_S:

@@ -3,10 +3,11 @@
 import contextlib
 import socket
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from drivers.clock import WallClock
+from drivers.clock import SharedTime, WallClock
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight_33500 import Keysight33500
@@ -118,3 +119,36 @@ def test_closing_drops_the_callers(bench):
         assert sock.recv(100)
         server.close()
         assert sock.recv(100) == b""
+
+
+def test_two_messages_of_a_held_up_bench_are_two_steps(tmp_path, monkeypatch):
+    """The computer stops the bench in the middle of a message, and bench time has come to a late reader meanwhile."""
+    real_s = [1000.0]
+
+    def pass_(seconds: float) -> None:
+        real_s[0] += seconds
+
+    monkeypatch.setattr("drivers.clock.time", SimpleNamespace(monotonic=lambda: real_s[0], sleep=pass_))
+    parameters = SimulationParameters(speed=5.0)
+    clock = WallClock(5.0, SharedTime(tmp_path / "time", 5.0, new=True))
+    bench = SimulatedBench(parameters, clock)
+    for message in ("OUTP:LOAD INF", "VOLT 0.002", "FUNC DC", "VOLT:OFFS 2.5", "OUTP ON"):
+        bench.message_port.handle(message)
+    pass_(1.0)
+    bench.enable_hv()
+    handle = bench.message_port.handle
+
+    def held_up(message: str):
+        if message == "VOLT:OFFS 2.55":
+            clock.shared.wait_at(clock.now() + 0.1)
+            pass_(0.05)
+        return handle(message)
+
+    monkeypatch.setattr(bench.message_port, "handle", held_up)
+    server = ScpiTcpServer(bench.message_port, parameters.speed, parameters.generator.command_s, clock)
+    with server, socket.create_connection(("127.0.0.1", server.port), 10.0) as wire:
+        wire.sendall(b"VOLT:OFFS 2.55\nVOLT:OFFS 2.6\nVOLT:OFFS?\n")
+        assert float(wire.recv(100)) == pytest.approx(2.6)
+    first, second = [entry.start_s for entry in bench.history.entries()[-2:]]
+    assert second - first >= parameters.generator.command_s * (1 - 1e-9)
+    assert bench.report().largest_jump_v == pytest.approx(0.05)
