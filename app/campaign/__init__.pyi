@@ -1,6 +1,7 @@
 from .campaign import Campaign as Campaign
 from .plan import PAPER_ITEMS as PAPER_ITEMS
 from .plan import CampaignError as CampaignError
+from .plan import campaign_path as campaign_path
 from .plan import list_campaigns as list_campaigns
 from .presentation import ACTION_LABELS as ACTION_LABELS
 from .presentation import STATUS_MARKS as STATUS_MARKS

@@ -44,6 +44,11 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
     "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
+    "archive": (
+        "app.cli.specimen.archive",
+        "a specimen with all its runs as one file for a lab notebook or another computer",
+    ),
+    "restore": ("app.cli.specimen.archive", "bring the files of an archive back, each with its hash verified"),
     "verify": ("app.cli.run_files", "verify run files by their checksums; repair files that a killed program left"),
     "import": ("app.cli.import_", "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files"),
     "protocols": ("app.cli.run", "list the protocols and their parameters"),

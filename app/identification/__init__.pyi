@@ -7,6 +7,7 @@ from .active_model import load_active_model as load_active_model
 from .active_model import reference_model as reference_model
 from .calibrations import CalibrationError as CalibrationError
 from .calibrations import Calibrations as Calibrations
+from .calibrations import calibrations_path as calibrations_path
 from .calibrations import describe_correction as describe_correction
 from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of

@@ -1,0 +1,130 @@
+"""The commands `archive` and `restore`: a specimen as one file for a lab notebook or another computer, and back."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from app.archive import Catalogue, RunSummary
+from app.archive.specimen_archive import SUFFIX, ArchiveError, restore_archive, write_archive
+from app.campaign import campaign_path
+from app.cli.options import CommandSyntax, folder_option, option, switch
+from app.common import (
+    ExitCode,
+    OperationCancelled,
+    Progress,
+    UsageError,
+    path_argument,
+    pluralize,
+    print_line,
+    print_message,
+    terminal_progress,
+    usage_errors,
+)
+from app.identification import calibrations_path, sheet_path
+from protocols.runfile.names import safe_name
+from protocols.runfile.verify import FileState, verify_run
+
+RUNS_SHARE = 0.7
+"""Of the work; the rest is the report."""
+
+
+@dataclass(frozen=True)
+class ArchiveCommand:
+    """Write a specimen into one file."""
+
+    specimen: str = option()
+    folder: Path = folder_option()
+    out: Path | None = option(
+        "--out",
+        type=path_argument,
+        metavar="FILE",
+        help=f"the archive (default: SPECIMEN{SUFFIX} in the working directory)",
+    )
+    licence: str = option(
+        "--licence", default="", metavar="URL", help="address of the licence of the data, e.g. that of CC BY 4.0"
+    )
+    no_report: bool = switch("--no-report", "leave the report out")
+
+    @usage_errors(ArchiveError)
+    def execute(self) -> int:
+        if not self.folder.is_dir():
+            raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
+        archive = self.out or Path(f"{safe_name(self.specimen)}{SUFFIX}")
+        if archive.suffix != SUFFIX:
+            raise UsageError(
+                f"--out {archive}: write a name that ends in {SUFFIX}, by which lab notebooks know the format"
+            )
+        catalogue = Catalogue(self.folder)
+        with terminal_progress("archive") as progress, TemporaryDirectory() as scratch:
+            catalogue.scan()
+            runs = [run for run in catalogue.entries() if run.specimen == self.specimen]
+            beside = (path(self.folder, self.specimen) for path in (sheet_path, calibrations_path, campaign_path))
+            documents = [path for path in beside if path.is_file()]
+            if runs and not self.no_report:
+                documents += _write_report(self.folder, self.specimen, Path(scratch), progress.part(RUNS_SHARE, 1.0))
+            write_archive(
+                self.folder, self.specimen, runs, documents, archive, self.licence, progress.part(0.0, RUNS_SHARE)
+            )
+        _report_damaged(self.folder, runs)
+        print_line(str(archive))
+        return ExitCode.DONE
+
+
+def _write_report(folder: Path, specimen: str, scratch: Path, progress: Progress) -> tuple[Path, ...]:
+    """Write the report into a folder; a specimen that has none is archived without it."""
+    from app.cli.report import write_report
+    from app.report.content import ReportError, build_report
+
+    try:
+        content, model, runs = build_report(folder, specimen, None, progress)
+        return write_report(content, model, runs, scratch, progress)
+    except ReportError as error:
+        print_message(f"without a report: {error}")
+        return ()
+
+
+def _report_damaged(folder: Path, runs: list[RunSummary]) -> None:
+    """Name the archived runs that are damaged: they are kept as they are."""
+    for run in runs:
+        if (result := verify_run(folder / run.path)).state is FileState.DAMAGED:
+            print_message(f"{run.name} is damaged, and archived as it is: {'; '.join(result.findings)}")
+
+
+@dataclass(frozen=True)
+class RestoreCommand:
+    """Restore the files of an archive."""
+
+    archive: Path = option(type=path_argument, metavar="ARCHIVE", help=f"an {SUFFIX} file that `archive` wrote")
+    folder: Path = folder_option()
+
+    @usage_errors(ArchiveError)
+    def execute(self) -> int:
+        try:
+            with terminal_progress("restore") as progress:
+                found = restore_archive(self.archive, self.folder, progress)
+        except OperationCancelled:
+            print_message("cancelled; the files that were complete are kept")
+            return ExitCode.FAILED
+        if found.already_present:
+            print_message(
+                f"{pluralize(len(found.already_present), 'file')} were in {self.folder} already, with the same content"
+            )
+        print_line(f"{pluralize(len(found.restored), 'file')} restored to {self.folder}; every hash is right")
+        return ExitCode.DONE
+
+
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "archive": CommandSyntax(
+        ArchiveCommand,
+        "Every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a zipped RO-Crate), with "
+        "SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA, RSpace and SampleDB import such files; "
+        "'restore' brings the files back.",
+        "example: tactor-bench archive T7 --out T7.eln",
+    ),
+    "restore": CommandSyntax(
+        RestoreCommand,
+        "The files of an archive go into a folder of runs, each after its hash was found right; no file is replaced.",
+        "example: tactor-bench restore T7.eln --folder runs",
+    ),
+}
