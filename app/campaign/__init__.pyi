@@ -15,6 +15,10 @@ from .queue import check_bench_kind as check_bench_kind
 from .queue import first_item as first_item
 from .queue import next_item_after as next_item_after
 from .queue import rehearse_campaign as rehearse_campaign
+from .review import QualityIndicator as QualityIndicator
+from .review import ResultReview as ResultReview
+from .review import ReviewRow as ReviewRow
+from .review import review_run as review_run
 from .status import ItemState as ItemState
 from .summary import CampaignEstimates as CampaignEstimates
 from .summary import CampaignSummary as CampaignSummary

@@ -293,6 +293,7 @@ class MainTabs(QTabWidget):
         controller.setParent(page)
         controller.run_requested.connect(self.run_requested)
         page.run_open_requested.connect(self._open_run)
+        page.explore_requested.connect(lambda path: self._overlay_runs([path]))
         page.restore_state(self._settings)
         return page
 

@@ -45,7 +45,7 @@ ACTION_BUTTON_LABELS = {
 """Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
 
 
-STEP_HEIGHT_LINES = 8
+STEP_HEIGHT_LINES = 9
 
 
 class NextStepPane(QFrame):
@@ -146,6 +146,8 @@ class CampaignBoard(QWidget):
     action_requested = Signal(str, str)
     """Action (a `CampaignAction` or a key of `details.BUTTONS`) and name of the item ("": none)."""
     item_moved = Signal(str, str)
+    review_requested = Signal()
+    """The details show another run, which is to be read."""
 
     def __init__(self, live: LivePane, theme: Theme) -> None:
         super().__init__()
@@ -154,7 +156,7 @@ class CampaignBoard(QWidget):
         self._estimates: CampaignEstimates | None = None
         self._busy = False
         self.header, self.step_pane = CampaignHeader(), NextStepPane()
-        self.item_list, self.details, self.live_pane = CampaignList(theme), ItemDetailsPane(), live
+        self.item_list, self.details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
         self.side_stack = QStackedWidget()
         self.side_stack.addWidget(self.details)
         self.side_stack.addWidget(self.live_pane)
@@ -165,18 +167,23 @@ class CampaignBoard(QWidget):
         self.item_list.selected_item_changed.connect(self._show_details)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
         self.details.pressed.connect(self._request_action)
+        self.details.run_selected.connect(lambda _: self.review_requested.emit())
         self.step_pane.pressed.connect(self._on_step_action)
         add_actions(
             self,
             {
                 f"campaign.item.{action}": partial(self._request_action, action)
-                for action in ("run", "skip", "repeat", "accept", "reject", "open")
+                for action in ("run", "skip", "repeat", "accept", "reject", "open", "explore")
             }
             | {
                 "campaign.item.up": partial(self.item_list.move_selected, -1),
                 "campaign.item.down": partial(self.item_list.move_selected, 1),
             },
         )
+
+    def hasHeightForWidth(self) -> bool:
+        """Return False: the texts have a fixed height, and the page scrolls only where its least size has no room."""
+        return False
 
     def show_summary(
         self,
@@ -207,6 +214,7 @@ class CampaignBoard(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self.item_list.set_theme(theme)
+        self.details.review_pane.set_theme(theme)
         self.live_pane.set_theme(theme)
 
     @property
@@ -216,6 +224,7 @@ class CampaignBoard(QWidget):
     def _show_details(self) -> None:
         if self.summary is not None:
             self.details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
+            self.review_requested.emit()
 
     def _request_action(self, action: str) -> None:
         self.action_requested.emit(action, self.item_list.selected_item)

@@ -12,7 +12,7 @@ from app.gui.widgets import BackgroundWorker
 from app.session import SessionEvent
 
 if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the background threads that use them
-    from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary
+    from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary, ResultReview
     from drivers import Bench
     from model import AmplifierMap
     from protocols.runner.request import RunRequest
@@ -35,6 +35,8 @@ class CampaignController(QObject):
     """Emitted when `summary`, `estimates` or `available` have changed."""
     message = Signal(str)
     """Why something was not done."""
+    reviewed = Signal(object)
+    """A `ResultReview` that was requested."""
     modified = Signal(str)
     """What was changed, where `modify` was given a text for it."""
     run_requested = Signal(object)
@@ -141,6 +143,16 @@ class CampaignController(QObject):
         self.modify(
             lambda campaign: campaign.redo() if forward else campaign.undo(), "Done again" if forward else "Undone"
         )
+
+    def review(self, path: Path, before: Path | None) -> None:
+        """Read a run with all that it is compared with."""
+
+        def read() -> ResultReview:
+            from app.campaign import review_run
+
+            return review_run(path, before, self._amplifier)
+
+        self._fit_worker.submit(read, self.reviewed.emit, self._on_error, latest_only="review")
 
     # -- runs ----------------------------------------------------------------------------------------------------------
 

@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Signal
-from PySide6.QtWidgets import QSizePolicy, QStackedWidget
+from PySide6.QtWidgets import QStackedWidget
 
 from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
 from app.gui.widgets import Theme, Toast, add_actions, choose_files
-from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for
+from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
 from app.session import WindowState
 
 if TYPE_CHECKING:
-    from app.campaign import CampaignRunner
+    from app.campaign import CampaignRunner, ItemSummary, ResultReview
     from protocols.runner.request import RunRequest
 
 
@@ -33,6 +33,8 @@ class CampaignPage(QStackedWidget):
     title = "Campaign"
     run_open_requested = Signal(object)
     """Path of a run to open on the Runs page."""
+    explore_requested = Signal(object)
+    """Path of a run to overlay on the model."""
 
     def __init__(
         self,
@@ -50,12 +52,11 @@ class CampaignPage(QStackedWidget):
         self._busy = False
         self._searched_folder: Path | None = None
         self._shown_path: Path | None = None
+        self._review_request: CurveRequest | None = None
+        self._reviewed: tuple[Path, Path | None] | None = None
         self.start_pane = CampaignStart()
         self.board = CampaignBoard(LivePane(feed, overlay.amplifier, theme), theme)
         for part in (self.start_pane, self.board):
-            part.setSizePolicy(
-                QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored
-            )  # the Measure page determines the minimum size
             self.addWidget(part)
         self.toast = Toast(self)
         self._connect_signals()
@@ -86,18 +87,18 @@ class CampaignPage(QStackedWidget):
         if folder != self._searched_folder:
             self._searched_folder = folder
             self.controller.find_campaigns(folder)
-        if not self._busy:
+        request = self._request if self._busy else self._review_request
+        if self._busy:
+            if self.controller.summary is not None and self._state is not None:
+                self.board.header.show_progress(
+                    self.controller.summary, self.controller.running_item, self._state, self._feed.streamed_s
+                )
+            self.board.live_pane.tick()
+        if request is None:
             return
-        if self.controller.summary is not None and self._state is not None:
-            self.board.header.show_progress(
-                self.controller.summary, self.controller.running_item, self._state, self._feed.streamed_s
-            )
-        self.board.live_pane.tick()
-        if self._request is None:
-            return
-        self._overlay.submit(self._request)
+        self._overlay.submit(request)
         if (curve := self._overlay.result()) is not None:
-            self.board.live_pane.show_model_curve(curve)
+            (self.board.live_pane if self._busy else self.board.details.review_pane).show_model_curve(curve)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -152,16 +153,17 @@ class CampaignPage(QStackedWidget):
             case "halt the queue":
                 self.controller.halt_queue()
             case "open" if row is not None and row.state.run is not None:
-                self.run_open_requested.emit(row.state.run)
+                self.run_open_requested.emit(self.board.details.reviewed_path or row.state.run)
+            case "explore" if row is not None and row.state.run is not None:
+                self.explore_requested.emit(self.board.details.reviewed_path or row.state.run)
             case _ if row is None or self._busy:
                 return
             case "skip":
                 why = "" if row.state.status == "skipped" else "skipped"
                 done = f"{row.name} is skipped" if why else f"{row.name} is included again"
                 self.controller.modify(lambda campaign: campaign.skip(row.name, why), done)
-            case "accept" if row.awaits_acceptance:
-                done = f"{row.name} is accepted"
-                self.controller.modify(lambda campaign: campaign.accept(row.name), done)
+            case "accept" if run := self._run_to_accept(row):
+                self.controller.modify(lambda campaign: campaign.accept(row.name, run), f"{row.name} is accepted")
             case "repeat" if row.state.run is not None:
                 kept = "; its result counts until a new one is accepted" if row.state.estimates else ""
                 done = f"{row.name} is to be measured again{kept}"
@@ -169,6 +171,29 @@ class CampaignPage(QStackedWidget):
             case "reject" if row.state.run is not None:
                 done = f"{row.name}: {row.state.reviewed_run.name if row.state.reviewed_run else 'the run'} is rejected"
                 self.controller.modify(lambda campaign: campaign.reject(row.name), done)
+
+    def _run_to_accept(self, row: ItemSummary) -> str:
+        """Return the run that is accepted: the one that the user sees of the selected item, or the new result of another."""
+        seen = self.board.details.reviewed_path if self.board.item_list.selected_item == row.name else None
+        state = row.state
+        if seen is not None and not (state.accepted and seen == state.run):
+            return seen.name
+        reviewed = state.reviewed_run
+        return reviewed.name if row.awaits_acceptance and reviewed is not None else ""
+
+    def _read_review(self) -> None:
+        """Read the run under review unless it is shown or being read."""
+        path, before = self.board.details.reviewed_path, self.board.details.earlier_path
+        if path is None or self._reviewed == (path, before):
+            return
+        self._reviewed = (path, before)
+        self.controller.review(path, before)
+
+    def _show_review(self, review: ResultReview) -> None:
+        self.board.details.show_review(review)
+        run = review.run
+        amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
+        self._review_request = CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations)
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""
@@ -239,6 +264,8 @@ class CampaignPage(QStackedWidget):
         self.controller.changed.connect(self._on_campaign_changed)
         self.controller.message.connect(self._show_message)
         self.controller.modified.connect(self._show_change)
+        self.controller.reviewed.connect(self._show_review)
+        self.board.review_requested.connect(self._read_review)
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
         self.start_pane.browse_pressed.connect(self._choose_campaign_file)

@@ -110,6 +110,13 @@ ACTIONS = {
                     False,
                 ),
                 ("open", "Open the run of the selected one", "O", "Show the run on the Runs page", False),
+                (
+                    "explore",
+                    "Overlay the run of the selected one on the model",
+                    "E",
+                    "Overlay the run on the model's curve on the Explore page",
+                    False,
+                ),
                 ("up", "Move the selected one up", "Alt+Up", "", True),
                 ("down", "Move the selected one down", "Alt+Down", "", True),
             )

@@ -12,7 +12,7 @@ MARGIN = 12
 
 
 class Toast(QFrame):
-    """Lies over the lower right corner of a page, so that nothing moves; disappears by itself.
+    """Lies over the lower left corner of a page, so that nothing moves; disappears by itself.
 
     Args:
         page: the widget in whose corner it is shown.
@@ -53,9 +53,9 @@ class Toast(QFrame):
             self._undo()
 
     def _place(self) -> None:
-        page = self._page
+        page = self._page.visibleRegion().boundingRect()  # a page may be scrolled
         width = min(page.width() - 2 * MARGIN, 60 * self.fontMetrics().averageCharWidth() + 140)
         self.setFixedWidth(max(width, 80))
         height = max(self.heightForWidth(width), self.sizeHint().height())
-        self.setGeometry(page.width() - width - MARGIN, page.height() - height - MARGIN, width, height)
+        self.setGeometry(page.left() + MARGIN, page.bottom() - height - MARGIN, width, height)
         self.raise_()

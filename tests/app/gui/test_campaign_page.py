@@ -275,3 +275,69 @@ def test_a_simulated_campaign_is_marked_on_a_real_bench(page: tuple[Stage, Campa
     stage.window.controller.changed.emit()
     assert find(shown, "campaign.simulated").isVisible()
     assert not find(shown, "campaign.step.run").isEnabled()
+
+
+@pytest.mark.deep
+def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow, tmp_path: Path) -> None:
+    press(window, Qt.Key.Key_2, CTRL)
+    page = window.tabs.campaign
+    settle(page)
+    details, pane = page.board.details, page.board.details.review_pane
+    assert not details.tabs.isTabEnabled(0), "nothing is measured yet"
+
+    def measure() -> None:
+        press(window, Qt.Key.Key_F5)
+        until(lambda: window.state.busy, "for a run")
+        until(lambda: not window.state.busy, "for its end")
+        settle(page)
+
+    def names() -> list[str]:
+        return [pane.table.item(at, 1).text() for at in range(pane.table.rowCount())]
+
+    measure()
+    until(names, "for the review")
+    first = details.reviewed_path
+    at = names().index("gain above rest")
+    assert pane.table.item(at, 0).text() == "✓"
+    assert "1 .. 1000 µm/V" in pane.table.item(at, 3).text()
+    assert pane.table.item(at, 5).text().startswith("142.73 µm/V (")
+    assert "4 of 4 points usable" in find(pane, "review.indicator-0").text()
+    assert pane.plots.points.scatter.getData()[0].size == 4
+    QTest.keyClick(page.board.item_list, Qt.Key.Key_A)
+    settle(page)
+    assert states(page)[0] == "done, accepted"
+
+    page.board.item_list.select_item("wiring")
+    QTest.keyClick(page.board.item_list, Qt.Key.Key_M)
+    settle(page)
+    assert "wiring is to be measured again" in page.toast.label.text()
+    assert page.controller.summary.item("wiring").state.run == first, "what counted before still counts"
+    height = page.board.item_list.y()
+    page.board.item_list.select_item("wiring")
+    press(window, Qt.Key.Key_F5, SHIFT)
+    until(lambda: window.state.busy, "for a run")
+    until(lambda: not window.state.busy, "for its end")
+    settle(page)
+    assert states(page)[0] == "new result, to be accepted"
+    until(lambda: details.reviewed_path != first and names(), "for the review of the new run")
+    settle(page)
+    assert page.board.item_list.y() == height, "the layout does not move"
+    assert pane.table.item(names().index("gain above rest"), 4).text().endswith("%)"), (
+        "the change since the result before"
+    )
+    assert pane.run_box.count() == 2
+    pane.run_box.setCurrentIndex(1)
+    pane.run_box.activated.emit(1)
+    assert details.reviewed_path == first
+    assert not details.buttons["accept"].isEnabled(), "the first is accepted already"
+    pane.run_box.setCurrentIndex(0)
+    pane.run_box.activated.emit(0)
+    settle(page)
+    details.buttons["accept"].click()
+    settle(page)
+    assert states(page)[0] == "done, accepted"
+    assert page.controller.summary.item("wiring").state.run != first
+    assert not page.toast.isHidden()
+    page.toast.undo_button.click()
+    settle(page)
+    assert page.controller.summary.item("wiring").state.run == first

@@ -1,0 +1,191 @@
+"""Review of a campaign's run before it is accepted: its values beside limits, the result before, the paper and other specimens."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.archive import Catalogue, LoadedRun, RunSummary, load_run, read_run_summary
+from app.common import Severity, check_row, display_unit, format_quantity, pluralize
+from model import AmplifierMap, EstimatedQuantity, Membrane, Tactor
+from protocols.base import Quality
+
+MAX_OTHERS = 3
+"""Other specimens whose value is written out; of more, the range."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewRow:
+    """One quantity of a result as texts; empty where there is nothing to compare with."""
+
+    name: str
+    value: str
+    """With its statistical standard error."""
+    limits: str = ""
+    passed: bool = True
+    before: str = ""
+    """Value of the earlier result, and the change."""
+    paper: str = ""
+    others: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class QualityIndicator:
+    """One property of a run that tells whether its result can be trusted."""
+
+    text: str
+    severity: Severity
+
+
+@dataclass(frozen=True, slots=True)
+class ResultReview:
+    """A run with all that its values are compared with."""
+
+    run: LoadedRun
+    rows: tuple[ReviewRow, ...]
+    indicators: tuple[QualityIndicator, ...]
+    before: str = ""
+    """Name of the earlier result's file; empty without one."""
+
+
+def review_run(path: Path, before: Path | None, amplifier: AmplifierMap) -> ResultReview:
+    """Read a run, the result before it, and the results of other specimens in the same folder.
+
+    Raises:
+        RunReadError: the run cannot be read.
+    """
+    run = load_run(path)
+    earlier = read_run_summary(before, before.name) if before is not None and before != path else None
+    return ResultReview(
+        run,
+        review_rows(run, earlier, _other_results(path.parent, run), paper_values(amplifier)),
+        quality_indicators(run),
+        earlier.name if earlier is not None else "",
+    )
+
+
+def review_rows(
+    run: LoadedRun, earlier: RunSummary | None, others: Sequence[RunSummary], paper: Mapping[str, float]
+) -> tuple[ReviewRow, ...]:
+    """Return a row for every estimate, and one for every check that is not of an estimate; failed checks come first."""
+    known = {} if earlier is None else {e.name: e for e in earlier.estimates}
+    checks = {check.name: check for check in run.verdict.checks}
+    rows = []
+    for estimate in run.estimates:
+        check = checks.pop(estimate.name, None)
+        limits = check_row(check) if check is not None else None
+        rows.append(
+            ReviewRow(
+                estimate.name,
+                format_quantity(estimate.value, estimate.standard_error, estimate.unit),
+                "" if limits is None else f"{limits.limits} {limits.unit}".strip(),
+                limits is None or limits.passed,
+                _compare(estimate, known.get(estimate.name)),
+                _paper_text(estimate, paper),
+                _others_text(estimate, others),
+                "" if limits is None else limits.remedy,
+            )
+        )
+    of_checks = [
+        ReviewRow(
+            row.name,
+            f"{row.figure} {row.unit}".strip(),
+            f"{row.limits} {row.unit}".strip(),
+            row.passed,
+            remedy=row.remedy,
+        )
+        for row in map(check_row, checks.values())
+    ]
+    failed = [row for row in (*rows, *of_checks) if not row.passed]
+    return (*failed, *(row for row in (*rows, *of_checks) if row.passed))
+
+
+def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:
+    """Return what tells whether a run can be trusted: usable points, flags, checks, coherence."""
+    flags = [Quality(point.quality) for point in run.points]
+    usable = sum(flag.usable for flag in flags)
+    severity = Severity.SUCCESS if usable == len(flags) else Severity.WARNING if usable else Severity.ERROR
+    found = [QualityIndicator(f"{usable} of {pluralize(len(flags), 'point')} usable", severity)] if flags else []
+    facts = Quality.SIMULATED | Quality.IMPORTED
+    counts = Counter((one.name or "").lower().replace("_", " ") for flag in flags for one in flag & ~facts)
+    found += [QualityIndicator(f"{count} {name}", Severity.WARNING) for name, count in counts.items()]
+    if checks := run.verdict.checks:
+        passed = len(checks) - len(run.verdict.failed_checks)
+        severity = Severity.SUCCESS if passed == len(checks) else Severity.ERROR
+        found.append(QualityIndicator(f"{passed} of {pluralize(len(checks), 'check')} passed", severity))
+    coherence = [
+        float(p.coherence) for p, flag in zip(run.points, flags, strict=True) if flag.usable and hasattr(p, "coherence")
+    ]
+    if coherence:
+        found.append(QualityIndicator(f"lowest coherence {min(coherence):.3f}", Severity.INFO))
+    return tuple(found)
+
+
+def paper_values(amplifier: AmplifierMap) -> dict[str, float]:
+    """Return what the model with the paper's Table I gives for the estimates of a free tactor and a membrane, by name, SI."""
+    from model.response import load_compliance, poles, voltage_gain  # slow to load
+
+    tactor = Tactor()
+    pole = poles(tactor)[0]
+    damping = -float(pole.real) / float(abs(pole))
+    gain = abs(float(voltage_gain(tactor)))
+    values = {
+        "resonance frequency": float(abs(pole)) / (2 * math.pi),
+        "damping ratio": damping,
+        "Q": 0.5 / damping,
+        "Young modulus": Membrane().E_m,
+    }
+    for side, slope in (("above", amplifier.slope_above), ("below", amplifier.slope_below)):
+        for name in ("gain", "deflection per volt"):
+            values[f"{name} {side} rest"] = gain * slope
+    values["compliance"] = float(load_compliance(tactor))
+    return values
+
+
+def _paper_text(estimate: EstimatedQuantity, paper: Mapping[str, float]) -> str:
+    value = paper.get(estimate.name.partition(",")[0])
+    if value is None:
+        return ""
+    factor, unit = display_unit(estimate.unit)
+    return f"{factor * value:.5g} {unit} ({_percent(estimate.value, value)})"
+
+
+def _compare(estimate: EstimatedQuantity, earlier: EstimatedQuantity | None) -> str:
+    if earlier is None or earlier.unit != estimate.unit:
+        return ""
+    change = f" ({_percent(estimate.value, earlier.value)})" if earlier.value else ""
+    return f"{format_quantity(earlier.value, earlier.standard_error, earlier.unit)}{change}"
+
+
+def _percent(value: float, reference: float) -> str:
+    """Return the deviation from a reference: `+1.2 %`."""
+    return f"{100 * (value / reference - 1):+.2g} %".replace("-", "−")
+
+
+def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> str:
+    factor, unit = display_unit(estimate.unit)
+    values = {
+        run.specimen: factor * each.value
+        for run in others
+        for each in run.estimates
+        if (each.name, each.unit) == (estimate.name, estimate.unit)
+    }
+    if not values:
+        return ""
+    if len(values) > MAX_OTHERS:
+        return f"{len(values)} from {min(values.values()):.4g} to {max(values.values()):.4g} {unit}".strip()
+    return ", ".join(f"{name} {value:.4g}" for name, value in values.items()) + f" {unit}".rstrip()
+
+
+def _other_results(folder: Path, run: LoadedRun) -> list[RunSummary]:
+    """Return the newest result of every other specimen by the same protocol, as far as the catalogue knows the folder."""
+    newest: dict[str, RunSummary] = {}
+    for each in Catalogue(folder).entries():  # newest first
+        same = each.protocol == run.protocol and bool(each.simulated) is run.simulated and each.has_result
+        if same and each.specimen != run.specimen:
+            newest.setdefault(each.specimen, each)
+    return list(newest.values())

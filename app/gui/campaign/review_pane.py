@@ -1,0 +1,168 @@
+"""Review pane of a campaign item: plot with model and residual, quality indicators, and its values beside what they are compared with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QAbstractItemView, QComboBox, QHeaderView, QLabel, QTableWidget, QTableWidgetItem, QWidget
+
+from app.common import OUTCOME_SYMBOLS, outcome_severity
+from app.gui.plots import ResultPlots
+from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_splitter, row
+from app.live import OverlayCurve
+from protocols.base import RunEnded, RunStatus
+from protocols.registry import PROTOCOLS
+
+if TYPE_CHECKING:
+    from app.archive import RunSummary
+    from app.campaign import ItemSummary, ResultReview
+
+COLUMNS = ("", "quantity", "this run", "limits", "before", "paper's model", "other specimens")
+TOOLTIPS = {
+    "this run": "± one standard error of this run's noise; calibration and geometry come with identify",
+    "limits": "Limits of the protocol's own checks",
+    "before": "The result that counts now, or the one before it, and the change since then",
+    "paper's model": "The model with the paper's Table I and this bench's amplifier: free tactor with 7.73 g; and the deviation from it",
+    "other specimens": "Their newest results by the same protocol in this folder",
+}
+MAX_INDICATORS = 5
+MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT = 110, 104
+MAX_COLUMN_WIDTH = 230
+RESIDUAL_INDEX = 1
+"""Of the choice of the plot below the response."""
+
+
+class ReviewPane(QWidget):
+    """Shows the result of one run of an item."""
+
+    run_selected = Signal(str)
+    """File name of a run of the item that the user wants to see."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self.review: ResultReview | None = None
+        self.plots = ResultPlots(theme)
+        self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
+        self.plots.setMinimumHeight(MIN_PLOT_HEIGHT)
+        self.verdict_label = make_label(kind="running", wrap=False, name="review.verdict")
+        self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
+        self.run_box = configure(
+            QComboBox(),
+            "review.run",
+            accessibleName="runs of this measurement",
+            toolTip="Every result of this measurement; accepting one makes it count",
+            sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
+            minimumContentsLength=24,
+        )
+        self.run_box.activated.connect(lambda _: self.run_selected.emit(self.run_box.currentData()))
+        self.table = configure(
+            QTableWidget(0, len(COLUMNS)),
+            "review.table",
+            accessibleName="values",
+            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
+            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+            showGrid=False,
+            wordWrap=False,
+            tabKeyNavigation=False,
+            minimumHeight=MIN_TABLE_HEIGHT,
+        )
+        for at, name in enumerate(COLUMNS):
+            self.table.setHorizontalHeaderItem(at, cell := QTableWidgetItem(name))
+            cell.setToolTip(TOOLTIPS.get(name, ""))
+        configure(self.table.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 6)
+        header = self.table.horizontalHeader()
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setMaximumSectionSize(MAX_COLUMN_WIDTH)
+        runs_label = QLabel("run")
+        runs_label.setBuddy(self.run_box)
+        head = row(self.verdict_label, STRETCH, runs_label, self.run_box, spacing=8)
+        indicators = row(*self.indicator_labels, STRETCH, spacing=16)
+        parts = make_splitter("campaign/review", (self.plots, 3), (self.table, 2), orientation=Qt.Orientation.Vertical)
+        column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        self.plots.set_theme(theme)
+        if self.review is not None:
+            self.show_review(self.review)
+
+    def show_runs(self, item: ItemSummary, shown: str) -> None:
+        """List the results of an item, newest first, and select the one that is shown."""
+        state = item.state
+        counting = "" if state.run is None else state.run.name
+        with QSignalBlocker(self.run_box):
+            self.run_box.clear()
+            for run in reversed(state.results):
+                self.run_box.addItem(_describe_run(run, item, counting), run.name)
+            self.run_box.setCurrentIndex(self.run_box.findData(shown))
+
+    def show_reading(self, name: str) -> None:
+        """Show that a run is being read; what is left of another must not be taken for its result."""
+        if self.review is None or self.review.run.path.name != name:
+            self.verdict_label.setText("reading …")
+            self.verdict_label.setStyleSheet("")
+            self.table.setRowCount(0)
+            for label in self.indicator_labels:
+                label.hide()
+
+    def show_review(self, review: ResultReview) -> None:
+        """Show a run with its comparisons."""
+        self.review = review
+        run = review.run
+        outcome = run.verdict.outcome
+        color = self._theme.severity_color(outcome_severity(outcome))
+        simulated = "   SIMULATED" if run.simulated else ""
+        self.verdict_label.setText(f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}{simulated}")
+        self.verdict_label.setToolTip(run.verdict.describe(run.reason))
+        self.verdict_label.setStyleSheet(f"color: {color}")
+        for at, label in enumerate(self.indicator_labels):
+            shown = at < len(review.indicators)
+            label.setVisible(shown)
+            if shown:
+                indicator = review.indicators[at]
+                label.setText(f"● {indicator.text}")
+                label.setStyleSheet(f"color: {self._theme.severity_color(indicator.severity)}")
+        kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
+        # Without a verdict, so that a wiring check has its points: its checks are in the table.
+        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates)
+        self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
+        self._fill_table(review)
+
+    def show_model_curve(self, curve: OverlayCurve) -> None:
+        """Show the model's curve under the points."""
+        self.plots.show_model_curve(curve)
+
+    def _fill_table(self, review: ResultReview) -> None:
+        self.table.setRowCount(len(review.rows))
+        for at, line in enumerate(review.rows):
+            mark = "" if not line.limits else "✓" if line.passed else "✕"
+            texts = (mark, line.name, line.value, line.limits, line.before, line.paper, line.others)
+            for place, text in enumerate(texts):
+                cell = QTableWidgetItem(text)
+                cell.setToolTip(line.remedy or text)
+                if mark and (place == 0 or not line.passed):
+                    cell.setForeground(QColor(self._theme.success if line.passed else self._theme.error))
+                self.table.setItem(at, place, cell)
+        columns = zip(*((row.value, row.limits, row.before, row.paper, row.others) for row in review.rows), strict=True)
+        for place, texts_of in enumerate(columns, 2):  # nothing to compare with: no empty column
+            self.table.setColumnHidden(place, not any(texts_of))
+
+
+def _describe_run(run: RunSummary, item: ItemSummary, counting: str) -> str:
+    """Return start, verdict and standing of a run."""
+    state = item.state
+    if run.name in state.item.rejected:
+        standing = "rejected"
+    elif run.name == counting:
+        standing = "counts" + (", accepted" if state.accepted else "")
+    elif state.candidate is not None and run.name == state.candidate.name:
+        standing = "new"
+    else:
+        standing = "earlier"
+    begun = f"{run.started_at:%d %b %H:%M:%S}" if run.started_at else run.name
+    return f"{begun}  {run.symbol} {run.verdict_text}, {standing}"
