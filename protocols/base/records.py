@@ -37,12 +37,14 @@ class InterferenceLine:
         frequency_hz: as sampled.
         amplitude_m: peak; the share of the noise is taken off.
         error_m: standard uncertainty of the amplitude.
+        frequency_error_hz: standard uncertainty of the frequency; NaN where it was not measured: a harmonic of the mains within noise.
         folded_from_hz: true frequency of a line above half the sample rate; NaN for a line that is not known to be folded.
     """
 
     frequency_hz: float
     amplitude_m: float
     error_m: float
+    frequency_error_hz: float = math.nan
     folded_from_hz: float = math.nan
 
     @property

@@ -90,7 +90,8 @@ class RunTrace:
         first, last = rest.rows
         if not 0 <= first < last <= self.sample_count:
             raise ValueError(f"interference was measured in rows {first} to {last}, which it does not have")
-        return mark_folded(find_lines(self.displacement_m(first, last), self.rate_hz), rest.folded_from_hz)
+        lines = find_lines(self.displacement_m(first, last), self.rate_hz)
+        return mark_folded(lines, rest.folded_from_hz, tolerance_hz=0.5 * self.rate_hz / (last - first))
 
     @property
     def rate_hz(self) -> float:

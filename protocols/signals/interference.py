@@ -26,11 +26,20 @@ MAX_LINES = 16
 LINE_POWER_RATIO = 20.0
 """Of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand records."""
 
+FREQUENCY_ERROR_SHARE = math.sqrt(3) / math.pi
+"""Cramer-Rao bound of a frequency, in units of the inverse duration times the standard error of the amplitude over the amplitude."""
+
 MAX_ZONES = 20
 """Multiples of the sample rate around which the true frequency of a folded line is looked for."""
 
 SEPARATION_BINS = 1.25
 """Least distance of two lines that are fitted beside each other, in units of the inverse duration."""
+
+MAX_FREQUENCY_STEPS = 5
+"""Of Gauss and Newton; two suffice from the largest bin."""
+
+FREQUENCY_TOLERANCE_BINS = 1e-4
+"""Step from which on a frequency counts as found: a hundredth of the standard error of a line that barely stands out of the noise."""
 
 
 def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
@@ -50,8 +59,9 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
     while len(found) < MAX_LINES and (peak := _largest_peak(left, rate_hz)) is not None:
         if any(abs(peak - f) < SEPARATION_BINS * resolution_hz for f in found):
             break  # no line but a peak with a width: noise, which no sine removes
-        found.append(peak)
+        found = _refined(x, rate_hz, [*found, peak])
         left = _without(x, rate_hz, found)
+    measured = len(found)
     for f in _mains_multiples(min(MAX_MAINS_LINE_HZ, NYQUIST_SHARE * rate_hz)):
         if all(abs(f - other) >= SEPARATION_BINS * resolution_hz for other in found):
             found.append(f)
@@ -60,8 +70,13 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
     error = noise * math.sqrt(2 / x.size)
     lines = [
         # Noise adds its own power to that of a line.
-        InterferenceLine(f, math.sqrt(max(abs(component) ** 2 - 2 * error**2, 0.0)), error)
-        for f, component in zip(found, solution, strict=True)
+        InterferenceLine(
+            f,
+            math.sqrt(max(abs(component) ** 2 - 2 * error**2, 0.0)),
+            error,
+            FREQUENCY_ERROR_SHARE * error / float(abs(component)) * resolution_hz if i < measured else math.nan,
+        )
+        for i, (f, component) in enumerate(zip(found, solution, strict=True))
     ]
     return tuple(sorted((line for line in lines if line.amplitude_m > 0), key=lambda line: -line.amplitude_m))
 
@@ -137,14 +152,21 @@ def folded_frequencies(
 
 
 def mark_folded(
-    lines: Sequence[InterferenceLine], folded_from_hz: Mapping[float, float]
+    lines: Sequence[InterferenceLine], folded_from_hz: Mapping[float, float], tolerance_hz: float = 0.0
 ) -> tuple[InterferenceLine, ...]:
-    """Return the lines with the true frequencies of those known to be folded, given by their frequencies as sampled."""
+    """Return the lines with the true frequencies of those known to be folded, given by their frequencies as sampled.
+
+    Within `tolerance_hz` two frequencies are the same: a run file has the lines as the program of its day found them.
+    """
     return tuple(
         replace(
             line,
             folded_from_hz=next(
-                (true for f, true in folded_from_hz.items() if math.isclose(f, line.frequency_hz, rel_tol=1e-6)),
+                (
+                    true
+                    for f, true in folded_from_hz.items()
+                    if math.isclose(f, line.frequency_hz, rel_tol=1e-6, abs_tol=tolerance_hz)
+                ),
                 math.nan,
             ),
         )
@@ -174,6 +196,31 @@ def _largest_peak(samples: Array, rate_hz: float) -> float | None:
         low, middle, high = np.sqrt(band[top - 1 : top + 2])
         bent = 0.5 * (low - high) / (low - 2 * middle + high) if low - 2 * middle + high else 0.0
     return float((usable.start + top + bent) * rate_hz / length)
+
+
+def _refined(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> list[float]:
+    """Return the frequencies of lines by least squares, all together with their amplitudes; one that would leave its bin stays."""
+    n, start = samples.size, np.asarray(frequencies_hz, float)
+    count, resolution_hz = start.size, rate_hz / n
+    frequencies = start
+    for _ in range(MAX_FREQUENCY_STEPS):
+        solution = _solve(samples, rate_hz, frequencies)
+        size = 2 + 3 * count
+        gram, moment = np.zeros((size, size)), np.zeros(size)
+        for part, basis in sine_basis(n, rate_hz, frequencies):
+            centred = 2 * np.pi * (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
+            slopes = solution[2::2, None] * basis[3::2] - solution[3::2, None] * basis[2::2]
+            extended = np.concatenate((basis, slopes * centred))
+            gram += extended @ extended.T
+            moment += extended @ (samples[part] - solution @ basis)
+        # Columns of one size: those of the frequencies carry the lines' amplitudes in metres.
+        scale = 1 / np.sqrt(np.diag(gram))
+        step = (scale * np.linalg.solve(gram * np.outer(scale, scale), scale * moment))[-count:]
+        moved = frequencies + np.clip(step, -resolution_hz, resolution_hz)
+        frequencies = np.where(abs(moved - start) < resolution_hz, moved, start)
+        if np.all(abs(step) < FREQUENCY_TOLERANCE_BINS * resolution_hz):
+            break
+    return [float(f) for f in frequencies]
 
 
 def _without(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> Array:

@@ -48,6 +48,31 @@ def test_lines_at_rest_are_found_with_frequency_and_amplitude() -> None:
 
 
 @pytest.mark.deep
+@pytest.mark.parametrize("amplitude_m", [0.155e-6, 1e-6])
+def test_the_frequency_of_a_line_scatters_by_its_stated_error(amplitude_m: float) -> None:
+    """Hum with two harmonics in 1 s of noise that leaves 0.01 um of each component, over a drift; 300 records."""
+    random = np.random.default_rng(11)
+    t = np.arange(5000) / RATE_HZ
+    deviations, errors = [], []
+    for _ in range(300):
+        mains_hz = 50.02 + 0.2 * random.standard_normal()
+        seen = hum(t, amplitude_m, mains_hz, random.uniform(0, 2 * np.pi, 3)) + 2e-6 * t
+        lines = find_lines(seen + 0.5e-6 * random.standard_normal(t.size), RATE_HZ)
+        line = min(lines, key=lambda line: abs(line.frequency_hz - mains_hz))
+        deviations.append(line.frequency_hz - mains_hz)
+        errors.append(line.frequency_error_hz)
+    assert np.mean(errors) == pytest.approx(np.sqrt(3) / np.pi * 0.01e-6 / amplitude_m, rel=0.03)
+    assert np.sqrt(np.mean(np.divide(deviations, errors) ** 2)) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.deep
+def test_a_line_that_is_not_measured_has_no_frequency_error() -> None:
+    """At a harmonic of the mains that does not stand out of the noise the frequency is the nominal one."""
+    noise = 1e-7 * np.random.default_rng(12).standard_normal(5000)
+    assert all(np.isnan(line.frequency_error_hz) for line in find_lines(noise, RATE_HZ))
+
+
+@pytest.mark.deep
 def test_noise_alone_has_no_line() -> None:
     random = np.random.default_rng(2)
     found = [line for _ in range(60) for line in find_lines(1e-7 * random.standard_normal(5000), RATE_HZ)]
