@@ -93,6 +93,10 @@ class MainWindow(QMainWindow):
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
 
+    def start_bench_run(self, protocol: Protocol) -> None:
+        """Start a run of the Bench page, if one can begin."""
+        self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
+
     def start_campaign_run(self, request: "RunRequest") -> None:
         """Start a run of the campaign if one can still begin."""
         if self.controller.can_start:
@@ -154,8 +158,7 @@ class MainWindow(QMainWindow):
         if self._autostart and view.can_run:
             self._autostart = False
             self.start_run()
-        session = self.adapter.session
-        if self.controller.closing and (session.close(0.0) or session.abandoned):
+        if self.controller.closing and self.controller.released:
             self._close_if_acknowledged()
 
     def paintEvent(self, event: QPaintEvent) -> None:
@@ -254,6 +257,9 @@ class MainWindow(QMainWindow):
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
+        self.tabs.bench_run_requested.connect(self.start_bench_run)
+        self.tabs.commissioning_requested.connect(self.controller.commission)
+        self.tabs.stop_requested.connect(self.controller.stop)
         add_actions(
             self,
             {

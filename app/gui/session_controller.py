@@ -9,9 +9,19 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, Signal
 
 from app.identification import reference_model
-from app.live import SessionAdapter
-from app.session import OperatorAction, RunRequested, TimedEvent, WindowEvent, WindowState, protocol_title, reduce
+from app.live import CommissioningJob, SessionAdapter
+from app.session import (
+    CommissioningEnded,
+    OperatorAction,
+    RunRequested,
+    TimedEvent,
+    WindowEvent,
+    WindowState,
+    protocol_title,
+    reduce,
+)
 from protocols.base import Protocol
+from protocols.commissioning.verdict import OutputVerdict, worst_verdict
 from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:
@@ -27,6 +37,8 @@ class SessionController(QObject):
     def __init__(self, adapter: SessionAdapter, state: WindowState, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.adapter, self.state, self.closing, self._reconnecting = adapter, state, False, False
+        self.commissioning: CommissioningJob | None = None
+        """The commissioning that has the bench; None if the session has it."""
 
     @property
     def can_start(self) -> bool:
@@ -36,6 +48,8 @@ class SessionController(QObject):
     def process_events(self) -> None:
         """Reduce the events since the last call to the window state; give up a stopped session that hangs in a driver."""
         self.adapter.session.abandon_if_hung()
+        if self.commissioning is not None:
+            self._follow_commissioning(self.commissioning)
         if self._reconnecting and not self.closing and self.adapter.reconnect():
             self._reconnecting = False
             self.adapter.session.start()
@@ -45,6 +59,28 @@ class SessionController(QObject):
         if view is not self.state:
             self.state = view
             self.changed.emit()
+
+    @property
+    def released(self) -> bool:
+        """Whether the bench is released, after `close`."""
+        session = self.adapter.session
+        return self.commissioning is None and (session.close(0.0) or session.abandoned)
+
+    def _follow_commissioning(self, job: CommissioningJob) -> None:
+        """Start the commissioning when the session has released the bench, and connect again after it."""
+        if not job.started:
+            if self.adapter.session.close(0.0):
+                job.start()
+        elif job.ended:
+            self.commissioning = None
+            if job.result is None:
+                message, passed = f"Commissioning: {job.error}", False
+            else:
+                verdict = worst_verdict(job.result.result.checks)
+                message, passed = f"Commissioning of {job.result.identity}: {verdict}", verdict is OutputVerdict.PASS
+            self._apply(CommissioningEnded(message, passed))
+            if not self.closing and self.adapter.reconnect():
+                self.adapter.session.start()
 
     # -- commands ---------------------------------------------------------------------------------------
 
@@ -71,9 +107,18 @@ class SessionController(QObject):
             self._apply(RunRequested(protocol_title(self.state.protocol), resumed_file=path.name))
             self.adapter.session.repeat_entries(path, entries, folder)
 
+    def commission(self, job: CommissioningJob) -> None:
+        """Release the bench for a commissioning, and connect again after it."""
+        if self.can_start:
+            self._apply(RunRequested("Commissioning"))
+            self.commissioning = job
+            self.adapter.session.close(0.0)
+
     def stop(self) -> None:
         """Go to rest and end the run; the session is called before the window is updated."""
         self.adapter.session.stop()
+        if self.commissioning is not None:
+            self.commissioning.stop()
         self._apply(OperatorAction.STOP)
 
     def toggle_pause(self) -> None:
@@ -111,6 +156,8 @@ class SessionController(QObject):
     def close(self) -> None:
         """Go to rest and release the bench; returns immediately."""
         self.closing = True
+        if self.commissioning is not None:
+            self.commissioning.stop()
         self._apply(OperatorAction.STOP)
         self.adapter.session.close(0.0)
 

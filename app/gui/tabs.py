@@ -65,6 +65,11 @@ class MainTabs(QTabWidget):
     """A `RunRequest` of the campaign for the session."""
     bench_chosen = Signal(str)
     """Path or name of the bench to open."""
+    bench_run_requested = Signal(object)
+    """A protocol of the Bench page for the session."""
+    commissioning_requested = Signal(object)
+    """A `CommissioningJob`."""
+    stop_requested = Signal()
 
     def __init__(
         self,
@@ -76,7 +81,7 @@ class MainTabs(QTabWidget):
         open_bench: str,
     ) -> None:
         super().__init__()
-        self._open_bench = open_bench
+        self._config, self._open_bench = config, open_bench
         self._adapter, self._settings, self._first_theme = adapter, settings, theme
         self._amplifier = config.amplifier
         self._worker = BackgroundWorker("pages", self)
@@ -315,8 +320,11 @@ class MainTabs(QTabWidget):
     def _make_bench(self) -> BenchPage:
         from app.gui.bench_page.page import BenchPage
 
-        page = BenchPage(self._adapter, self._open_bench, self._first_theme)
+        page = BenchPage(self._adapter, self._config, self._open_bench, self._first_theme)
         page.bench_chosen.connect(self.bench_chosen)
+        page.run_requested.connect(self.bench_run_requested)
+        page.commissioning_requested.connect(self.commissioning_requested)
+        page.stop_requested.connect(self.stop_requested)
         return page
 
     def _open_run(self, path: Path) -> None:

@@ -1,3 +1,4 @@
+from .commissioning_job import CommissioningJob as CommissioningJob
 from .estimates import EstimateUpdate as EstimateUpdate
 from .estimates import LiveEstimator as LiveEstimator
 from .feed import SPANS as SPANS

@@ -27,6 +27,7 @@ from .simulation import practise as practise
 from .simulation import real_duration_s as real_duration_s
 from .state import UNSAFE_EXIT as UNSAFE_EXIT
 from .state import BenchState as BenchState
+from .state import CommissioningEnded as CommissioningEnded
 from .state import InstrumentStatus as InstrumentStatus
 from .state import Lamp as Lamp
 from .state import OperatorAction as OperatorAction

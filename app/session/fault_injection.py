@@ -93,6 +93,10 @@ class FaultPlan:
             if name in (None, each):
                 self._report_switched(each, active=False)
 
+    def move_target(self, by_m: float) -> None:
+        """Move the target under the sensor of a simulated bench, as a micrometer would; raises as `inject`."""
+        self._controls().perform_action("bump-sensor", {"by_m": by_m})
+
     def active_faults(self) -> tuple[str, ...]:
         """Return the active faults reported by the bench; empty if none is open."""
         return () if self._connection is None else self._controls().active_faults()

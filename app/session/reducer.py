@@ -10,6 +10,7 @@ from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     ENERGIZED,
     BenchState,
+    CommissioningEnded,
     InstrumentStatus,
     Lamp,
     OperatorAction,
@@ -78,6 +79,8 @@ def _describe_window_event(before: WindowState, view: WindowState, event: Window
     match event:
         case RunRequested() | OperatorAction():
             return None
+        case CommissioningEnded(message, passed):
+            return (Severity.SUCCESS if passed else Severity.WARNING), message
         case DriveReadbackChanged() if view.bench_state is before.bench_state:
             return None
         case DriveReadbackChanged(lost=True):
@@ -109,6 +112,10 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
                 verdict_message="",
             )  # fmt: skip
             return view if reads else _without_results(view)
+        case CommissioningEnded():
+            waiting = _with_lamps(view, Lamp.WAITING)
+            view = replace(view, busy=False, progress=None, connected=False, rest=None, instruments=waiting)
+            return replace(view, bench_state=BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING)
         case RunRejected(reason):
             before = view.outcome or RunEnded(RunStatus.FAILED, reason, "")
             outcome = replace(

@@ -88,6 +88,14 @@ class RunRequested:
     """File of the run to continue, which is read first; its points are shown until the new run begins."""
 
 
+@dataclass(frozen=True, slots=True)
+class CommissioningEnded:
+    """A commissioning has ended, and the bench is connected again."""
+
+    message: str
+    passed: bool
+
+
 class OperatorAction(StrEnum):
     """An action of the operator that has no further parameters."""
 
@@ -100,7 +108,7 @@ class OperatorAction(StrEnum):
     """Open the bench again."""
 
 
-WindowEvent = SessionEvent | RunRequested | OperatorAction
+WindowEvent = SessionEvent | RunRequested | CommissioningEnded | OperatorAction
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,14 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt, QUrl, Signal
+from PySide6.QtCore import Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QHideEvent
 from PySide6.QtWidgets import QLineEdit, QSplitter, QWidget
 
-from app.config import BenchDraft, ConfigError, FoundDevice, bench_files, find_devices
+from app.config import BenchConfig, BenchDraft, ConfigError, FoundDevice, bench_files, find_devices
 from app.gui.bench_page.bench_list import BenchList
+from app.gui.bench_page.calibration_panel import CalibrationPanel
+from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.further_tables import FurtherTables
 from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile, TileGrid
+from app.gui.bench_page.wiring_panel import WiringPanel
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
@@ -21,12 +24,14 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
+    make_choice,
     make_label,
     make_scroll_area,
     row,
 )
-from app.live import SessionAdapter
+from app.live import CommissioningJob, SessionAdapter
 from app.session import WindowState
+from protocols.measurements.wiring_check import WiringCheck
 
 STALE_S = 1.0
 """A reading older than this is not shown as a live value."""
@@ -37,6 +42,7 @@ class BenchPage(QSplitter):
 
     Args:
         adapter: for live values of the open bench.
+        config: of the open bench.
         open_bench: path of its file, or name of the simulated bench.
         theme: at the beginning.
     """
@@ -44,10 +50,15 @@ class BenchPage(QSplitter):
     title = "Bench"
     bench_chosen = Signal(str)
     """Path or name of the bench to connect to."""
+    run_requested = Signal(object)
+    """A protocol for the open bench."""
+    commissioning_requested = Signal(object)
+    """A `CommissioningJob` for the open bench."""
+    stop_requested = Signal()
 
-    def __init__(self, adapter: SessionAdapter, open_bench: str, theme: Theme) -> None:
+    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: Theme) -> None:
         super().__init__(Qt.Orientation.Horizontal)
-        self._adapter, self._open_bench = adapter, open_bench
+        self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
         self._watching = False
@@ -87,7 +98,14 @@ class BenchPage(QSplitter):
         )
         self.source, self.amplifier = SourceTile(), AmplifierTile(theme)
         self.card = CardTile(lambda: self.server_edit.text().strip())
-        self.sensor = SensorTile()
+        self.calibration = CalibrationPanel(theme, self._move_target if config.simulated else None)
+        self.calibration.hide()
+        self.calibrate_button = configure(
+            make_choice("Calibrate …", "Two or more positions with their volts", checkable=True), "bench.calibrate"
+        )
+        self.sensor = SensorTile(self.calibrate_button)
+        self.wiring = WiringPanel(theme)
+        self.commissioning = CommissioningPanel(self._worker, theme)
         self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
         self.further = FurtherTables()
         self._build()
@@ -104,10 +122,15 @@ class BenchPage(QSplitter):
         by_role = {status.role: status for status in view.instruments} if self.is_open else {}
         for tile in self.tiles:
             tile.set_status(by_role.get(tile.role), view.problem)
+        self.wiring.set_state(view, self._can_run)
+        self.commissioning.set_enabled(self._can_run)
         self._update_buttons()
 
     def set_theme(self, theme: Theme) -> None:
         self.amplifier.plot.set_theme(theme)
+        self.calibration.set_theme(theme)
+        self.wiring.set_theme(theme)
+        self.commissioning.set_theme(theme)
 
     def activate(self) -> None:
         self.benches.list.setFocus()
@@ -122,6 +145,8 @@ class BenchPage(QSplitter):
             reading = None
         for tile in (self.amplifier, self.card, self.sensor):
             tile.show_reading(reading)
+        self.calibration.show_reading(reading)
+        self.commissioning.tick()
 
     def hideEvent(self, event: QHideEvent) -> None:
         super().hideEvent(event)
@@ -189,7 +214,29 @@ class BenchPage(QSplitter):
         if self.draft is not None and self.draft.has_file:
             QDesktopServices.openUrl(QUrl.fromLocalFile(str(Path(self.draft.name).resolve().parent)))
 
+    def commission(self) -> None:
+        """Commission the source of the open bench."""
+        simulation = self._adapter.simulation
+        job = CommissioningJob(self._config, None if simulation is None else simulation.speed)
+        self.commissioning.follow(job)
+        self.commissioning_requested.emit(job)
+
     # -- inside ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def _can_run(self) -> bool:
+        """Whether the bench that is shown is open as it is shown, and free."""
+        draft, view = self.draft, self._state
+        return draft is not None and not draft.edited and self.is_open and view is not None and view.can_run
+
+    def _move_target(self, by_m: float) -> None:
+        self._worker.submit(lambda: self._adapter.faults.move_target(by_m), on_error=self._on_error)
+
+    def _use_calibration(self, values: dict[str, Any]) -> None:
+        """Put the values of a calibration into the sensor's tile; a preset must not look like their source."""
+        record = self.sensor.form.record
+        self.sensor.form.set_record(record.model_copy(update=values))
+        self._on_edited()
 
     @property
     def _has_faults(self) -> bool:
@@ -251,10 +298,19 @@ class BenchPage(QSplitter):
         self.show_button.setEnabled(draft is not None and draft.has_file)
         self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
         self.connect_button.setEnabled(draft is not None and not busy)
+        if self._state is not None:
+            self.wiring.set_state(self._state, self._can_run)
+        self.commissioning.set_enabled(self._can_run)
         if draft is None:
             return
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
         self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
+
+    def _show_calibration(self, shown: bool) -> None:
+        self.calibration.setVisible(shown)
+        if shown:
+            QTimer.singleShot(0, self, lambda: self._area.ensureWidgetVisible(self.calibration))
+            self.calibration.position_edit.setFocus()
 
     def _build(self) -> None:
         configure(self, "bench/columns", childrenCollapsible=False)
@@ -266,11 +322,15 @@ class BenchPage(QSplitter):
             self.message_label,
             TileGrid(self.tiles),
             self.further,
+            self.calibration,
+            self.commissioning,
+            self.wiring,
             STRETCH,
             parent=content,
             margins=(6, 0, 6, 6),
             spacing=6,
         )
+        self._area = area
         area.setWidget(content)
         content.setAutoFillBackground(False)
         area.setMinimumSize(300, 200)
@@ -279,6 +339,11 @@ class BenchPage(QSplitter):
             self.addWidget(part)
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])
+        self.calibrate_button.toggled.connect(self._show_calibration)
+        self.calibration.applied.connect(self._use_calibration)
+        self.commissioning.start_pressed.connect(self.commission)
+        self.commissioning.stop_pressed.connect(self.stop_requested)
+        self.wiring.start_pressed.connect(lambda: self.run_requested.emit(WiringCheck()))
         self.benches.selected.connect(self.show_bench)
         self.benches.new_pressed.connect(lambda: self.show_bench(""))
         self.name_edit.textEdited.connect(lambda _: self._on_edited())

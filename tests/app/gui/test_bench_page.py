@@ -166,3 +166,98 @@ def test_a_start_without_any_bench_shows_the_page_behind_the_welcome(open_stage:
     find(window, "welcome.setup").click()
     assert window.tabs.currentIndex() == BENCH
     assert not window.central.is_covered
+
+
+# -- calibration, wiring check, commissioning ---------------------------------------------------------------------------
+
+
+def take(window: MainWindow, position: str) -> None:
+    page = window.tabs.bench
+    type_into(window, "bench.calibration.position", position)
+    volts = page.calibration._reading.sensor_v
+    find(page, "bench.calibration.move").click()
+    if position != "0":
+        until(lambda: abs(page.calibration._reading.sensor_v - volts) > 0.5, "for the target to have moved")
+    window.adapter.feed.restart_reading()
+    until(lambda: (r := window.adapter.feed.reading) is not None and r.blocks == 20, "for a second of volts")
+    window.tick()
+    find(page, "bench.calibration.take").click()
+
+
+def test_three_positions_calibrate_the_sensor_and_are_saved(window: MainWindow) -> None:
+    page = window.tabs.bench
+    find(page, "bench.calibrate").click()
+    until(lambda: find(page, "bench.calibration.take").isEnabled(), "for a reading")
+    type_into(window, "bench.calibration.uncertainty", "0.5")
+    find(page, "bench.calibration.take").click()
+    assert "give a value in µm" in find(page, "bench.calibration.message").text()
+    for position in ("0", "150", "0.3 mm"):
+        take(window, position)
+    table = find(page, "bench.calibration.points")
+    assert [table.item(at, 0).text() for at in range(3)] == ["0", "150", "300"]
+    found = page.calibration.result
+    assert found.gain_m_per_v == pytest.approx(1e-4, rel=5e-3)
+    assert 0 < found.gain_relative_uncertainty < 0.01
+    assert "±" in find(page, "bench.calibration.result").text()
+    find(page, "bench.calibration.apply").click()
+    assert find(page, "bench.sensor.gain_m_per_v").text().startswith(("0.0001", "9.9", "0.000099"))
+    find(page, "bench.save").click()
+    until(bench_files, "for the file")
+    until(lambda: page.draft.has_file, "for the page")
+    sensor = load_bench(str(bench_files()[0])).sensor
+    assert sensor.gain_relative_uncertainty == found.gain_relative_uncertainty
+    assert [position for position, _ in sensor.calibration_points] == pytest.approx([0, 150e-6, 300e-6])
+    assert sensor.calibrated < sensor.expires
+
+
+def test_the_wiring_check_ends_in_its_table_on_the_page(window: MainWindow) -> None:
+    page = window.tabs.bench
+    until(lambda: find(page, "bench.check").isEnabled(), "for the bench")
+    window.adapter.faults.inject("sensor-stuck")
+    find(page, "bench.check").click()
+    until(lambda: window.state.outcome is not None, "for the check")
+    table = find(page, "checks.table")
+    assert table.isVisible()
+    assert table.item(0, 0).text() == "✕ FAIL"
+    assert table.item(0, 5).text(), "there is a remedy"
+    window.adapter.faults.clear()
+
+
+def test_the_source_is_commissioned_with_checks_and_traces_and_the_bench_is_connected_again(
+    window: MainWindow,
+) -> None:
+    page, session = window.tabs.bench, window.adapter.session
+    until(lambda: find(page, "bench.commission").isEnabled(), "for the bench")
+    find(page, "bench.commission").click()
+    assert window.state.busy
+    until(lambda: find(page, "bench.commission.progress").text().startswith("exercise"), "for an exercise")
+    assert find(page, "bench.commission.stop").isVisible()
+    until(lambda: find(page, "bench.commission.table").isVisible(), "for the checks")
+    assert "pass" in find(page, "bench.commission.verdict").text()
+    until(lambda: not find(page, "bench.commission.traces").pixmap().isNull(), "for the traces")
+    until(lambda: window.state.can_run, "for the bench")
+    assert window.adapter.session is not session
+    assert any("Commissioning of" in line.text for line in window.state.messages)
+
+
+def test_stop_ends_a_commissioning_without_a_record(window: MainWindow) -> None:
+    page = window.tabs.bench
+    until(lambda: find(page, "bench.commission").isEnabled(), "for the bench")
+    find(page, "bench.commission").click()
+    until(lambda: find(page, "bench.commission.progress").text().startswith("exercise"), "for an exercise")
+    press(window, Qt.Key.Key_F12)
+    until(lambda: window.state.can_run, "for the bench")
+    window.tick()
+    assert "Stopped by the operator" in find(page, "bench.commission.message").text()
+    assert not find(page, "bench.commission.table").isVisible()
+
+
+def test_closing_during_a_commissioning_waits_until_the_source_is_at_rest(window: MainWindow) -> None:
+    page = window.tabs.bench
+    until(lambda: find(page, "bench.commission").isEnabled(), "for the bench")
+    find(page, "bench.commission").click()
+    until(lambda: find(page, "bench.commission.progress").text().startswith("exercise"), "for an exercise")
+    job = window.controller.commissioning
+    window.close_session(force=True)
+    until(lambda: not window.isVisible(), "for the window to close")
+    assert job.ended

@@ -1,0 +1,251 @@
+"""Calibration of the displacement sensor: live volts beside the typed position, points, line, uncertainty and dates."""
+
+import math
+from collections.abc import Callable
+from datetime import UTC, date, datetime, timedelta
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QWidget
+
+from app.common import UnitError, to_number
+from app.config import CalibrationError, CalibrationPoint, SensorCalibration, calibrate_sensor
+from app.gui.bench_page.calibration_plot import CalibrationPlot
+from app.gui.widgets import (
+    STRETCH,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    grid,
+    make_button,
+    make_label,
+    make_panel,
+    row,
+)
+from app.live import Reading
+from protocols.base import format_with_uncertainty
+
+VALID_FOR = timedelta(days=365)
+"""Initial value of the due date; the laboratory's own rule takes precedence."""
+
+HELP_TEXT = (
+    "Put the target at a position that you know (gauge blocks, a micrometer), wait until the volts stand still, type the position and "
+    "take the point; two or more. Positions increase in the direction that is to count as positive displacement."
+)
+COLUMNS = ("position (µm)", "volts", "residual (µm)")
+
+
+class CalibrationPanel(QWidget):
+    """Two or more points, the line through them, and what it says about the sensor.
+
+    Args:
+        theme: at the beginning.
+        move_target: moves the target of a simulated bench by metres; None on a real one.
+    """
+
+    applied = Signal(dict)
+    """Values of the table [sensor]."""
+
+    def __init__(self, theme: Theme, move_target: Callable[[float], object] | None) -> None:
+        super().__init__()
+        self._move_target, self._moved_m = move_target, 0.0
+        self._reading: Reading | None = None
+        self.points: list[CalibrationPoint] = []
+        self.result: SensorCalibration | None = None
+        self.volts_label = make_label("no live volts", "value", wrap=False, name="bench.calibration.volts")
+        self.position_edit = _edit("bench.calibration.position", "position of the target in µm", "µm or with a unit")
+        self.uncertainty_edit = _edit(
+            "bench.calibration.uncertainty",
+            "standard uncertainty of a position in µm",
+            "of one position; half the stated tolerance divided by 1.7 for gauge blocks",
+        )
+        self.take_button = make_button("Take point", self.take_point, "go", name="bench.calibration.take")
+        self.move_button = make_button(
+            "Move the simulated target there", self.move_target, name="bench.calibration.move"
+        )
+        self.move_button.setVisible(move_target is not None)
+        self.remove_button = make_button("Remove point", self.remove_point, name="bench.calibration.remove")
+        self.apply_button = make_button("Use this calibration", self.apply, "go", name="bench.calibration.apply")
+        self.message_label = configure(StatusLine(), "bench.calibration.message")
+        self.result_label = make_label(kind="large", name="bench.calibration.result")
+        today = datetime.now(UTC).astimezone().date()
+        self.calibrated_edit = _edit("bench.calibration.calibrated", "calibrated on", "YYYY-MM-DD", today.isoformat())
+        self.expires_edit = _edit(
+            "bench.calibration.expires", "calibration due on", "YYYY-MM-DD", (today + VALID_FOR).isoformat()
+        )
+        self.table = configure(
+            QTableWidget(0, len(COLUMNS)),
+            "bench.calibration.points",
+            accessibleName="points of the calibration",
+            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
+            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+            tabKeyNavigation=False,
+            minimumHeight=120,
+            maximumHeight=300,
+        )
+        self.table.setHorizontalHeaderLabels(COLUMNS)
+        self.table.verticalHeader().hide()
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self.plot = CalibrationPlot(theme)
+        self.plot.show_simulated(move_target is not None)
+        self._build()
+        self._update()
+
+    def set_theme(self, theme: Theme) -> None:
+        self.plot.set_theme(theme)
+
+    def show_reading(self, reading: Reading | None) -> None:
+        """Show the live volts; None where the bench is not open, or a run has the card."""
+        self._reading = reading
+        if reading is None:
+            self.volts_label.setText("no live volts")
+        elif math.isnan(reading.sensor_error_v):
+            self.volts_label.setText(f"{reading.sensor_v:.4f} V")
+        else:
+            self.volts_label.setText(format_with_uncertainty(reading.sensor_v, reading.sensor_error_v, "V"))
+        self.take_button.setEnabled(reading is not None)
+        self.move_button.setEnabled(reading is not None)
+
+    def move_target(self) -> None:
+        """Move the target of the simulated bench to the typed position."""
+        position_m = self._typed_m(self.position_edit, "position")
+        if position_m is not None and self._move_target is not None:
+            self._move_target(position_m - self._moved_m)
+            self._moved_m = position_m
+
+    def take_point(self) -> None:
+        """Add the live volts at the typed position."""
+        position_m = self._typed_m(self.position_edit, "position")
+        uncertainty_m = self._typed_m(self.uncertainty_edit, "standard uncertainty of a position")
+        reading = self._reading
+        if position_m is None or uncertainty_m is None or reading is None:
+            return
+        if uncertainty_m <= 0:
+            self._complain(
+                "The standard uncertainty of a position must be positive: it is that of your gauge, e.g. 0.5 µm."
+            )
+        elif math.isnan(reading.sensor_error_v):
+            self._complain("The volts have just begun to be averaged: wait a second, then take the point.")
+        elif math.isnan(reading.displacement_um):
+            self._complain(
+                f"The sensor reports out of range ({reading.sensor_v:.3f} V): move the target into its range, or correct valid low "
+                "and valid high in its tile."
+            )
+        else:
+            self.points.append(CalibrationPoint(position_m, uncertainty_m, reading.sensor_v, reading.sensor_error_v))
+            self.message_label.show_message("")
+            self._update()
+            self.position_edit.selectAll()
+            self.position_edit.setFocus()
+
+    def remove_point(self) -> None:
+        """Remove the selected point, or the last one."""
+        if self.points:
+            at = self.table.currentRow()
+            self.points.pop(at if 0 <= at < len(self.points) else -1)
+            self._update()
+
+    def apply(self) -> None:
+        """Emit the values of the sensor's table."""
+        if self.result is None:
+            return
+        days = {}
+        for name, edit in (("calibrated", self.calibrated_edit), ("expires", self.expires_edit)):
+            days[name] = edit.text().strip()
+            try:
+                if days[name]:
+                    date.fromisoformat(days[name])
+            except ValueError:
+                self._complain(f"{edit.accessibleName()}: {days[name]!r} is no day; write it as 2026-11-21.")
+                return
+        self.applied.emit(
+            {
+                "gain_m_per_v": self.result.gain_m_per_v,
+                "zero_v": self.result.zero_v,
+                "gain_relative_uncertainty": self.result.gain_relative_uncertainty,
+                "calibration_points": tuple((point.position_m, point.volts) for point in self.points),
+                **days,
+            }
+        )
+        self.message_label.show_message("The values are in the sensor's tile; Save writes them into the bench file.")
+
+    def _typed_m(self, edit: QLineEdit, what: str) -> float | None:
+        text = edit.text().strip()
+        try:
+            if not text:
+                raise UnitError("give a value in µm")
+            return to_number(f"{text} µm" if text.lstrip("+-−").replace(".", "", 1).isdigit() else text, "m")
+        except UnitError as error:
+            self._complain(f"{what[:1].upper()}{what[1:]}: {error}")
+            edit.setFocus()
+            return None
+
+    def _complain(self, text: str) -> None:
+        self.message_label.show_message(text, is_error=True)
+
+    def _update(self) -> None:
+        """Fit the line again."""
+        text = ""
+        try:
+            self.result = calibrate_sensor(self.points)
+        except CalibrationError as error:
+            self.result = None
+            text = str(error) if len(self.points) > 1 else HELP_TEXT
+        else:
+            text = _describe(self.result, len(self.points))
+        self.result_label.setText(f"{text[:1].upper()}{text[1:]}")
+        self.apply_button.setEnabled(self.result is not None)
+        self.remove_button.setEnabled(bool(self.points))
+        self.table.setRowCount(len(self.points))
+        for at, point in enumerate(self.points):
+            residual = "" if self.result is None else f"{1e6 * self.result.residuals_m[at]:+.3f}"
+            for place, cell in enumerate((f"{1e6 * point.position_m:g}", f"{point.volts:.5f}", residual)):
+                self.table.setItem(at, place, QTableWidgetItem(cell.replace("-", "−")))
+        self.plot.show_points(self.points, self.result)
+
+    def _build(self) -> None:
+        fields = grid(
+            *(
+                (widget, at, place)
+                for at, (title, edit) in enumerate(
+                    (
+                        ("position (µm)", self.position_edit),
+                        ("standard uncertainty of a position (µm)", self.uncertainty_edit),
+                        ("calibrated on", self.calibrated_edit),
+                        ("due on", self.expires_edit),
+                    )
+                )
+                for place, widget in enumerate((make_label(title), edit))
+            ),
+            spacing=(8, 4),
+            stretch={1: 1},
+        )
+        left = column(
+            self.volts_label,
+            fields,
+            row(self.take_button, self.move_button, self.remove_button, STRETCH),
+            self.message_label,
+            self.result_label,
+            row(self.apply_button, STRETCH),
+            STRETCH,
+        )
+        panel = make_panel(
+            make_label("Calibrate the sensor", "heading", wrap=False),
+            row((left, 3), (self.table, 2), (self.plot, 3)),
+            margins=(10, 8, 10, 8),
+            spacing=6,
+        )
+        column(panel, parent=self, margins=(0, 0, 0, 0))
+
+
+def _describe(found: SensorCalibration, count: int) -> str:
+    gain = 1e3 * found.gain_m_per_v
+    text = f"gain {format_with_uncertainty(gain, abs(gain) * found.gain_relative_uncertainty, 'mm/V')}"
+    text += f" ({1e2 * found.gain_relative_uncertainty:.2g} %, standard uncertainty), zero {found.zero_v:.4f} V"
+    if count > 2:
+        return f"{text}, largest residual {1e6 * max(map(abs, found.residuals_m)):.2g} µm"
+    return f"{text}; two points show no deviation from a line: a third one would"
+
+
+def _edit(name: str, label: str, tip: str, text: str = "") -> QLineEdit:
+    return configure(QLineEdit(text), name, accessibleName=label, toolTip=tip, minimumWidth=70)

@@ -1,0 +1,191 @@
+"""Commissioning of the source in the window: high voltage off, progress, checks and the page of traces."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor, QPixmap, QResizeEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTableWidget, QTableWidgetItem, QWidget
+
+from app.gui.widgets import (
+    STRETCH,
+    BackgroundWorker,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_panel,
+    row,
+)
+from app.live import CommissioningJob
+from protocols.base import DISABLE_HIGH_VOLTAGE
+from protocols.commissioning.verdict import OutputVerdict, worst_verdict
+
+ABOUT_TEXT = (
+    "With high voltage off, the source plays what the driver assumes of it, and the card measures it at the amplifier's input: levels, "
+    "polarity, amplitudes, transients, Stop, a lost connection. A minute. Without it no high voltage on a real bench."
+)
+COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")
+
+
+class CommissioningPanel(QWidget):
+    """Starts and shows a commissioning.
+
+    Args:
+        worker: draws the page of traces.
+        theme: at the beginning.
+    """
+
+    start_pressed = Signal()
+    stop_pressed = Signal()
+
+    def __init__(self, worker: BackgroundWorker, theme: Theme) -> None:
+        super().__init__()
+        self._worker, self._theme = worker, theme
+        self._job: CommissioningJob | None = None
+        self._shown = False
+        self._picture = QPixmap()
+        self.start_button = make_button("Commission", self.start_pressed.emit, "go", name="bench.commission")
+        self.progress_label = make_label(kind="large", name="bench.commission.progress")
+        self.stop_button = make_button("Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop")
+        self.confirm_button = make_button(
+            "High voltage is off", self._confirm, name="bench.commission.confirm", minimumHeight=36
+        )
+        self.prompt = make_panel(
+            make_label(
+                f"{DISABLE_HIGH_VOLTAGE.text}. The amplifier's input stays connected to the generator and to the card."
+            ),
+            row(self.confirm_button, STRETCH),
+            margins=(12, 8, 12, 8),
+            spacing=6,
+            kind="prompt",
+        )
+        self.message_label = configure(StatusLine(), "bench.commission.message")
+        self.verdict_label = make_label(kind="caption", name="bench.commission.verdict")
+        self.table = configure(
+            QTableWidget(0, len(COLUMNS)),
+            "bench.commission.table",
+            accessibleName="checks of the commissioning",
+            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
+            showGrid=False,
+            wordWrap=True,
+            tabKeyNavigation=False,
+            minimumHeight=260,
+        )
+        self.table.setHorizontalHeaderLabels(COLUMNS)
+        self.table.verticalHeader().hide()
+        header = self.table.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
+        self.picture_label = configure(QLabel(), "bench.commission.traces", accessibleName="page of traces")
+        panel = make_panel(
+            make_label("Commission the source", "heading", wrap=False),
+            make_label(ABOUT_TEXT),
+            row(self.start_button, (self.progress_label, 1), self.stop_button),
+            self.prompt,
+            self.message_label,
+            self.verdict_label,
+            self.table,
+            self.picture_label,
+            margins=(10, 8, 10, 8),
+            spacing=6,
+        )
+        column(panel, parent=self, margins=(0, 0, 0, 0))
+        for widget in (self.prompt, self.stop_button, self.table, self.picture_label):
+            widget.hide()
+
+    def set_theme(self, theme: Theme) -> None:
+        self._theme = theme
+
+    def set_enabled(self, enabled: bool) -> None:
+        """Allow a commissioning to be started, or not."""
+        self.start_button.setEnabled(enabled)
+
+    def follow(self, job: CommissioningJob) -> None:
+        """Show a commissioning that begins."""
+        self._job, self._shown = job, False
+        self.message_label.show_message("")
+        for widget in (self.table, self.picture_label):
+            widget.hide()
+        self.verdict_label.setText("")
+
+    def tick(self) -> None:
+        """Refresh the progress."""
+        job = self._job
+        if job is None:
+            return
+        if job.ended:
+            if not self._shown:
+                self._shown = True
+                self._show_result(job)
+            return
+        if job.asks_for_high_voltage_off != self.prompt.isVisible():
+            self.prompt.setVisible(job.asks_for_high_voltage_off)
+            self.confirm_button.setFocus()
+        self.stop_button.setVisible(not job.stopping)
+        if job.stopping:
+            text = "stopping: the source goes to rest …"
+        elif job.exercises:
+            text = f"exercise {len(job.exercises)}: {job.exercises[-1]} …"
+        else:
+            text = "waits until high voltage is off" if job.asks_for_high_voltage_off else "opens the instruments …"
+        self.progress_label.setText(text)
+
+    def _confirm(self) -> None:
+        if self._job is not None:
+            self._job.confirm_high_voltage_off()
+
+    def _show_result(self, job: CommissioningJob) -> None:
+        self.prompt.hide()
+        self.stop_button.hide()
+        self.progress_label.setText("")
+        if job.result is None:
+            self.message_label.show_message(f"{job.error[:1].upper()}{job.error[1:]}", is_error=True)
+            return
+        done = job.result
+        verdict = worst_verdict(done.result.checks)
+        passed = verdict is OutputVerdict.PASS
+        self.verdict_label.setText(f"{'✓' if passed else '✕'} {done.identity}: {verdict}. Record: {done.path}")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.success if passed else self._theme.error}")
+        checks = sorted(done.result.checks, key=lambda check: check.passed)
+        self.table.setRowCount(len(checks))
+        for at, check in enumerate(checks):
+            limits = " to ".join(f"{limit:g}" for limit in (check.low, check.high) if limit is not None)
+            figure = f"{check.value:.4g}" if check.value == check.value else "–"
+            cells = (str(check.verdict), str(check.check), figure, limits, check.unit, check.detail)
+            for place, text in enumerate(cells):
+                item = QTableWidgetItem(text)
+                if place == 0 or not check.passed:
+                    item.setForeground(QColor(self._theme.success if check.passed else self._theme.error))
+                self.table.setItem(at, place, item)
+        self.table.resizeRowsToContents()
+        self.table.show()
+        title = f"{done.identity}, firmware {done.identity.firmware or 'unknown'}: {verdict}"
+        picture = done.path.with_suffix(".png")
+
+        def draw() -> Path:
+            from app.plotting.commissioning_figure import draw_commissioning
+
+            draw_commissioning(title, done.result.traces, job.rest_v, job.simulated, picture)
+            return picture
+
+        self._worker.submit(draw, self._show_picture, self._on_error)
+
+    def _show_picture(self, path: Path) -> None:
+        self._picture = QPixmap(str(path))
+        self.picture_label.setToolTip(str(path))
+        self.picture_label.show()
+        self._scale_picture()
+
+    def _on_error(self, error: Exception) -> None:
+        self.message_label.show_message(f"The page of traces could not be drawn: {error}", is_error=True)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._scale_picture()
+
+    def _scale_picture(self) -> None:
+        if not self._picture.isNull():
+            width = max(self.width() - 30, 200)
+            self.picture_label.setPixmap(self._picture.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation))
