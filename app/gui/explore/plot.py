@@ -19,6 +19,7 @@ from app.gui.plots import (
     SERIES,
     PlotBase,
     PlotSeries,
+    ZoomBox,
     curve_color,
     finite_max,
     legend_share,
@@ -43,13 +44,14 @@ class ExplorePlot(PlotBase):
         self._shown_series = (True, False)
         self._log = False
         self._max_hz = 250.0
-        self.phase_canvas = pg.PlotWidget(enableMenu=False)
+        self.phase_canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False)
         self.phase = self.phase_canvas.getPlotItem()
         self._add_canvas(self.phase_canvas, [self.phase], AXIS_WIDTH)
         for plot, label in ((self.plot, "peak-to-peak displacement (µm)"), (self.phase, "phase (°)")):
             plot.setLabel("left", label)
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)
+        self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
         self._add_threshold_line(labelled=True)
         self.band = pg.PlotCurveItem(connect="finite")
         self.curves = [pg.PlotCurveItem(antialias=True) for _ in SERIES]

@@ -17,3 +17,4 @@ from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
 from .series import PlotSeries as PlotSeries
 from .series import series_of as series_of
+from .zoom import ZoomBox as ZoomBox

@@ -13,7 +13,9 @@ from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel
 from app.common import format_estimate
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
-from app.gui.widgets import Theme, column, make_label
+from app.gui.plots.tools import PlotTools
+from app.gui.plots.zoom import ZoomBox
+from app.gui.widgets import Menu, Theme, column, make_label
 from model import THRESHOLD_M, Array
 from protocols.base import RunEnded
 
@@ -231,7 +233,8 @@ class PlotBase(QWidget):
         self._canvases: list[Any] = []
         self._plots: list[Any] = []
         self.copy_buttons: list[PlotCopyButtons] = []
-        self.canvas = pg.PlotWidget(enableMenu=False) if canvas is None else canvas
+        self.tools: list[PlotTools] = []
+        self.canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False) if canvas is None else canvas
         self._add_canvas(self.canvas, plots or (self.canvas.getPlotItem(),), axis_width)
         self.plot = self._plots[0]
         if grid:
@@ -265,6 +268,8 @@ class PlotBase(QWidget):
                 axis.setPen(pg.mkPen(theme.line))
                 axis.setTextPen(pg.mkPen(theme.text))
                 axis.label.setDefaultTextColor(QColor(theme.text))
+        for tools in self.tools:
+            tools.set_theme(theme)
         for simulated, text in zip(self.simulated_labels, self.corner_labels, strict=True):
             simulated.set_color(theme.simulated)
             text.set_color(theme.text)
@@ -306,11 +311,17 @@ class PlotBase(QWidget):
             style_axes(plot, self.font())
             if axis_width is not None:
                 plot.getAxis("left").setWidth(axis_width)
+            if isinstance(plot.getViewBox(), ZoomBox):
+                plot.setMouseEnabled(x=True, y=True)
         if len(plots) == 1:
             plots[0].setContentsMargins(0, 0, 8, 0)
         self._canvases.append(canvas)
         self._plots += plots
         self.copy_buttons.append(PlotCopyButtons(canvas, self._table))
+        self.tools.append(PlotTools(canvas, plots, self.copy_buttons[-1], self._fill_menu))
+
+    def _fill_menu(self, menu: Menu) -> None:
+        """Add entries of this kind of plot to its context menu."""
 
     def _add_head(self, head: QLayout | None = None) -> None:
         """Lay out the canvas, below a head row if there is one."""
@@ -336,13 +347,15 @@ class TracePlotBase(PlotBase):
 
     NAMES = ("displacement (µm)", "drive at the amplifier (V)")
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: Theme, parent: QWidget | None = None, *, zooms: bool = True) -> None:
         canvas = pg.GraphicsLayoutWidget()
         canvas.ci.setContentsMargins(0, 0, 10, 0)
         canvas.ci.setSpacing(0)
-        plots = [canvas.addPlot(row=row, col=0, enableMenu=False) for row in (0, 1)]
+        boxes = [{"viewBox": ZoomBox()} if zooms else {} for _ in range(2)]
+        plots = [canvas.addPlot(row=row, col=0, enableMenu=False, **box) for row, box in enumerate(boxes)]
         super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=TRACE_AXIS_WIDTH)
         plots[1].setXLink(plots[0])
+        plots[1].setMouseEnabled(x=False, y=False)  # it follows the one above
         plots[0].getAxis("bottom").setStyle(showValues=False)
         # One-pixel pens, no grid, no antialiasing, never raw samples: docs/decisions/0006-live-plot.md.
         self.curves = [pg.PlotCurveItem(antialias=False, skipFiniteCheck=True) for _ in plots]

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtGui import QGuiApplication, QPixmap
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.widgets import add_actions, make_button, row, set_style_kind, tooltip
 
@@ -12,7 +12,7 @@ from app.gui.widgets import add_actions, make_button, row, set_style_kind, toolt
 class PlotCopyButtons(QWidget):
     """Two buttons in the lower corner of a canvas, shown while it has the mouse or the keyboard focus: Ctrl+P, Ctrl+D.
 
-    Buttons instead of a context menu: an open menu would take the Stop key.
+    What else can be done with a plot is in its context menu (`app.gui.plots.tools`).
 
     Args:
         canvas: the widget that is copied.
@@ -46,18 +46,32 @@ class PlotCopyButtons(QWidget):
         self.show()
         self._place_buttons()
 
+    def picture(self) -> QPixmap:
+        """Return the plot as it is displayed, without buttons and read-out."""
+        shown = [
+            child
+            for child in self._canvas.findChildren(QWidget)
+            if child.parent() is self._canvas and child.isVisible()
+        ]
+        over = [child for child in shown if child in (self, self._button_frame) or isinstance(child, QLabel)]
+        for child in over:
+            child.hide()
+        picture = self._canvas.grab()
+        for child in over:
+            child.show()
+        return picture
+
+    def table(self) -> str:
+        """Return the numbers as a table."""
+        return self._text()
+
     def copy_picture(self) -> None:
         """Copy the plot as it is displayed, without these buttons."""
-        seen, ringed = self.isVisible(), self._button_frame.isVisible()
-        self.hide()
-        self._button_frame.hide()
-        QGuiApplication.clipboard().setPixmap(self._canvas.grab())
-        self.setVisible(seen)
-        self._button_frame.setVisible(ringed)
+        QGuiApplication.clipboard().setPixmap(self.picture())
 
     def copy_data(self) -> None:
         """Copy the numbers as a table."""
-        QGuiApplication.clipboard().setText(self._text())
+        QGuiApplication.clipboard().setText(self.table())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._canvas:

@@ -30,6 +30,7 @@ class ResidualStrip(PlotBase):
         limit_ticks(self.plot, self.font())
         self.plot.getAxis("bottom").setStyle(showValues=False)
         self.plot.setXLink(main_plot)
+        self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
         self.setFixedHeight(HEIGHT)
         self._line = pg.PlotCurveItem(antialias=True, connect="finite")
         self._bars = pg.ErrorBarItem(beam=0.0)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finit
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
-from app.gui.widgets import ElidedLabel, Theme, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, Theme, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
 from app.session import describe_point
 from protocols.base import Quality
@@ -214,6 +214,13 @@ class ResponsePlot(PlotBase):
     def _select_strip(self, index: int) -> None:
         self.residual_strip.quantity = STRIP_QUANTITIES[index]
         self._draw_strip()
+
+    def _fill_menu(self, menu: Menu) -> None:
+        menu.addSeparator()
+        for at, quantity in enumerate(STRIP_QUANTITIES):
+            action = menu.addAction(f"Below: {quantity}", partial(self.strip_box.setCurrentIndex, at))
+            action.setCheckable(True)
+            action.setChecked(at == self.strip_box.currentIndex())
 
     def _series(self) -> Iterable[PlotSeries]:
         for series, scatter, bars in zip(SERIES, self.scatters, self._bars, strict=True):

@@ -162,6 +162,7 @@ class TimePlot(TracePlotBase):
         if not checked:
             return
         self._version, self._range = -1, None
+        self.tools[0].show_whole()  # a zoom belongs to the span before
         short = self.span.shown_s < 1.0
         axis = self._drive_plot.getAxis("bottom")
         axis.setScale(1000.0 if short else 1.0)

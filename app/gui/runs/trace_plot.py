@@ -22,7 +22,7 @@ class TracePlot(TracePlotBase):
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent)
+        super().__init__(theme, parent, zooms=False)
         self._whole: TraceWindow | None = None
         for plot in self._plots:
             plot.setMouseEnabled(x=True, y=False)

@@ -36,6 +36,7 @@ from .layouts import make_scroll_area as make_scroll_area
 from .layouts import make_splitter as make_splitter
 from .layouts import row as row
 from .log_pane import LogPane as LogPane
+from .menu import Menu as Menu
 from .overlaid import Overlaid as Overlaid
 from .progress_row import ProgressRow as ProgressRow
 from .status_line import StatusLine as StatusLine

@@ -188,6 +188,24 @@ ACTIONS = {
             "The data of this plot as a table on the clipboard",
             EVERY_PAGE,
         ),
+        *(
+            ActionInfo(f"plot.{name}", text, keys, page=EVERY_PAGE, repeats=repeats)
+            for name, text, keys, repeats in (
+                ("save-picture", "Save the focused plot as a picture …", ("Ctrl+Shift+P",), False),
+                ("save-data", "Save the data of the focused plot …", ("Ctrl+Shift+D",), False),
+                ("whole", "Focused plot: show everything (also a double click)", ("Home",), False),
+                (
+                    "closer",
+                    "Focused plot: closer (also the wheel, or a box drawn with the left button)",
+                    ("+", "="),
+                    True,
+                ),
+                ("further", "Focused plot: further away", ("-",), True),
+                ("peak", "Focused plot: marker to the highest point", ("P",), False),
+                ("marker-left", "Focused plot: marker to the point before", ("Left",), True),
+                ("marker-right", "Focused plot: marker to the next point", ("Right",), True),
+            )
+        ),
     )
 }
 """Every action by its id, in the order of the shortcut sheet."""

@@ -166,6 +166,9 @@ def style_sheet(theme: Theme) -> str:
     QListWidget:focus {{ border: 2px solid {theme.accent}; }}
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
     QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8pt; }}
+    QLabel[kind="read-out"] {{
+        background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 3px; padding: 1px 5px;
+    }}
     QLabel[kind="small"] {{ font-size: 8pt; }}
     QLabel[kind="value"] {{ font-size: 13pt; font-weight: bold; }}
     QLabel[kind="fault"] {{ color: {theme.error}; font-size: 9pt; }}

@@ -1,0 +1,236 @@
+"""Plot tools: zoom, cursor read-out, marker, context menu, and files of picture and data; the same on every plot."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QLabel
+
+from app.gui.plots.copy import PlotCopyButtons
+from app.gui.plots.zoom import ZoomBox
+from app.gui.widgets import ACTIONS, Menu, Mode, Theme, add_actions, choose_files, configure
+from model import Array
+
+CLOSER, FURTHER = 0.7, 1 / 0.7
+MARGIN = 6
+
+MenuFiller = Callable[[Menu], None]
+"""Adds the entries of one kind of plot to its context menu."""
+
+
+class PlotTools(QObject):
+    """Tools of one canvas.
+
+    Args:
+        canvas: a pyqtgraph view.
+        plots: its plots, the first of which has the marker.
+        copying: copies picture and numbers.
+        fill_menu: adds entries to the context menu.
+    """
+
+    def __init__(self, canvas: Any, plots: Sequence[Any], copying: PlotCopyButtons, fill_menu: MenuFiller) -> None:
+        super().__init__(canvas)
+        self._canvas, self._plots, self._copying, self._fill_menu = canvas, list(plots), copying, fill_menu
+        self.label = configure(QLabel("", canvas), "plot.read-out", kind="read-out")
+        self.label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.label.hide()
+        self._marker: pg.InfiniteLine | None = None
+        self._marked: tuple[Array, Array, int] | None = None
+        """x and y of the marked series in view coordinates, and the index of the marked point."""
+        self._marker_color = "#808080"
+        canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        canvas.customContextMenuRequested.connect(lambda at: self.make_menu().popup(canvas.mapToGlobal(at)))
+        canvas.scene().sigMouseMoved.connect(self._on_mouse_moved)
+        canvas.installEventFilter(self)
+        canvas.viewport().installEventFilter(self)
+        add_actions(
+            canvas,
+            {
+                "plot.whole": self.show_whole,
+                "plot.closer": lambda: self.zoom(CLOSER),
+                "plot.further": lambda: self.zoom(FURTHER),
+                "plot.peak": self.mark_peak,
+                "plot.marker-left": lambda: self.move_marker(-1),
+                "plot.marker-right": lambda: self.move_marker(1),
+                "plot.save-picture": self.save_picture,
+                "plot.save-data": self.save_data,
+            },
+        )
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._marker_color = theme.accent
+        if self._marker is not None:
+            self._marker.setPen(pg.mkPen(theme.accent, width=1, style=Qt.PenStyle.DashLine))
+
+    # -- zoom --------------------------------------------------------------------------------------------------------
+
+    @property
+    def boxes(self) -> list[ZoomBox]:
+        """The plots' view boxes that zoom."""
+        return [box for box in (plot.getViewBox() for plot in self._plots) if isinstance(box, ZoomBox)]
+
+    def show_whole(self) -> None:
+        """Show everything, and remove the marker."""
+        for box in self.boxes:
+            box.show_whole()
+        self._remove_marker()
+
+    def zoom(self, factor: float) -> None:
+        """Scale the visible range."""
+        for box in self.boxes:
+            box.zoom(factor)
+
+    # -- read-out and marker -----------------------------------------------------------------------------------------
+
+    def mark_peak(self) -> None:
+        """Put the marker on the highest visible point."""
+        (left, right), (bottom, top) = self._plots[0].getViewBox().viewRange()
+        best: tuple[float, Array, Array, int] | None = None
+        for x, y in self._visible_series():
+            there = np.flatnonzero((x >= left) & (x <= right) & (y >= bottom) & (y <= top))
+            if there.size and (best is None or y[there].max() > best[0]):
+                at = int(there[y[there].argmax()])
+                best = (float(y[at]), x, y, at)
+        if best is not None:
+            self._mark(*best[1:])
+
+    def move_marker(self, steps: int) -> None:
+        """Move the marker along its curve."""
+        if self._marked is not None:
+            x, y, at = self._marked
+            self._mark(x, y, min(max(at + steps, 0), x.size - 1))
+
+    def _mark(self, x: Array, y: Array, at: int) -> None:
+        self._marked = (x, y, at)
+        plot = self._plots[0]
+        if self._marker is None:
+            pen = pg.mkPen(self._marker_color, width=1, style=Qt.PenStyle.DashLine)
+            self._marker = pg.InfiniteLine(float(x[at]), angle=90, pen=pen)
+            plot.addItem(self._marker, ignoreBounds=True)
+        self._marker.setValue(float(x[at]))
+        self._show_text(f"marker: {self.describe(plot, float(x[at]), float(y[at]))}")
+
+    def _remove_marker(self) -> None:
+        if self._marker is not None:
+            self._plots[0].removeItem(self._marker)
+        self._marker = self._marked = None
+        self._show_text("")
+
+    def _visible_series(self) -> list[tuple[Array, Array]]:
+        """Return the finite points of every visible curve and scatter of the first plot, in view coordinates, rising in x."""
+        found = []
+        for item in self._plots[0].items:
+            if not isinstance(item, pg.PlotCurveItem | pg.ScatterPlotItem | pg.PlotDataItem) or not item.isVisible():
+                continue
+            x, y = item.getData()
+            if x is None or not len(x):
+                continue
+            x, y = np.asarray(x, float) + item.pos().x(), np.asarray(y, float)
+            there = np.isfinite(x) & np.isfinite(y)
+            order = np.argsort(x[there], kind="stable")
+            if there.any():
+                found.append((x[there][order], y[there][order]))
+        return found
+
+    @staticmethod
+    def describe(plot: Any, x: float, y: float) -> str:
+        """Return a place as text in the units of the axes."""
+        texts = []
+        for side, value in (("bottom", x), ("left", y)):
+            axis = plot.getAxis(side)
+            shown = (10.0**value if axis.logMode else value) * axis.scale
+            _, _, unit = str(axis.labelText).rpartition("(")
+            texts.append(f"{shown:.5g} {unit.removesuffix(')') if unit.endswith(')') else ''}".strip())
+        return ",  ".join(texts)
+
+    def _on_mouse_moved(self, at: QPointF) -> None:
+        if self._marked is not None:
+            return
+        for plot in self._plots:
+            box = plot.getViewBox()
+            if box.sceneBoundingRect().contains(at):
+                place = box.mapSceneToView(at)
+                self._show_text(self.describe(plot, place.x(), place.y()))
+                return
+        self._show_text("")
+
+    def _show_text(self, text: str) -> None:
+        self.label.setText(text)
+        self.label.setVisible(bool(text))
+        if text:
+            self.label.adjustSize()
+            self.label.move(QPoint(MARGIN, self._canvas.height() - self.label.height() - 2))
+            self.label.raise_()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Leave and self._marked is None:
+            self._show_text("")
+        elif event.type() == QEvent.Type.MouseButtonDblClick and self.boxes:
+            self.show_whole()
+        return super().eventFilter(watched, event)
+
+    # -- menu and files ----------------------------------------------------------------------------------------------
+
+    def make_menu(self) -> Menu:
+        """Return the context menu."""
+        menu = Menu(self._canvas)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        zooming = ("plot.whole", "plot.closer", "plot.further") if self.boxes else ()
+        for name in (
+            *zooming,
+            "plot.peak",
+            "",
+            "plot.copy-picture",
+            "plot.copy-data",
+            "plot.save-picture",
+            "plot.save-data",
+        ):
+            if not name:
+                self._fill_menu(menu)
+                menu.addSeparator()
+            elif (action := self._canvas.findChild(QAction, name)) is not None:
+                action.setText(ACTIONS[name].text)
+                menu.addAction(action)
+        return menu
+
+    def save_picture(self) -> None:
+        """Save the plot as a PNG file."""
+        choose_files(
+            self._canvas,
+            "Save the picture of this plot",
+            self._write_picture,
+            "Pictures (*.png)",
+            "plot.png",
+            Mode.AnyFile,
+        )
+
+    def save_data(self) -> None:
+        """Save the numbers of the plot as a table with tabs."""
+        choose_files(
+            self._canvas, "Save the data of this plot", self._write_data, "Tables (*.tsv)", "plot.tsv", Mode.AnyFile
+        )
+
+    def _write_picture(self, paths: list[Path]) -> None:
+        path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
+        self._report(self._copying.picture().save(str(path)), path)
+
+    def _write_data(self, paths: list[Path]) -> None:
+        path = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv")
+        try:
+            path.write_text(self._copying.table(), encoding="utf-8")
+        except OSError:
+            self._report(False, path)
+        else:
+            self._report(True, path)
+
+    def _report(self, written: bool, path: Path) -> None:
+        self._show_text(f"{path} is written" if written else f"{path} cannot be written; choose another folder")
+
+
+def no_entries(_menu: Menu) -> None:
+    """Add nothing to a context menu."""

@@ -1,0 +1,44 @@
+"""Menu that leaves Stop in reach: an open menu takes the keyboard and the mouse from the window below it."""
+
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QMouseEvent
+from PySide6.QtWidgets import QAbstractButton, QMenu, QWidget
+
+
+class Menu(QMenu):
+    """Closes and passes on the keys of Stop and Escape, and a click on a button outside it."""
+
+    PASSED_ON = ("stop", "escape")
+    """Actions of the window whose keys work in an open menu."""
+
+    def __init__(self, parent: QWidget, title: str = "") -> None:
+        super().__init__(title, parent)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        pressed = QKeySequence(event.keyCombination())
+        for name in self.PASSED_ON:
+            action = self._window().findChild(QAction, name)
+            if action is not None and pressed in action.shortcuts():
+                self.close()
+                if name == "stop" or self._is_busy():
+                    action.trigger()
+                return
+        super().keyPressEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        window = self._window()
+        button = window.childAt(window.mapFromGlobal(event.globalPosition().toPoint()))
+        if not self.rect().contains(event.position().toPoint()) and isinstance(button, QAbstractButton):
+            self.close()
+            button.click()
+            return
+        super().mousePressEvent(event)
+
+    def _window(self) -> QWidget:
+        parent = self.parentWidget()
+        assert parent is not None
+        return parent.window()
+
+    def _is_busy(self) -> bool:
+        """Return whether a run is active: Escape then stops it, and otherwise only closes the menu."""
+        state = getattr(self._window(), "state", None)
+        return bool(getattr(state, "busy", False))

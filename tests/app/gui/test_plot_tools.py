@@ -1,0 +1,115 @@
+"""Plot tools: zoom that stays while points arrive, read-out, marker, context menu, files."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QAction, QPixmap, QWheelEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from tests.helpers.main_window import OpenStage, Stage, find, until
+from tests.helpers.session_events import LIVE, OPENED, point
+
+
+@pytest.fixture
+def measured(stage: Stage) -> Stage:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, point(0, 100.0), point(1, 160.0))
+    return stage
+
+
+def turn_wheel(canvas, notches: int) -> None:
+    at = canvas.mapFromScene(canvas.getPlotItem().getViewBox().sceneBoundingRect().center())
+    event = QWheelEvent(
+        QPointF(at), QPointF(canvas.mapToGlobal(at)), QPoint(), QPoint(0, 120 * notches), Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
+    )  # fmt: skip
+    QApplication.sendEvent(canvas.viewport(), event)
+
+
+@pytest.mark.deep
+def test_a_zoom_stays_while_points_arrive_until_everything_is_shown_again(measured: Stage) -> None:
+    plot = measured.window.measure_page.response
+    box = plot.plot.getViewBox()
+    whole = box.viewRange()
+    turn_wheel(plot.canvas, 5)
+    closer = box.viewRange()
+    assert closer[0][1] - closer[0][0] < 0.9 * (whole[0][1] - whole[0][0])
+    measured.happen(point(2, 200.0))
+    assert box.viewRange() == closer, "the arrival of a point does not take the zoom away"
+    plot.canvas.setFocus()
+    QTest.keyClick(plot.canvas, Qt.Key.Key_Home)
+    assert box.viewRange() == whole
+    QTest.keyClick(plot.canvas, Qt.Key.Key_Plus)
+    assert box.zoomed
+    at = plot.canvas.mapFromScene(box.sceneBoundingRect().center())
+    QTest.mouseDClick(plot.canvas.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    assert not box.zoomed, "a double click shows everything"
+
+
+@pytest.mark.deep
+def test_the_marker_goes_to_the_highest_point_and_along_the_curve(measured: Stage) -> None:
+    plot = measured.window.measure_page.response
+    until(plot.model_curves.source_label.text, "for the curve")
+    plot.canvas.setFocus()
+    QTest.keyClick(plot.canvas, Qt.Key.Key_P)
+    label = find(plot.canvas, "plot.read-out")
+    assert label.isVisible()
+    assert label.text().startswith("marker: ")
+    assert " Hz,  " in label.text()
+    assert label.text().endswith(" µm")
+    before = label.text()
+    QTest.keyClick(plot.canvas, Qt.Key.Key_Right)
+    assert label.text() != before
+    QTest.keyClick(plot.canvas, Qt.Key.Key_Home)
+    assert not label.isVisible()
+
+
+@pytest.mark.deep
+def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: Stage) -> None:
+    plot = measured.window.measure_page.response
+    menu = plot.tools[0].make_menu()
+    texts = [action.text() for action in menu.actions()]
+    assert "Focused plot: marker to the highest point" in texts
+    assert "Below: residual" in texts
+    next(action for action in menu.actions() if action.text() == "Below: residual").trigger()
+    assert plot.residual_strip.isVisible()
+    menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
+    QTest.keyClick(menu, Qt.Key.Key_F12)
+    assert measured.session.stops == 1
+    menu = plot.tools[0].make_menu()
+    menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
+    QTest.keyClick(menu, Qt.Key.Key_Escape)
+    assert measured.session.stops == 2, "Escape stops a run, also where a menu is open"
+    menu = plot.tools[0].make_menu()
+    menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
+    stop = find(measured.window, "status.stop")
+    QTest.mouseClick(menu, Qt.MouseButton.LeftButton, pos=menu.mapFromGlobal(stop.mapToGlobal(stop.rect().center())))
+    assert measured.session.stops == 3, "so does a click on STOP"
+
+
+@pytest.mark.deep
+def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) -> None:
+    plot = measured.window.measure_page.response
+    tools = plot.tools[0]
+    tools._write_data([tmp_path / "response"])
+    assert (tmp_path / "response.tsv").read_text("utf-8").startswith("SIMULATED\nseries\tfrequency (Hz)")
+    tools._write_picture([tmp_path / "response.png"])
+    picture = QPixmap(str(tmp_path / "response.png"))
+    assert picture.size() == plot.canvas.grab().size()
+    tools._write_data([tmp_path / "no" / "folder.tsv"])
+    assert "cannot be written; choose another folder" in find(plot.canvas, "plot.read-out").text()
+
+
+@pytest.mark.deep
+def test_every_plot_has_the_same_tools(open_stage: OpenStage) -> None:
+    stage = open_stage(ahead=True)
+    until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")
+    from app.gui.plots.base import PlotBase
+
+    for plot in stage.window.findChildren(PlotBase):
+        for canvas in plot._canvases:
+            assert canvas.findChild(QAction, "plot.peak") is not None, type(plot).__name__
+            assert canvas.contextMenuPolicy() is Qt.ContextMenuPolicy.CustomContextMenu
