@@ -8,6 +8,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from types import FunctionType
 from zlib import crc32
 
 import pytest
@@ -29,6 +30,26 @@ settings.register_profile("deep", max_examples=100, deadline=None)
 def pytest_configure(config: pytest.Config) -> None:
     """Hypothesis tries five examples of everything where the deep tests are left out, and a hundred where they are not."""
     settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
+
+
+class _Backwards(pytest.Dir):
+    """A folder whose tests are collected from the last to the first."""
+
+    def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
+        return reversed(list(super().collect()))
+
+
+def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Dir | None:
+    """Let every other worker collect from the end: each compiles half of the tests and reads the other half's cache."""
+    second = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 2
+    return _Backwards.from_parent(parent, path=path) if second else None
+
+
+def pytest_pycollect_makeitem(collector: pytest.Collector, obj: object) -> list[pytest.Item] | None:
+    """Make no items of functions that are deep as a whole, where deep tests are left out."""
+    if collector.config.option.markexpr != "not deep" or not isinstance(obj, FunctionType):
+        return None
+    return [] if any(mark.name == "deep" for mark in getattr(obj, "pytestmark", ())) else None
 
 
 QUICK_CASES = 2
@@ -53,7 +74,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for k, item in enumerate(same):
             if k not in quick:
                 item.add_marker("deep")
-    items.sort(key=lambda item: "safety" not in item.path.parts)
+    items.sort(key=lambda item: ("safety" not in item.path.parts, item.path.parts))  # the same for all workers
 
 
 def pytest_collection_finish() -> None:

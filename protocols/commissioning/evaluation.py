@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import correlate
 
 from drivers import Hold, Sine
 from model import Array
@@ -58,6 +57,8 @@ class Evaluation:
         self._fit()
 
     def _fit(self) -> None:
+        from scipy.signal import correlate  # lazily: takes as long to load as all the rest
+
         trace, rate = self.trace, self.trace.rate_hz
         times = np.arange(round(self._fitted_s * rate)) / rate
         form = trace.drive.volts(times) - self.idle_v

@@ -21,6 +21,7 @@ from app.identification.calibrations import (
 from model.identification import Calibration
 from protocols.runfile.names import MAX_NAME_BYTES, folded_name, safe_name
 from tests.helpers.run_files import FOUND
+from tests.helpers.texts import texts
 
 ALIKE = ("A-1", "A/1", "A 1", "A_1", "A:1", "A%1", "A%2F1", "A\\1", "A.1", "A 1.")
 
@@ -40,7 +41,7 @@ def test_names_that_need_no_escape_stay_and_others_are_reversible() -> None:
     assert {len(name) for name in long} == {MAX_NAME_BYTES}
 
 
-@given(st.lists(st.text(min_size=1, max_size=40), min_size=2, max_size=2, unique=True))
+@given(st.lists(texts(min_size=1, max_size=40), min_size=2, max_size=2, unique=True))
 def test_different_names_never_coincide(names: list[str]) -> None:
     first, second = map(safe_name, names)
     assert first != second

@@ -30,6 +30,7 @@ from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.simulated_bench import laboratory, run
+from tests.helpers.texts import texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @given(
     raw=hnp.arrays(np.int16, st.tuples(st.just(2), st.integers(1, 400))),
-    text=st.text(max_size=1500),
+    text=texts(max_size=1500),
     quality=st.integers(0, 63),
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

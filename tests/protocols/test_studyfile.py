@@ -14,6 +14,7 @@ from model.studies.parameter_study import Axis
 from protocols.runfile import study_file as studyfile
 from protocols.runfile.errors import StorageError
 from protocols.runfile.study_file import StudyFileWriter, StudyHeader, StudyParameter, index_slices, read_study
+from tests.helpers.texts import LETTERS, SIGNS, texts
 
 HEADER = StudyHeader(
     "2 x fundamental of the centre over delta, frequency",
@@ -32,8 +33,10 @@ def stored(path: Path, header: StudyHeader = HEADER, values: np.ndarray = VALUES
     return path
 
 
-names = st.text(st.characters(categories=("Lu", "Ll", "Nd"), include_characters=" _-²µ"), min_size=1, max_size=12)
-units = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=8)
+names = texts(
+    LETTERS + " _-", st.characters(categories=("Lu", "Ll", "Nd"), include_characters=" _-²µ"), min_size=1, max_size=12
+)
+units = texts(LETTERS + SIGNS, st.characters(exclude_categories=("Cs", "Cc")), max_size=8)
 finite = st.floats(allow_nan=False)
 complexes = st.complex_numbers(allow_nan=False)
 
@@ -49,7 +52,7 @@ def studies(draw: st.DrawFn) -> tuple[StudyHeader, np.ndarray, list[int]]:
     parameters = draw(
         st.lists(st.builds(StudyParameter, names, finite, units, units), max_size=3, unique_by=lambda p: p.name)
     )
-    description = draw(st.dictionaries(units, st.one_of(st.integers(), st.text(max_size=5), st.none()), max_size=3))
+    description = draw(st.dictionaries(units, st.one_of(st.integers(), texts(max_size=5), st.none()), max_size=3))
     header = StudyHeader(draw(units), signal, draw(units), axes, is_complex, tuple(parameters), description)
     sets = values.size // shape[-1]
     ends = sorted({sets, *draw(st.lists(st.integers(1, sets), max_size=4))})

@@ -15,23 +15,24 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run
+from tests.helpers.texts import texts
 
 CHECK = CheckResult("gain above rest", 0.5e-6, "m/V", 1e-6, 1e-3, "check the optics", Outcome.DID_NOT_PASS)
 numbers = st.floats(allow_nan=True, allow_infinity=False)
 checks = st.builds(
     CheckResult,
-    st.text(max_size=20),
+    texts(max_size=20),
     numbers,
     st.sampled_from(("1", "m/V", "Hz")),
     st.none() | st.floats(-1e6, 1e6),
     st.none() | st.floats(-1e6, 1e6),
-    st.text(max_size=20),
+    texts(max_size=20),
     st.sampled_from(Outcome),
 )
 
 
 @given(
-    st.builds(Verdict, st.sampled_from(Outcome), st.lists(st.text(max_size=30)).map(tuple), st.lists(checks).map(tuple))
+    st.builds(Verdict, st.sampled_from(Outcome), st.lists(texts(max_size=30)).map(tuple), st.lists(checks).map(tuple))
 )
 def test_json_round_trip(verdict: Verdict) -> None:
     again = Verdict.from_record(json.loads(verdict.to_json()))
