@@ -161,7 +161,7 @@ def _check_estimates(before: dict[str, list[Any]], after: dict[str, list[Any]]) 
     assert after["standard_error"] == pytest.approx(errors, rel=0.1)
 
 
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("run", RUNS)
 def test_a_run_is_shown_and_exported_in_every_format(run: str, folder: Path) -> None:
     if run in (DWELL, CRASHED):
@@ -261,6 +261,7 @@ def test_a_calibration_is_added_to_the_old_ones(folder: Path) -> None:
     assert (len(kept["versions"]), kept["active"]) == (3, 2)
 
 
+@pytest.mark.deep
 def test_old_raw_samples_are_reduced_with_a_corrected_calibration(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,6 +38,7 @@ def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path
     assert out.count("pass") == 14  # all checks of the verdict, and rest
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(
     ("fault", "failing", "remedy"),
     [
@@ -205,6 +206,7 @@ def test_another_instrument_at_the_address_is_refused() -> None:
 # -- calibration --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(("day", "flagged"), [("2020-01-31", True), ("2999-01-31", False), ("", False)])
 def test_an_expired_calibration_is_a_warning_in_events_points_and_file(day: str, flagged: bool, tmp_path: Path) -> None:
     config = simulated()

@@ -107,7 +107,7 @@ LONG = {"commission", "figures", "identify", "model step", "run"}
 """Commands that work for seconds where the question makes sense."""
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.deep] if n in LONG else []) for n in LEAVES])
 def test_nothing_that_can_be_asked_ends_in_a_traceback(name: str, here: Path, capsys: Any) -> None:
     for arguments in attacks(name):

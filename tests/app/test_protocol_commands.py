@@ -82,6 +82,7 @@ def test_what_has_no_response_is_measured_again_by_that_word(
     assert "nothing to measure again" in capsys.readouterr().err
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(
     ("more", "says"),
     [

@@ -122,6 +122,7 @@ def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) 
     assert one.finished.is_set()
 
 
+@pytest.mark.deep
 def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_path: Path) -> None:
     events: list = []
     one, _ = session(events)

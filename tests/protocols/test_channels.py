@@ -86,6 +86,7 @@ def test_calibration_and_units_are_in_the_file(measured: Path) -> None:
         )
 
 
+@pytest.mark.deep
 def test_a_bench_of_two_channels_writes_no_trace_of_further_ones(tmp_path: Path) -> None:
     with laboratory() as lab:
         path = run(SHORT, tmp_path, lab).path
@@ -94,6 +95,7 @@ def test_a_bench_of_two_channels_writes_no_trace_of_further_ones(tmp_path: Path)
         assert opened.trace.further_channels == {}
 
 
+@pytest.mark.deep
 def test_drive_and_displacement_are_those_of_a_bench_without_monitors(measured: Path, tmp_path: Path) -> None:
     """But for the rate, which five channels share, and the noise."""
     with laboratory() as lab:

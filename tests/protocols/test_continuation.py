@@ -46,6 +46,7 @@ def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> Non
         assert plain["entry/earlier/trace/drive"].shape[0] > 0
 
 
+@pytest.mark.deep
 def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path: Path) -> None:
     with laboratory() as lab:
         first = run(LEVELS, tmp_path, lab)
@@ -58,6 +59,7 @@ def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path:
         assert list(file.entries()) == [0, 1, 2, 3]
 
 
+@pytest.mark.deep
 def test_a_moved_sensor_is_noticed_before_a_run_goes_on(known: None, tmp_path: Path) -> None:
     cancel = threading.Event()
     with laboratory() as lab:

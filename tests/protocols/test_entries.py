@@ -95,6 +95,7 @@ def test_hands_reach_the_specimen_only_at_measured_rest_with_high_voltage_off(tm
     assert rehearsal.prompts == len(operator.asked)
 
 
+@pytest.mark.deep
 def test_an_entry_can_ask_for_itself_or_the_one_before_again(tmp_path: Path) -> None:
     asked = {1: [Repeat.THIS], 2: [Repeat.PREVIOUS]}
 

@@ -38,6 +38,7 @@ def test_a_specimen_that_does_not_move_rings_nowhere(tmp_path: Path) -> None:
     assert "none from edge 1, edge 2" in ran.reason
 
 
+@pytest.mark.deep
 def test_a_step_that_is_too_small_is_flagged(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(FreeDecay(edges=2), tmp_path, lab)

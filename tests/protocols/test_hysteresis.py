@@ -127,6 +127,7 @@ def test_voltage_steps_find_the_creep_and_the_loop_that_were_put_in(tmp_path: Pa
     assert creep.standard_error < 0.2 * creep.value
 
 
+@pytest.mark.deep
 def test_it_is_one_of_the_protocols_and_the_rehearsal_tells_how_long_it_takes(tmp_path: Path) -> None:
     assert PROTOCOLS["hysteresis"] is Hysteresis
     short = Hysteresis(frequencies_hz=(1.0,), cycles=2)

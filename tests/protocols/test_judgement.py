@@ -73,6 +73,7 @@ def test_dwell_whose_laser_is_lost_is_no_result(tmp_path: Path) -> None:
     assert judge_file(ran.path) == ran.verdict
 
 
+@pytest.mark.deep
 def test_dwell_with_the_membrane_left_on_is_doubtful(tmp_path: Path) -> None:
     with laboratory() as lab:
         lab.control.inject("membrane-left-on")

@@ -95,6 +95,7 @@ def test_a_sharp_specimen_does_not_swing_into_its_spacers(volts: float, tmp_path
     assert ran.report.ends_at_rest
 
 
+@pytest.mark.deep
 def test_the_gap_is_a_number_of_the_bench_file(tmp_path: Path) -> None:
     config = simulated()
     narrow = config.model_copy(update={"specimen": config.specimen.model_copy(update={"gap_m": 1e-5})})
@@ -102,6 +103,7 @@ def test_the_gap_is_a_number_of_the_bench_file(tmp_path: Path) -> None:
     assert (exceeded(ran)[0].level, exceeded(ran)[0].limit) == ("stroke", 1e-5)
 
 
+@pytest.mark.deep
 def test_a_warning_flags_the_points_and_makes_the_run_doubtful(tmp_path: Path) -> None:
     ran, _ = run_with(tmp_path, levels={"stroke": LevelAction.WARNING, "stroke_m": 1e-4}, protocol=SHORT)
     assert ran.status == RunStatus.COMPLETED
@@ -113,6 +115,7 @@ def test_a_warning_flags_the_points_and_makes_the_run_doubtful(tmp_path: Path) -
     assert "abort level" in ran.verdict.reasons[0]
 
 
+@pytest.mark.deep
 def test_a_level_that_is_off_says_nothing(tmp_path: Path) -> None:
     ran, _ = run_with(tmp_path, levels={"stroke": LevelAction.OFF, "stroke_m": 1e-4}, protocol=SHORT)
     assert (ran.status, exceeded(ran)) == (RunStatus.COMPLETED, [])
@@ -141,6 +144,7 @@ class Answering:
         return self._answer if ask_id in self._asked else self._operator.answer(ask_id)
 
 
+@pytest.mark.deep
 def test_the_operator_may_ignore_a_level_for_the_rest_of_the_run(tmp_path: Path) -> None:
     with laboratory() as lab:
         lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4)
@@ -171,6 +175,7 @@ def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest
     assert ran.report.ends_at_rest
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.breaks_the_drive
 @pytest.mark.parametrize("fault", ["drive-cable-off", "output-tripped", "generator-power-off"])
 def test_a_drive_that_is_gone_is_reported_in_the_first_block(fault: str, tmp_path: Path) -> None:
@@ -201,7 +206,7 @@ def test_a_drive_that_is_gone_is_reported_in_the_first_block(fault: str, tmp_pat
 
 
 @pytest.mark.breaks_the_drive
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("command", ["OUTP OFF", "*RST", "VOLT 0.5", "VOLT:OFFS 2.0", "FREQ 50"])
 def test_a_second_hand_on_the_generator_is_reported_in_the_first_block(command: str, tmp_path: Path) -> None:
     moved: list[float] = []

@@ -63,6 +63,7 @@ def test_deleted_run_file_ends_the_run_and_is_restored(tmp_path: Path) -> None:
         assert len(list(saved.recordings())) == 2
 
 
+@pytest.mark.deep
 def test_run_folder_that_was_deleted_is_restored_with_the_run(tmp_path: Path) -> None:
     folder = tmp_path / "runs"
     folder.mkdir()
@@ -83,6 +84,7 @@ def test_moved_run_file_is_finished_where_it_is(tmp_path: Path) -> None:
         assert saved.reason == ran.reason
 
 
+@pytest.mark.deep
 def test_folder_moved_as_a_detached_disk_is_found(tmp_path: Path) -> None:
     folder = tmp_path / "runs"
     folder.mkdir()

@@ -51,6 +51,7 @@ def test_an_entry_that_lost_scans_is_measured_again_by_itself(tmp_path: Path) ->
         np.testing.assert_allclose(file.points()["drive_amplitude"], file.points()["drive_amplitude"][0], rtol=0.01)
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("moment", [PromptShown, RecordingFinished])
 def test_scans_that_are_lost_while_none_are_recorded_change_nothing(
     moment: type[Event], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

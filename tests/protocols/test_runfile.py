@@ -78,7 +78,9 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
         both = np.concatenate([raw, raw[:, ::-1]], axis=1)
         assert np.array_equal(run.trace.read_raw("drive"), both[0])
         assert np.array_equal(run.trace.read_raw("displacement"), both[1])
-        assert run.trace.displacement_m() == pytest.approx((SCALE.to_volts(both[1]) - 0.5) * 1e-4)
+        np.testing.assert_allclose(
+            run.trace.displacement_m(), (SCALE.to_volts(both[1]) - 0.5) * 1e-4, rtol=0, atol=1e-12
+        )
         (event,) = run.events()
         assert (event.time_s, event.kind, event.fields) == (0.3, "Noted", {"text": text})
         (recording,) = run.recordings()
@@ -239,6 +241,7 @@ class Once(Twice):
         return super().estimates(points)[:1]
 
 
+@pytest.mark.deep
 def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
@@ -249,6 +252,7 @@ def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_pat
         assert len(file.points()["frequency"]) == 1
 
 
+@pytest.mark.deep
 def test_a_reader_that_holds_the_file_does_not_keep_the_estimates_out(tmp_path: Path) -> None:
     fcntl = pytest.importorskip("fcntl")
     kept: list[Any] = []
@@ -341,8 +345,8 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
             unitless += [d.name for d in group.values() if d.dtype.kind in "fi" and "units" not in d.attrs]
     assert unitless == []
     with Run(ran.path) as run_:
-        assert scaled["displacement"] == pytest.approx(run_.trace.displacement_m(), abs=1e-9)
-        assert scaled["drive"] == pytest.approx(run_.trace.drive_v(), abs=1e-5)
+        np.testing.assert_allclose(scaled["displacement"], run_.trace.displacement_m(), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(scaled["drive"], run_.trace.drive_v(), rtol=0, atol=1e-5)
         assert run_.configuration["speed"] == "max"
         assert set(run_.points()) == {*SinePoint.__slots__, "entry"}
 

@@ -75,6 +75,7 @@ def test_every_run_asks_before_its_first_drive_even_if_the_source_rests(tmp_path
     assert ran.status == RunStatus.COMPLETED
 
 
+@pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_a_generator_lost_between_two_runs_with_high_voltage_on_is_unsafe(tmp_path: Path) -> None:
     with laboratory() as lab:
@@ -197,6 +198,7 @@ def test_an_inadmissible_drive_is_refused_before_anything_moves(tmp_path: Path) 
     assert "Sine refused: it reaches -0.5 V" in ran.reason
 
 
+@pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_no_drive_on_the_cards_channel_is_noticed(tmp_path: Path) -> None:
     with laboratory() as lab:
@@ -209,6 +211,7 @@ def test_no_drive_on_the_cards_channel_is_noticed(tmp_path: Path) -> None:
         assert file.status == RunStatus.UNSAFE
 
 
+@pytest.mark.deep
 def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:
     with laboratory(simulated(tactor={"k2": 7.5e-3})) as lab:
         ran = run(SHORT, tmp_path, lab)

@@ -99,6 +99,7 @@ def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
     assert found["damping ratio"].value == pytest.approx(0.2110, abs=0.001)
 
 
+@pytest.mark.deep
 def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
     protocol = SineDwell()
     with Run(ran.path) as file:
@@ -121,6 +122,7 @@ def test_the_same_seed_gives_the_same_bytes_of_samples_and_another_does_not(tmp_
     assert not np.array_equal(raws[0], raws[2])
 
 
+@pytest.mark.deep
 def test_a_sensor_out_of_range_is_a_flag_and_never_counts(tmp_path: Path) -> None:
     with laboratory(simulated(sensor={"range_m": 4.2e-4})) as lab:
         ran = run(SineDwell(frequencies_hz=(25, 150)), tmp_path, lab)
@@ -215,6 +217,7 @@ def notes(ran) -> list[str]:
     return [event.text for event in ran.events if isinstance(event, LogMessage)]
 
 
+@pytest.mark.deep
 def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) -> None:
     """High voltage that was not switched on: the drive is correct, and the tactor does not move."""
     with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
@@ -231,6 +234,7 @@ def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) ->
         assert file.estimates() == ()
 
 
+@pytest.mark.deep
 def test_a_drive_that_is_a_twentieth_off_is_flagged(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(160,)), tmp_path, lab)
@@ -241,6 +245,7 @@ def test_a_drive_that_is_a_twentieth_off_is_flagged(tmp_path: Path) -> None:
         assert (Quality.DRIVE_OFF in Quality(SineDwell().point((), [seen], True).quality)) is flagged, share
 
 
+@pytest.mark.deep
 def test_an_entry_that_lost_scans_is_measured_again(tmp_path: Path) -> None:
     """The card lost a block while it was recorded: the samples are there, the time between them is not."""
     with laboratory() as lab:

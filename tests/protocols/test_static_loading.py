@@ -136,6 +136,7 @@ def test_the_rehearsal_tells_hands_and_no_volts(tmp_path: Path) -> None:
     assert 600 < rehearsal.duration_s < 2400
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(("wrong_kg", "says"), [(0.05, "too little"), (0.5, "too much")])
 def test_a_wrong_weight_is_noticed_and_repeated(wrong_kg: float, says: str, tmp_path: Path) -> None:
     def swaps(who: Clumsy, prompt: Prompt) -> Prompt | str | None:
@@ -160,6 +161,7 @@ def test_a_wrong_weight_is_noticed_and_repeated(wrong_kg: float, says: str, tmp_
         assert len(list(file.recordings())) == 9  # what went wrong is kept as well
 
 
+@pytest.mark.deep
 def test_a_bumped_sensor_is_noticed_and_the_weight_repeated_or_flagged(tmp_path: Path) -> None:
     for answer, recordings, usable in (("repeat", 9, True), ("keep", 6, False)):
 
@@ -178,6 +180,7 @@ def test_a_bumped_sensor_is_noticed_and_the_weight_repeated_or_flagged(tmp_path:
         assert bool(ran.points[0].quality & Quality.UNSETTLED) is not usable
 
 
+@pytest.mark.deep
 def test_a_clamp_that_gives_shows_in_the_zero(tmp_path: Path) -> None:
     with laboratory(simulated(beyond={"clamp_gives_m_per_n": 5e-6})) as lab:
         ran = run(SHORT, tmp_path, lab)
@@ -196,6 +199,7 @@ def test_the_wrong_way_three_times_is_a_wrong_sign_in_the_bench_file(tmp_path: P
     assert "correct gain_m_per_v in the bench file" in ran.reason
 
 
+@pytest.mark.deep
 def test_a_specimen_unlike_the_expected_is_kept_after_three_alike(tmp_path: Path) -> None:
     soft = replace(Tactor(), k2=2.5e-3)
     with laboratory(simulated(tactor={"k2": 2.5e-3})) as lab:
@@ -216,6 +220,7 @@ def test_a_sensor_that_stands_still_is_no_deflection(tmp_path: Path) -> None:
     assert estimates_of(ran) == {}
 
 
+@pytest.mark.deep
 def test_the_operator_may_have_the_weight_before_measured_again(tmp_path: Path) -> None:
     def regrets(who: Clumsy, prompt: Prompt) -> Prompt | str | None:
         return "previous again" if prompt.action == "place-weight" and who.times("place-weight") == 2 else None

@@ -65,6 +65,7 @@ def test_good_run_is_good_in_event_and_file(tmp_path: Path) -> None:
         assert plain["entry/verdict"].asstr()[()] == "good"
 
 
+@pytest.mark.deep
 def test_unusable_points_are_no_result_or_doubtful(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100, 150)), tmp_path, lab)
@@ -79,6 +80,7 @@ def test_unusable_points_are_no_result_or_doubtful(tmp_path: Path) -> None:
     assert "2 out of range" in judge(protocol, lost, 2).reasons[0]
 
 
+@pytest.mark.deep
 def test_wiring_check_outside_its_limits_did_not_pass(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(WiringCheck(polarity=-1), tmp_path, lab)

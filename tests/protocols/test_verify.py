@@ -223,6 +223,7 @@ def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Pa
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("pages", [1, 2, -1])
 def test_a_kill_between_two_pages_of_the_results_is_completed_by_the_next_start(
     pages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

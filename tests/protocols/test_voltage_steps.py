@@ -110,6 +110,7 @@ def test_errors_of_creep_and_deflection_are_what_repetition_shows() -> None:
     assert 0.6 < np.std(c) < 1.4
 
 
+@pytest.mark.deep
 def test_creep_per_decade_and_the_loop_come_out_of_many_points() -> None:
     protocol = VoltageSteps(levels_v=(0.5, 3.5, 4.5), hold_s=6.0, order="up-down", repeats=4)
     points = []
@@ -153,6 +154,7 @@ def test_a_supply_that_can_only_hold_will_do(tmp_path: Path) -> None:
         assert p.deflection == pytest.approx(expected_m(p.level), rel=0.02)
 
 
+@pytest.mark.deep
 def test_the_rehearsal_tells_how_long_it_takes(tmp_path: Path) -> None:
     assert PROTOCOLS["voltage-steps"] is VoltageSteps
     with laboratory() as lab:

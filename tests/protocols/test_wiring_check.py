@@ -57,6 +57,7 @@ def test_what_is_wrong_with_a_bench_is_named(truth: dict[str, Any], names: set[s
     assert failing(CHECK, ran.points) == names
 
 
+@pytest.mark.deep
 def test_the_delay_of_the_sensor_that_the_bench_file_tells_is_no_latency(tmp_path: Path) -> None:
     config = simulated(sensor={"delay_s": 0.02})
     config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"delay_s": 0.02})})
@@ -72,6 +73,7 @@ def test_a_swapped_sign_is_wrong_polarity_and_no_latency(tmp_path: Path) -> None
     assert failing(WiringCheck(polarity=-1), ran.points) == set()
 
 
+@pytest.mark.deep
 def test_high_voltage_that_is_off_leaves_no_gain(tmp_path: Path) -> None:
     class Forgetful:
         def show(self, ask_id: int, prompt: object) -> None: ...

@@ -34,7 +34,7 @@ def assert_rest_or_unsafe(name: str, fault: str, moment: str, folder: Path) -> N
         assert seen.largest_jump_v <= STEP_V + 1e-6, moment
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("fault", FAULTS_OF_A_BENCH)
 @pytest.mark.parametrize("name", KINDS)
 def test_every_fault_in_every_kind_of_protocol(name: str, fault: str, tmp_path: Path) -> None:

@@ -79,6 +79,7 @@ def test_rest_is_reported_only_if_the_source_says_that_it_is_at_rest(tmp_path: P
         assert "was brought to rest" not in program.log
 
 
+@pytest.mark.deep
 def test_a_source_that_does_not_obey_a_dead_program_is_reported_before_the_watchdog_tries_again(tmp_path: Path) -> None:
     with watched(tmp_path, stays_away=True) as program:
         program.die()

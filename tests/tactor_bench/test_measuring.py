@@ -131,6 +131,7 @@ def test_a_run_that_cannot_be_stored_fails_without_a_file() -> None:
         assert failed.value.path is None
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.breaks_the_drive
 @pytest.mark.parametrize("check", [True, False])
 def test_unsafe_always_raises_and_says_what_to_do(check: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,6 +172,7 @@ def test_a_bench_that_is_closed_from_another_thread_ends_the_run_at_rest(
     closing[0].join()
 
 
+@pytest.mark.deep
 def test_a_second_run_beside_the_first_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     caught: list[Exception] = []
 
@@ -286,6 +288,7 @@ def test_prompts_are_answered_by_input(
     )
 
 
+@pytest.mark.deep
 def test_a_prompt_that_the_laser_answers_is_withdrawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def says(prompt: str, bench: SimulatedBench) -> str:
         if "Place the 100 g" in prompt or "Take the 100 g" in prompt:
@@ -307,6 +310,7 @@ def test_a_prompt_that_the_laser_answers_is_withdrawn(tmp_path: Path, monkeypatc
     assert answers[-2:] == ["seen by the laser"] * 2
 
 
+@pytest.mark.deep
 def test_a_notebook_may_run_it_in_a_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[tb.MeasuredRun] = []
     notebook = Notebook(switch)

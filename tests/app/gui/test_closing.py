@@ -56,6 +56,7 @@ def test_closing_mid_run_asks_goes_to_rest_and_waits_for_the_session(stage: Stag
     until(lambda: not stage.window.isVisible())
 
 
+@pytest.mark.deep
 def test_the_run_goes_on_if_the_window_is_kept(stage: Stage) -> None:
     running(stage)
     stage.window.close()

@@ -47,6 +47,7 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
     assert 145 < x[y.argmax()] < 157
 
 
+@pytest.mark.deep
 def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
     canvas = stage.window.measure_page.response.canvas
     copying = stage.window.measure_page.response.copy_buttons[0]
@@ -59,6 +60,7 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
     assert copying.isVisible()
 
 
+@pytest.mark.deep
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
     window, plot = stage.window, stage.window.measure_page.response
     QTest.mouseMove(find(window, "measure.specimen"))  # the pointer may rest on the plot since another test

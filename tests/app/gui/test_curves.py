@@ -53,6 +53,7 @@ def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> No
     assert pane.plots.curves.source.text() == "dashed: the paper's values"
 
 
+@pytest.mark.deep
 def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> None:
     begin(stage, "hysteresis")
     pane, turn = stage.window.measure_page.live_pane, np.linspace(0, 2 * np.pi, 129)

@@ -60,6 +60,7 @@ def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
     assert "151 Hz" in page.plot.corner_label.text
 
 
+@pytest.mark.deep
 def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: ExplorePage) -> None:
     before = on_screen(page)[1]
     bar = page.sliders.rows["m_add"].slider_widget
@@ -97,6 +98,7 @@ def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
     assert page.setting.value("L1") == 8e-3
 
 
+@pytest.mark.deep
 def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     page.toolbar.preset_box.setCurrentIndex(3)
     page.toolbar.preset_box.activated.emit(3)
@@ -145,6 +147,7 @@ def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
     until(lambda: "bad.h5" in page.status_line.text(), "for the sentence")
 
 
+@pytest.mark.deep
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
     page.plot.cursor_line.setValue(80.0)
     settled(page)
@@ -157,6 +160,7 @@ def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePa
     until(lambda: page.shape_plot.frames > frames + 2, "for the beam to move")
 
 
+@pytest.mark.deep
 def test_copied_parameters_are_on_the_clipboard(page: ExplorePage) -> None:
     type_into(page, "m_add", "5")
     page.toolbar.copy_json_button.click()
@@ -174,6 +178,7 @@ def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
     assert [axis.name for axis in read_study(tmp_path / "study.h5").axes] == ["delta", "frequency"]
 
 
+@pytest.mark.deep
 def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
     assert not page.plot.phase_canvas.isVisible()
     page.toolbar.series[2].click()

@@ -139,6 +139,7 @@ def test_a_real_bench_offers_no_faults(
     assert stage.window.tabs.cornerWidget() is None
 
 
+@pytest.mark.deep
 def test_the_list_goes_with_escape_and_gives_the_keyboard_back(stage: Stage) -> None:
     stage.happen(OPENED)
     find(stage.window, "measure.specimen").setFocus()

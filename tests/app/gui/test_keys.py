@@ -87,6 +87,7 @@ def test_no_key_means_two_things_at_once(stage: Stage) -> None:
         assert len(keys) == len(set(keys)), title
 
 
+@pytest.mark.deep
 def test_a_page_s_key_takes_the_keyboard_there_also_where_the_page_is_seen(stage: Stage) -> None:
     find(stage.window, "measure.specimen").setFocus()
     stage.press(Qt.Key.Key_1, CTRL)
@@ -138,6 +139,7 @@ def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: 
     assert window.central.hint.isVisible()
 
 
+@pytest.mark.deep
 def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: OpenStage) -> None:
     def refuse(name: str) -> None:
         raise ConfigError(f"{name}: line 3: give a card")

@@ -139,6 +139,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     assert not panel.estimates_panel.isVisible()
 
 
+@pytest.mark.deep
 def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -> None:
     live = LiveEstimator(AmplifierMap())
     points = measured()
@@ -151,6 +152,7 @@ def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -
     )
 
 
+@pytest.mark.deep
 def test_a_stroke_beyond_the_sensors_range_is_foreseen_beside_the_rehearsal(stage: Stage) -> None:
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
     stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={}, configuration={})

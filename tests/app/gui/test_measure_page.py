@@ -50,6 +50,7 @@ def live(stage: Stage) -> None:
     stage.happen(*LIVE)
 
 
+@pytest.mark.deep
 def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
@@ -66,6 +67,7 @@ def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage
     assert stage.window.measure_page.plots.currentWidget() is stage.window.measure_page.response
 
 
+@pytest.mark.deep
 def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
@@ -121,6 +123,7 @@ def test_pause_is_one_key_and_says_that_high_voltage_is_still_on(stage: Stage) -
     assert find(bar, "status.pause").text().startswith("PAUSE")
 
 
+@pytest.mark.deep
 def test_a_pause_of_a_run_without_high_voltage_does_not_say_that_it_is_on(stage: Stage) -> None:
     stage.happen(OPENED, STARTED, BenchArmed(False))
     stage.happen(RunPaused("the card sees 2.500 V", False))
@@ -199,6 +202,7 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert len(plot.scatters[0].points()) == 0
 
 
+@pytest.mark.deep
 def test_a_point_measured_again_takes_the_place_of_the_old_one(stage: Stage) -> None:
     live(stage)
     first = point(0, 100.0)
@@ -208,6 +212,7 @@ def test_a_point_measured_again_takes_the_place_of_the_old_one(stage: Stage) -> 
     assert stage.window.state.unusable == 0
 
 
+@pytest.mark.deep
 def test_points_of_any_protocol_are_drawn_over_its_axes(stage: Stage) -> None:
     stage.happen(OPENED, RunStarted("wiring-check", "run.h5", 6.0, 4, True), PointMeasured(0, POINT))
     plot = stage.window.measure_page.points

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from drivers.watchdog.log import LOG_NAME
 from protocols.base import PointMeasured, RunStarted
 from protocols.measurements.wiring_check import WiringPoint
@@ -13,6 +15,7 @@ POINT = WiringPoint(
 )
 
 
+@pytest.mark.deep
 def test_points_of_the_wiring_check_are_told_and_break_nothing(open_stage: Any) -> None:
     stage = open_stage()
     stage.window.adapter.observe(RunStarted("wiring-check", "run.h5", 6.0, 4, True))

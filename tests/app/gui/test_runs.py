@@ -193,6 +193,7 @@ def test_several_are_compared(page: RunsPage) -> None:
     assert page.details.heading.text() == "2 runs chosen"
 
 
+@pytest.mark.deep
 def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
     QTest.keyClick(page.table, Qt.Key.Key_F2)
@@ -220,6 +221,7 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
     until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
 
 
+@pytest.mark.deep
 def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage) -> None:
     page.details.show_runs((), 1)
     assert page.details.empty_label.isVisible()
@@ -339,6 +341,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
 
 
+@pytest.mark.deep
 def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> None:
     indexes = [page.model.index(row, 0) for row in (0, 1)]
     dragged = [Path(url.toLocalFile()) for url in page.model.mimeData(indexes).urls()]

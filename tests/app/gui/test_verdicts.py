@@ -30,6 +30,7 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
     stage.happen(*(begin or LIVE), AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (), verdict))
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(
     ("verdict", "header", "color"),
     [
@@ -50,6 +51,7 @@ def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: st
         assert "ompleted" not in stage.window.state.messages[-1].text
 
 
+@pytest.mark.deep
 def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage: Stage) -> None:
     end_with(stage, NO_RESULT)
     notice = find(stage.window, "notices.verdict")

@@ -65,6 +65,7 @@ def test_simulated_stands_on_every_plot(stage: Stage) -> None:
     assert all(mark.visible for mark in (measure.response.simulated_label, *measure.time_plot.simulated_labels))
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize(
     ("key", "modifier"),
     [(Qt.Key.Key_F5, Qt.KeyboardModifier.NoModifier), (Qt.Key.Key_R, Qt.KeyboardModifier.ControlModifier)],
@@ -155,6 +156,7 @@ def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Sta
     assert twice[0].pos().y() == pytest.approx(864.0)
 
 
+@pytest.mark.deep
 def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -163,6 +165,7 @@ def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     assert stage.window.measure_page.response.corner_label.text == "resonance frequency 158.3500 ± 0.0072 Hz"
 
 
+@pytest.mark.deep
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
     response = stage.window.measure_page.response
     response.series_boxes[1].click()
@@ -204,6 +207,7 @@ def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> No
     assert not stage.window.notices.isVisible()
 
 
+@pytest.mark.deep
 def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) -> None:
     prompted(stage)
     stage.window.adapter.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
@@ -223,6 +227,7 @@ def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
     assert not find(stage.window, "notices.prompt").isVisible()
 
 
+@pytest.mark.deep
 def test_a_prompt_for_the_simulated_operator_is_not_put_to_the_person(stage: Stage) -> None:
     stage.happen(OPENED, STARTED, PromptShown(2, ENABLE_HIGH_VOLTAGE))
     assert not find(stage.window, "notices.prompt").isVisible()
@@ -244,6 +249,7 @@ def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: S
     assert len(stage.session.runs) == 2
 
 
+@pytest.mark.deep
 def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -253,6 +259,7 @@ def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     assert not stage.window.notices.isVisible()
 
 
+@pytest.mark.deep
 def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -271,6 +278,7 @@ def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
     assert stage.window.state.bench_state is BenchState.IDLE
 
 
+@pytest.mark.deep
 def test_autostart_begins_as_soon_as_the_bench_is_there(open_stage: OpenStage) -> None:
     stage = open_stage(autostart=True)
     assert stage.session.runs == []
@@ -279,6 +287,7 @@ def test_autostart_begins_as_soon_as_the_bench_is_there(open_stage: OpenStage) -
     assert len(stage.session.runs) == 1
 
 
+@pytest.mark.deep
 def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -321,6 +330,7 @@ def test_the_form_says_what_it_said_unless_a_protocol_is_asked_for(open_stage: O
     )
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize(
     "kept",
     [
@@ -353,6 +363,7 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
     assert brightness[1] < 60
 
 
+@pytest.mark.deep
 def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -397,6 +408,7 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         assert find(bar, "status.stop").width() >= find(bar, "status.stop").sizeHint().width()
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("state", ["idle", "live", "unsafe"])
 def test_state_pause_and_stop_are_whole_in_the_smallest_window(stage: Stage, state: str) -> None:
     """640 x 330 points are a screen of 1366 x 768 at 200 %, and its frame."""
@@ -437,6 +449,7 @@ def test_an_unsafe_message_lies_over_the_page_and_moves_nothing(stage: Stage) ->
     assert message.isAncestorOf(stage.window.childAt(centre))
 
 
+@pytest.mark.deep
 def test_a_window_is_never_larger_than_its_screen(
     open_stage: OpenStage, settings: QSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -87,8 +87,7 @@ def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_path: Path) -> None:
-    with laboratory() as lab:
-        other = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab).path
+    other = finished_run(tmp_path, "T1", (100.0, 160.0))
     shutil.copy(other, tmp_path / "copy.h5")
     with h5py.File(tmp_path / "copy.h5", "r+") as file:
         del file["entry/specimen"]

@@ -235,8 +235,8 @@ def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, c
 @pytest.mark.parametrize(
     "protocol",
     [
-        SineDwell(frequencies_hz=(100, 160), record_s=0.1, wanted=2e-5),
         VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.3, read_s=0.3, hold_s=0.5),
+        SineDwell(frequencies_hz=(100, 160), record_s=0.1, wanted=2e-5),
         StaticLoading(weights_kg=(0.1, 0.2), repeats=1, sides="MFC up"),
         MembraneSag(repeats=1),
     ],

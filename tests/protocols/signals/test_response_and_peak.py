@@ -147,6 +147,7 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
     assert np.sqrt(np.mean([r.standard_error**2 for r in found])) == pytest.approx(gaps.std(), rel=0.05)
 
 
+@pytest.mark.one_in(100)
 @pytest.mark.parametrize("damping", [0.2, 0.003])
 def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> None:
     """A card that folds back, odd harmonics: they repeat in every period. A resonance is not mistaken for them, however narrow."""
@@ -171,6 +172,7 @@ def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> 
     assert np.median(stated[20:]) > 3 * np.median(stated[:20])
 
 
+@pytest.mark.deep
 def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
     design = Multisine.between(50, 500, 0.5, 1.0)
     t = np.arange(20_000) / RATE * (1 + 50e-6)
