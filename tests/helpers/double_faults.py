@@ -34,6 +34,9 @@ SLOW_WIRE_S = 0.3
 WATCHDOG_PATIENCE_S = 5.0
 """Of the bench file: the default is 30 s."""
 
+WATCHDOG = f"silence_s = 1.0\npatience_s = {WATCHDOG_PATIENCE_S}"
+"""Table of the bench file: the default of `silence_s` is 0.4 s."""
+
 TOO_LONG_S = 60.0
 """Wall time after which a cell that neither rests nor reports is at fault; the times of the table are measured, not required."""
 
@@ -209,7 +212,8 @@ class NotLiveError(Exception):
 class Scene:
     """A program that plays one drive on the wires of a bench, and the faults that meet it."""
 
-    def __init__(self, source: str, drive: str, folder: Path, stack: ExitStack) -> None:
+    def __init__(self, source: str, drive: str, folder: Path, stack: ExitStack, watchdog: str = WATCHDOG) -> None:
+        """`watchdog` is the bench file's table."""
         self.kind, self.folder = SOURCES[source], folder
         parameters = simulated(plant_rate_hz=20_000.0, modes=3, **self.kind.truth).simulation_parameters
         self.bench = SimulatedBench(parameters, WallClock(1.0))
@@ -225,7 +229,7 @@ class Scene:
             f"[sensor]\ndelay_s = 1e-4\n"
             f"[levels]\nlaser_lost = 'warning'\nstroke = 'warning'\n"
             f"[amplifier]\nramp_v_per_s = {1.0 if drive == 'ramp' else 5.0}\nway_to_rest_s = 10\n"
-            f"[watchdog]\nsilence_s = 1.0\npatience_s = {WATCHDOG_PATIENCE_S}\n"
+            f"[watchdog]\n{watchdog}\n"
         )
         self.settings = f"drive={drive}", f"drive_s={self.kind.drive_s}"
         self.program = self.start(stack)
@@ -305,7 +309,7 @@ class Scene:
                 self.watchdog.resume()
 
 
-def _wait(until: Callable[[], object], seconds: float) -> bool:
+def wait_until(until: Callable[[], object], seconds: float) -> bool:
     deadline = time.monotonic() + seconds
     while not until():
         if time.monotonic() > deadline:
@@ -336,7 +340,7 @@ def double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) ->
 
 def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -> DoubleCell:
     seen = DoubleCell(source, drive, pair)
-    with _scene(source, drive, folder) as (scene, stack):
+    with open_scene(source, drive, folder) as (scene, stack):
         scene.go_live()
         bench, program = scene.bench, scene.program
         began_s, began_bench_s = time.monotonic(), bench.now()
@@ -360,12 +364,12 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
                 return True
             return any(report.what in (COULD_NOT, DONE) for report in told)
 
-        _wait(settled, TOO_LONG_S)
+        wait_until(settled, TOO_LONG_S)
         if "program killed" in pair:
             program.process.wait()
         if "program frozen" in pair:
             program.process.send_signal(signal.SIGCONT)
-            _wait(lambda: listen() or program.process.poll() is not None, TOO_LONG_S)
+            wait_until(lambda: listen() or program.process.poll() is not None, TOO_LONG_S)
         if program.process.poll() is None:
             seen.text = "the program did not end"
         else:
@@ -389,7 +393,7 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
         seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v
         seen.lowest_v, seen.highest_v = report.lowest_v, report.highest_v
         if report.ends_at_rest or _stays_at_rest(bench):
-            seen.rest_s = _rest_since(bench, began_bench_s) - began_bench_s
+            seen.rest_s = rest_since(bench, began_bench_s) - began_bench_s
         seen.reports = sorted(told, key=lambda r: r.after_s)
     return seen
 
@@ -407,7 +411,7 @@ def _next_start(scene: Scene, seen: DoubleCell, told: list[Report], stack: ExitS
             or "voltage OFF." in following.text
         )
 
-    _wait(reacted, TOO_LONG_S)
+    wait_until(reacted, TOO_LONG_S)
     if following.process.poll() is None:
         following.process.send_signal(signal.SIGINT)
     following.end()
@@ -418,7 +422,7 @@ def _next_start(scene: Scene, seen: DoubleCell, told: list[Report], stack: ExitS
             told.append(Report("next start", what, at - started_s))
 
 
-def _rest_since(bench: SimulatedBench, begin_s: float) -> float:
+def rest_since(bench: SimulatedBench, begin_s: float) -> float:
     """Return the bench time from which on the input has been at rest, not before `begin_s`."""
     entries, end_s, since = bench.history.entries(), bench.now(), begin_s
     for entry, following in zip(entries, [*entries[1:], None], strict=True):
@@ -438,8 +442,9 @@ def _stays_at_rest(bench: SimulatedBench) -> bool:
 
 
 @contextmanager
-def _scene(source: str, drive: str, folder: Path) -> Iterator[tuple[Scene, ExitStack]]:
+def open_scene(source: str, drive: str, folder: Path, watchdog: str = WATCHDOG) -> Iterator[tuple[Scene, ExitStack]]:
+    """Start a program that plays a drive; end it with its bench at the end."""
     with ExitStack() as stack:
-        scene = Scene(source, drive, folder, stack)
+        scene = Scene(source, drive, folder, stack, watchdog)
         stack.callback(lambda: scene.clean_up() if hasattr(scene, "watchdog") else None)
         yield scene, stack

@@ -12,6 +12,7 @@ from protocols import EstimatedQuantity, PlanEntry, Play, Protocol, Record, Reco
 DRIVES = {
     "level": lambda _: Hold(4.0, 600.0),
     "ramp": lambda _: Hold(4.6, 600.0),
+    "full": lambda s: Sine(160.0, 2.5, 2.5, int(160 * s)),
     "sine": lambda s: Sine(20.0, 1.5, 2.5, int(20 * s)),
     "sweep": lambda s: LinearSweep.with_whole_cycles(10.0, 30.0, s, 1.5, 2.5),
     "arbitrary": lambda s: Steps((2.5, 3.4, 4.0, 3.0, 2.0, 1.0, 1.6, 2.5), s / 8 - 0.1, 0.1),
@@ -35,7 +36,7 @@ class OneDrive(Protocol):
     point_type = Volts
     axes = ("level", "highest")
 
-    drive: Annotated[Literal["level", "ramp", "sine", "sweep", "arbitrary"], "what is played"] = "level"
+    drive: Annotated[Literal["level", "ramp", "full", "sine", "sweep", "arbitrary"], "what is played"] = "level"
     drive_s: Annotated[float, Unit("s"), Interval(gt=1, le=600), "how long"] = 60.0
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=5000), "scans per second"] = 1000.0
 
