@@ -26,3 +26,6 @@ from .transfer import copy_runs_into as copy_runs_into
 from .transfer import export_runs as export_runs
 from .transfer import import_tables as import_tables
 from .transfer import measured_responses as measured_responses
+from .trash import TrashedRun as TrashedRun
+from .trash import move_to_trash as move_to_trash
+from .trash import restore_from_trash as restore_from_trash

@@ -97,8 +97,8 @@ class MeasuredResponse:
         return f"{self.label}{', SIMULATED' if self.simulated else ''}"
 
 
-def load_run(path: Path) -> LoadedRun:
-    """Read a run.
+def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
+    """Read a run; without its traces, which take long where there are many samples, they are empty.
 
     Raises:
         RunReadError: it cannot be read.
@@ -122,7 +122,7 @@ def load_run(path: Path) -> LoadedRun:
             curves=run.curves(),
             estimates=run.estimates(),
             messages=tuple(message for message in log if message is not None),
-            traces=read_trace_window(run.trace),
+            traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
             duration_s=run.trace.duration_s,
         )
 

@@ -58,7 +58,7 @@ def review_run(path: Path, before: Path | None, amplifier: AmplifierMap) -> Resu
     Raises:
         RunReadError: the run cannot be read.
     """
-    run = load_run(path)
+    run = load_run(path, with_traces=False)
     earlier = read_run_summary(before, before.name) if before is not None and before != path else None
     return ResultReview(
         run,

@@ -102,6 +102,11 @@ class MainWindow(QMainWindow):
         if self.controller.can_start:
             self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))
 
+    def _continue_run(self, path: Path) -> None:
+        """Continue a stopped run, and show it on the Measure page."""
+        self.tabs.setCurrentIndex(MEASURE)
+        self.controller.continue_run(path, (), self.tabs.folder)
+
     def escape(self) -> None:
         """Stop always; without a run the visible page also goes one step back."""
         idle = not self.state.busy
@@ -254,6 +259,7 @@ class MainWindow(QMainWindow):
             lambda: self.controller.repeat_entries((), self.tabs.folder)
         )
         self.tabs.run_requested.connect(self.start_campaign_run)
+        self.tabs.continue_requested.connect(self._continue_run)
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)

@@ -101,10 +101,14 @@ class SessionController(QObject):
     def repeat_entries(self, entries: tuple[int, ...], folder: Path) -> None:
         """Measure some entries of the last run again, in a run that continues it."""
         outcome = self.state.outcome
-        if outcome is not None and outcome.path and self.can_start:
-            path = Path(outcome.path)
+        if outcome is not None and outcome.path:
+            self.continue_run(Path(outcome.path), entries, folder, protocol_title(self.state.protocol))
+
+    def continue_run(self, path: Path, entries: tuple[int, ...], folder: Path, title: str = "") -> None:
+        """Measure what is missing of a run, or some entries of it again, in a run that continues it."""
+        if self.can_start:
             self._set_in_campaign(False)
-            self._apply(RunRequested(protocol_title(self.state.protocol), resumed_file=path.name))
+            self._apply(RunRequested(title, resumed_file=path.name))
             self.adapter.session.repeat_entries(path, entries, folder)
 
     def commission(self, job: CommissioningJob) -> None:

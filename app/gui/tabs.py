@@ -63,6 +63,8 @@ class MainTabs(QTabWidget):
 
     run_requested = Signal(object)
     """A `RunRequest` of the campaign for the session."""
+    continue_requested = Signal(object)
+    """Path of a stopped run to continue."""
     bench_chosen = Signal(str)
     """Path or name of the bench to open."""
     bench_run_requested = Signal(object)
@@ -315,6 +317,7 @@ class MainTabs(QTabWidget):
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_requested.connect(self._overlay_runs)
+        page.continue_requested.connect(self.continue_requested)
         return page
 
     def _make_bench(self) -> BenchPage:

@@ -5,13 +5,15 @@ from functools import partial
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QMenu, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
-from app.archive import FORMAT_NAMES, FORMATS, MeasuredResponse, RunSummary
+from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
+from app.gui.plots import ResultPlots
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
+    Menu,
     ProgressRow,
     Theme,
     column,
@@ -24,6 +26,8 @@ from app.gui.widgets import (
     shortcut_label,
     tooltip,
 )
+from protocols.base import RunEnded, RunStatus
+from protocols.registry import PROTOCOLS
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MAX_REASON_LENGTH = 280
@@ -46,6 +50,7 @@ class RunDetailsPane(QWidget):
     notes_changed = Signal(str, str)
     open_pressed = Signal()
     explore_pressed = Signal()
+    continue_pressed = Signal()
     export_pressed = Signal(str)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
@@ -68,6 +73,11 @@ class RunDetailsPane(QWidget):
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
         self.open_button = make_button("Open", self.open_pressed.emit, "choice", "Enter", "runs.open")
+        self.continue_button = make_button(
+            "Continue", self.continue_pressed.emit, "choice", tooltip("runs.continue"), "runs.continue-button"
+        )
+        self.result_plots = configure(ResultPlots(theme), "runs.result", minimumHeight=160)
+        self.result_plots.hide()
         self.explore_button = make_button(
             "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
         )
@@ -79,7 +89,7 @@ class RunDetailsPane(QWidget):
             "runs.export",
             accessibleName="export the selected runs",
         )
-        menu = QMenu(self.export_button)
+        menu = Menu(self.export_button)
         for kind in FORMATS:
             action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
             action.setObjectName(f"runs.export-{kind}")
@@ -90,10 +100,13 @@ class RunDetailsPane(QWidget):
             (QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop),
             (self.note_edit, 1, 1),
         )
-        buttons = row(self.open_button, self.explore_button, STRETCH, self.export_button, spacing=6)
+        buttons = row(
+            self.open_button, self.continue_button, self.explore_button, STRETCH, self.export_button, spacing=6
+        )
         column(
             self.heading,
             (self.plot, 1),
+            (self.result_plots, 1),
             (self.empty_label, 1),
             self.facts_label,
             fields,
@@ -109,6 +122,7 @@ class RunDetailsPane(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self.plot.set_theme(theme)
+        self.result_plots.set_theme(theme)
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""
@@ -149,10 +163,21 @@ class RunDetailsPane(QWidget):
             runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
         )
         self.plot.setVisible(bool(runs))
+        self.result_plots.hide()
         self.empty_label.setVisible(not runs)
         self.empty_label.setText(
-            "No response over frequency.\nEnter opens what was measured." if selected_count else EMPTY_TEXT
+            "No response over frequency to compare.\nEnter opens what was measured." if selected_count else EMPTY_TEXT
         )
+
+    def show_result(self, run: LoadedRun) -> None:
+        """Plot a single run that has no response over frequency by its protocol's own points, curves or checks."""
+        kind = PROTOCOLS.get(run.protocol)
+        if kind is None or not (run.points or run.curves):
+            return
+        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
+        self.result_plots.show_results(kind, run.points, run.curves, found, run.simulated)
+        self.result_plots.show()
+        self.empty_label.hide()
 
     def _save_notes(self) -> None:
         texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())

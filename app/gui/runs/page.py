@@ -3,11 +3,25 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
+from PySide6.QtCore import Qt, QUrl, Signal
+from PySide6.QtGui import QAction, QDesktopServices, QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
-from app.archive import Format, LoadedRun, RunSummary, TraceWindow, load_run, load_trace_window, measured_responses
+from app.archive import (
+    Format,
+    LoadedRun,
+    MeasuredResponse,
+    RunState,
+    RunSummary,
+    TraceWindow,
+    TrashedRun,
+    load_run,
+    load_trace_window,
+    measured_responses,
+    move_to_trash,
+    restore_from_trash,
+)
+from app.common import pluralize
 from app.config import AmplifierTable
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
@@ -16,15 +30,19 @@ from app.gui.runs.table import RunTableModel, RunTableView
 from app.gui.runs.transfers import RunTransfers
 from app.gui.runs.viewer import RunViewer
 from app.gui.widgets import (
+    TABLE_SUFFIXES,
     BackgroundWorker,
+    Menu,
     Mode,
     Theme,
+    Toast,
     add_actions,
     choose_files,
     column,
     dropped_runs,
     dropped_tables,
     make_splitter,
+    tooltip,
 )
 from app.live import CurveRequest, Overlay, elongations_of
 from app.session import WindowState
@@ -44,6 +62,8 @@ class RunsPage(QStackedWidget):
     title = "Runs"
     explore_requested = Signal(object)
     """Paths of runs to overlay on the model curve."""
+    continue_requested = Signal(object)
+    """Path of a stopped run to continue."""
 
     def __init__(
         self,
@@ -70,6 +90,10 @@ class RunsPage(QStackedWidget):
         self.addWidget(catalogue_pane)
         self.addWidget(self.viewer)
         self.setAcceptDrops(True)
+        self.toast = Toast(self)
+        self._trashed: list[list[TrashedRun]] = []
+        """The deletions that can be undone, the last one at the end."""
+        self._state: WindowState | None = None
         self._connect_signals()
 
     # -- interface to the main window ----------------------------------------------------------------------------------
@@ -77,6 +101,8 @@ class RunsPage(QStackedWidget):
     def set_state(self, view: WindowState) -> None:
         """Show a window state; rescan the folder after any run ends."""
         self.folder_model.set_busy(view.busy)
+        self._state = view
+        self._update_continue()
 
     def set_active_file(self, path: Path | None) -> None:
         """Set the run file that this program is writing."""
@@ -145,6 +171,62 @@ class RunsPage(QStackedWidget):
         elif paths := [self._path_of(e) for e in self.selected if e.readable]:
             self.explore_requested.emit(paths)
 
+    def continue_selected(self) -> None:
+        """Continue the selected run, which was stopped, with the points that are missing."""
+        if not (why := self._continue_refusal()):
+            self.continue_requested.emit(self._path_of(self.selected[0]))
+        else:
+            self.details.show_message(f"Cannot continue: {why}.", is_error=True)
+
+    def move_selected_to_trash(self) -> None:
+        """Move the selected runs to the trash; the one that is being written stays."""
+        if self.currentWidget() is self.viewer:
+            return
+        paths = [self._path_of(e) for e in self.selected if e.state != RunState.RUNNING]
+        if not paths:
+            self.details.show_message("A run that is being written cannot be moved to the trash.", is_error=True)
+            return
+        words = pluralize(len(paths), "run")
+
+        def done(moved: list[TrashedRun]) -> None:
+            self._trashed.append(moved)
+            self.toast.show_message(f"{words} moved to the trash ({moved[0].trashed.parent})", self.restore_trashed)
+            self.folder_model.rescan()
+
+        self._worker.submit(lambda: move_to_trash(paths), done, self._on_trash_error)
+
+    def restore_trashed(self) -> None:
+        """Take the runs of the last deletion out of the trash."""
+        if not self._trashed:
+            return
+        moved = self._trashed.pop()
+
+        def done(count: int) -> None:
+            self.toast.show_message(f"{pluralize(count, 'run')} restored")
+            self.folder_model.rescan()
+
+        self._worker.submit(lambda: restore_from_trash(moved), done, self._on_trash_error)
+
+    def import_files(self, paths: list[Path]) -> None:
+        """Copy run files into the folder, and import tables."""
+        if runs := [path for path in paths if path.suffix == ".h5"]:
+            self.transfers.copy_in(runs)
+        if tables := [path for path in paths if path.suffix != ".h5"]:
+            self.transfers.import_tables(tables)
+
+    def make_menu(self) -> Menu:
+        """Return the context menu of the selected runs."""
+        menu = Menu(self.table)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.addAction("Open\tEnter", self.open_selected)
+        names = ("continue", "explore", "", "notes", "export", "copy-paths", "show-folder", "", "trash", "import")
+        for name in names:
+            if not name:
+                menu.addSeparator()
+            elif (action := self.findChild(QAction, f"runs.{name}")) is not None:
+                menu.addAction(action)
+        return menu
+
     @property
     def selected(self) -> list[RunSummary]:
         """The selected runs in the list's order."""
@@ -176,13 +258,54 @@ class RunsPage(QStackedWidget):
     def _on_selection_changed(self) -> None:
         chosen = self.selected
         self.details.show_selection(chosen)
+        self._update_continue()
         paths = [self._path_of(e) for e in chosen if e.readable][:MAX_COMPARED]
-        self._worker.submit(
-            lambda: measured_responses(paths),
-            lambda runs: self.details.show_runs(runs, len(chosen)),
-            self._on_error,
-            latest_only="responses",
-        )
+
+        def read() -> tuple[Sequence[MeasuredResponse], LoadedRun | None]:
+            runs = measured_responses(paths)
+            return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 and not runs else None
+
+        def show(found: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
+            self.details.show_runs(found[0], len(chosen))
+            if found[1] is not None:
+                self.details.show_result(found[1])
+
+        self._worker.submit(read, show, self._on_error, latest_only="responses")
+
+    def _continue_refusal(self) -> str:
+        """Return why the selected run cannot be continued now; empty if it can."""
+        chosen = self.selected
+        if len(chosen) != 1 or not chosen[0].resumable:
+            return "select one run that was stopped and has points"
+        if self._state is None or not self._state.can_run:
+            return (self._state.blocked_reason if self._state is not None else "") or "there is no bench"
+        if bool(chosen[0].simulated) is not self._state.simulated:
+            kinds = ("real", "simulated")
+            return f"the run is {kinds[bool(chosen[0].simulated)]}, the open bench is {kinds[self._state.simulated]}"
+        return ""
+
+    def _update_continue(self) -> None:
+        button = self.details.continue_button
+        chosen = self.selected
+        button.setVisible(len(chosen) == 1 and chosen[0].resumable)
+        why = self._continue_refusal()
+        button.setEnabled(not why)
+        button.setToolTip(f"Cannot continue: {why}" if why else tooltip("runs.continue"))
+
+    def _on_trash_error(self, error: Exception) -> None:
+        self._on_error(error)
+        self.folder_model.rescan()
+
+    def _show_folder(self) -> None:
+        if chosen := self.selected:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._path_of(chosen[0]).resolve().parent)))
+
+    def _choose_imports(self) -> None:
+        kinds = " ".join(f"*{suffix}" for suffix in sorted({".h5", *TABLE_SUFFIXES}))
+        choose_files(
+            self, "Import run files and tables", self.import_files, f"Runs and tables ({kinds})", str(self._folder()),
+            Mode.ExistingFiles,
+        )  # fmt: skip
 
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
@@ -233,6 +356,11 @@ class RunsPage(QStackedWidget):
         self.filter_bar.list_requested.connect(self.table.setFocus)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
         self.table.open_requested.connect(self.open_selected)
+        self.table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.table.customContextMenuRequested.connect(
+            lambda at: self.make_menu().popup(self.table.viewport().mapToGlobal(at))
+        )
+        self.details.continue_pressed.connect(self.continue_selected)
         self.table.doubleClicked.connect(lambda _: self.open_selected())
         self.transfers.finished.connect(self.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)
@@ -251,6 +379,11 @@ class RunsPage(QStackedWidget):
                 "runs.export": lambda: self._choose_export_folder("csv"),
                 "runs.notes": self.details.tags_edit.setFocus,
                 "runs.copy-paths": self._copy_paths,
+                "runs.continue": self.continue_selected,
+                "runs.show-folder": self._show_folder,
+                "runs.import": self._choose_imports,
+                "runs.trash": self.move_selected_to_trash,
+                "runs.undo": self.restore_trashed,
             },
         )
 

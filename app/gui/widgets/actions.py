@@ -162,6 +162,11 @@ ACTIONS = {
                 ("export", "Export the selected runs", ("Ctrl+E",), ""),
                 ("notes", "Tags and note", ("F2",), ""),
                 ("copy-paths", "Copy the paths of the selected runs", ("Ctrl+C",), ""),
+                ("continue", "Continue the selected run, which was stopped", ("Ctrl+Return",), ""),
+                ("show-folder", "Show the folder of the selected run", ("Ctrl+L",), ""),
+                ("import", "Import run files and tables …", ("Ctrl+I",), "Copy run files and tables into this folder"),
+                ("trash", "Move the selected runs to the trash", ("Del",), ""),
+                ("undo", "Take the runs of the last deletion out of the trash", ("Ctrl+Z",), ""),
             )
         ),
         *(

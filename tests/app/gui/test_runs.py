@@ -398,3 +398,56 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
     assert view.plots.currentWidget() is view.plots.points
     assert len(view.plots.points.scatter.getData()[0]) == 1
     assert "Asked: " in view.log.toPlainText()
+
+
+@pytest.mark.deep
+def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: RunsPage, folder: Path) -> None:
+    choose(page, "T7")
+    page.annotate("good", "the one")
+    until(lambda: page.folder_model.is_idle, "for the notes")
+    (run,) = [folder / e.path for e in page.selected]
+    assert notes_path(run).exists()
+    page.table.setFocus()
+    QTest.keyClick(page.table, Qt.Key.Key_Delete)
+    until(lambda: names(page).count("T7") == 0 and page.folder_model.is_idle, "for the list")
+    assert not run.exists()
+    assert not notes_path(run).exists()
+    assert (folder / ".trash" / run.name).exists(), "nothing measured is lost"
+    assert "1 run moved to the trash" in page.toast.label.text()
+    page.toast.undo_button.click()
+    until(lambda: names(page).count("T7") == 1 and page.folder_model.is_idle, "for the list")
+    assert read_notes(notes_path(run)) == Notes(("good",), "the one")
+
+
+@pytest.mark.deep
+def test_a_stopped_run_is_continued_only_on_a_bench_of_its_kind(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = in_window(stage)
+    choose(page, "T3")
+    button = page.details.continue_button
+    assert button.isVisible()
+    assert not button.isEnabled(), "there is no bench"
+    stage.happen(OPENED)
+    (run,) = [folder / e.path for e in page.selected]
+    page.continue_selected()
+    assert stage.session.again == [(run, (), folder)]
+
+
+@pytest.mark.deep
+def test_the_menu_of_the_runs_has_what_can_be_done_with_them(page: RunsPage) -> None:
+    choose(page, "T7")
+    texts = [action.text() for action in page.make_menu().actions()]
+    assert "Move the selected runs to the trash" in texts
+    assert "Continue the selected run, which was stopped" in texts
+    assert "Export the selected runs" in texts
+
+
+@pytest.mark.deep
+def test_a_run_without_frequencies_is_plotted_beside_the_list(show: Callable[..., RunsPage], tmp_path: Path) -> None:
+    from protocols.measurements.wiring_check import WiringCheck
+
+    with laboratory() as lab:
+        run(WiringCheck(record_s=0.5, wait_s=0.2), tmp_path / "runs", lab)
+    page = show(tmp_path / "runs", 1)
+    until(page.details.result_plots.isVisible, "for the plot")
+    assert page.details.empty_label.isHidden()
