@@ -19,8 +19,10 @@ from app.identification import (
 from model import Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
+    DecayPoleObservation,
     ExpectedPrecision,
     Explanation,
+    FrequencyResponseObservation,
     JointFit,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -93,7 +95,8 @@ def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
     """Return the precision to expect of further runs: the median of the existing ones."""
     shares: list[float] = []
     for run in observations.runs:
-        if not isinstance(run, MassResonanceObservation | MembraneSagObservation):
+        swept = isinstance(run, FrequencyResponseObservation) and run.swept
+        if not swept and not isinstance(run, MassResonanceObservation | MembraneSagObservation | DecayPoleObservation):
             values, errors = observed_values(run)
             shares += (np.abs(errors) / np.abs(values)).tolist()
     resonances = [e for run in observations.of_type(MassResonanceObservation) for e in run.errors_hz[run.usable]]

@@ -12,8 +12,10 @@ from typing import Any, cast
 import numpy as np
 
 from app.identification.duplicates import DuplicateFinder
+from app.identification.response_lines import response_lines
 from model import GRAVITY, AmplifierMap, Array, Mask, ParameterError
 from model.identification import (
+    DecayPoleObservation,
     ErrorTarget,
     FitOptions,
     FrequencyResponseObservation,
@@ -42,6 +44,8 @@ MAX_INPUT_ERRORS = 100
 
 INSTRUMENT_ERRORS: dict[str, tuple[ErrorTarget, ...]] = {
     "sine-dwell": ("displacement", "delay", "volts"),
+    "sweep": ("displacement", "delay", "volts"),
+    "free-decay": (),
     "membrane-series": ("displacement", "delay", "volts"),
     "voltage-steps": ("displacement", "volts"),
 }
@@ -276,6 +280,46 @@ def _membrane_series(run: Run, columns: Columns, good: Mask) -> Iterator[Observa
             yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
 
 
+def _sweep(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
+    """Yield the lines of each sweep as sines of the sweep's amplitude.
+
+    The amplifier's two slopes are their mean and an even part; the sweep is played both ways up, so that only the mean is in
+    its lines, as in the fundamental of a sine.
+    """
+    map_ = run.amplifier_map
+    curves = {curve.entry: curve for curve in run.curves() if curve.name == "frequency response"}
+    for i in np.flatnonzero(good).tolist():
+        curve = curves.get(int(columns["entry"][i]))
+        if curve is None:
+            continue
+        lines = response_lines(curve, bool(run.imported))
+        amplitude_v = float(min(columns["drive_amplitude"][i], map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
+        if lines.frequency_hz.size and amplitude_v > 0:
+            yield FrequencyResponseObservation(
+                f"{run.path.stem} {curve.label}".strip(),
+                lines.frequency_hz,
+                lines.response * amplitude_v,
+                lines.errors * amplitude_v,
+                drive_amplitude_v=amplitude_v,
+                drive_offset_v=map_.rest_v,
+                swept=True,
+                **_common_arguments(run),
+            )
+
+
+def _free_decay(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
+    names = ("resonance", "resonance_errors", "damping", "damping_errors")
+    frequency, errors, damping, damping_errors = (columns[name] for name in names)
+    good = good & np.isfinite(frequency) & np.isfinite(damping) & (errors > 0) & (damping_errors > 0) & (damping < 1)
+    if good.any():
+        yield DecayPoleObservation(
+            run.path.stem,
+            *(np.where(good, column, 0.5) for column in (frequency, errors, damping, damping_errors)),
+            good=good,
+            **_common_arguments(run),
+        )
+
+
 def _mass_resonance(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
     frequency, errors = columns[peak], columns[f"{peak}_errors"]
@@ -356,6 +400,8 @@ def _membrane_sag(run: Run, columns: Columns, good: Mask) -> Iterator[Observatio
 OBSERVATION_READERS: dict[str, Callable[[Run, Columns, Mask], Iterator[Observation]]] = {
     "sine-dwell": _sine_dwell,
     "membrane-series": _membrane_series,
+    "sweep": _sweep,
+    "free-decay": _free_decay,
     "mass-resonance": _mass_resonance,
     "voltage-steps": _voltage_steps,
     "static-loading": _static_loading,

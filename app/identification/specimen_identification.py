@@ -8,11 +8,13 @@ from typing import Any, Literal
 from app.identification.observations import read_observations, shape_count_of_file
 from app.identification.sheet_file import load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
-from model import Array, EstimatedQuantity, Membrane, Tactor, parameter_specs
+from model import Array, EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
     CurveValidation,
+    DecayPoleObservation,
     FitOptions,
+    FrequencyResponseObservation,
     JointFit,
     ObservationSet,
     PaperChainOptions,
@@ -139,6 +141,8 @@ def identify_observations(
     if sheet is not None:
         options = sheet.fit_options(options, observations)
     if method == "chain":
+        observations, left_out = _paper_observations(observations)
+        exclusions = (*exclusions, *left_out)
         chosen = PaperChainOptions(
             tactor=options.tactor, membrane=options.membrane, amplifier=options.amplifier, n=options.n
         )
@@ -181,6 +185,21 @@ def identify_observations(
         budget=uncertainty_budget(fit),
         sheet=sheet,
     )
+
+
+def _paper_observations(observations: ObservationSet) -> tuple[ObservationSet, list[str]]:
+    """Return the runs that the paper's chain has a step for, and a message for each other one."""
+    others = [
+        run
+        for run in observations.runs
+        if isinstance(run, DecayPoleObservation) or (isinstance(run, FrequencyResponseObservation) and run.swept)
+    ]
+    kept = tuple(run for run in observations.runs if run not in others)
+    if not kept:
+        raise ParameterError(
+            "the paper's chain has no step for a sweep or a free decay, and there is no other run: use the joint fit"
+        )
+    return ObservationSet(kept), [f"{run.label} is left out: the paper's chain has no step for it" for run in others]
 
 
 def _base_values(fit: JointFit) -> dict[str, float | None]:

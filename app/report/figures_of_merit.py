@@ -112,7 +112,7 @@ def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) ->
     """Return resonance and amplitude at full drive, free, from the newest dwell with an interior maximum."""
     found: dict[str, EstimatedQuantity] = {}
     for run in observations.of_type(FrequencyResponseObservation):
-        if run.elongation_m is not None or run.added_mass_kg is not None:
+        if run.elongation_m is not None or run.added_mass_kg is not None or run.swept:
             continue
         fundamental_m = None if run.fundamental_m is None else np.abs(run.fundamental_m)
         for at, name, y, errors in (

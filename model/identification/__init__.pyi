@@ -17,6 +17,7 @@ from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit
+from .observations import DecayPoleObservation as DecayPoleObservation
 from .observations import ErrorTarget as ErrorTarget
 from .observations import FrequencyResponseObservation as FrequencyResponseObservation
 from .observations import MassResonanceObservation as MassResonanceObservation

@@ -10,6 +10,7 @@ from model.identification import parameters as known
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
 from model.identification.observations import (
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -165,7 +166,9 @@ class ExpectedPrecision:
     Attributes:
         relative_error, floor_m: of a deflection: share of its value, and metres.
         resonance_hz: of one resonance frequency.
+        decay_hz: of the frequency of one free decay; its damping ratio is known as well, in proportion.
         minutes_per_load, minutes_per_mass, minutes_per_level, minutes_per_frequency: one value of each kind.
+        sweep_minutes, decay_minutes: a whole run, with its preparation.
         mounting_minutes: a membrane at one elongation, or a cylinder with another mass.
         shared_errors: shared errors of the instruments; each kind of run takes those that act on it.
     """
@@ -173,6 +176,9 @@ class ExpectedPrecision:
     relative_error: float = 0.003
     floor_m: float = 2e-7
     resonance_hz: float = 0.3
+    decay_hz: float = 0.3
+    sweep_minutes: float = 1.0
+    decay_minutes: float = 1.0
     minutes_per_load: float = 0.5
     minutes_per_mass: float = 7.0
     minutes_per_level: float = 0.25
@@ -190,17 +196,23 @@ def default_candidates(
     """
     e = expected
     loads, masses = GRAVITY * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)
+    lines = np.arange(26.0, 526, 2)
     levels, f = np.arange(0.5, 5.01, 0.5), np.array([25, 50, 75, 100, 125, *range(150, 201, 5), 225, 250], float)
     peak = np.array([100.0, 140, 150, 160, 180])
 
     def shared(*acts: str) -> tuple[SharedError, ...]:
         return tuple(c for c in e.shared_errors if c.acts_on in acts)
 
-    def dwell(label: str, f: Array, elongation: float | None = None) -> Observation:
+    def dwell(label: str, f: Array, elongation: float | None = None) -> FrequencyResponseObservation:
         on = shared("displacement", "volts", "delay")
         return FrequencyResponseObservation(
             label, f, np.ones(f.size, complex), np.ones(f.size), elongation_m=elongation, shared_errors=on
         )
+
+    # What a sweep repeats badly, all its lines repeat badly alike.
+    unrepeated = SharedError("repeatability of the next sweep", "displacement", e.relative_error)
+    swept = dwell(f"sweep, free, {lines.size} lines", lines)
+    swept = replace(swept, swept=True, shared_errors=(*swept.shared_errors, unrepeated))
 
     def rows(x: Array) -> tuple[Array, Array]:
         return np.ones(x.size), np.ones(x.size)
@@ -214,6 +226,8 @@ def default_candidates(
         (VoltageStepsObservation("voltage steps", levels, *rows(levels), shared_errors=shared("displacement", "volts")), e.minutes_per_level * 10),
         (dwell("sine dwell, free, 18 frequencies", f), e.minutes_per_frequency * f.size),
         (dwell("sine dwell, free, 5 frequencies about the peak", peak), e.minutes_per_frequency * peak.size),
+        (swept, e.sweep_minutes),
+        (DecayPoleObservation("free decay, ten edges", *rows(np.ones(10)), np.full(10, 0.2), np.ones(10)), e.decay_minutes),
     ]  # fmt: skip
     for x in elongations_m:
         run = dwell(f"sine dwell, membrane at {1e3 * x:.3g} mm", f, x)
@@ -249,6 +263,11 @@ def _with_errors(run: Observation, expected: ExpectedPrecision) -> Observation:
     match run:
         case MassResonanceObservation():
             return replace(run, errors_hz=np.full(run.mass_kg.size, expected.resonance_hz))
+        case DecayPoleObservation():
+            errors = np.full(run.frequency_hz.size, expected.decay_hz)
+            return replace(run, errors_hz=errors, damping_errors=errors / run.frequency_hz)
+        case FrequencyResponseObservation(swept=True):
+            return replace(run, errors_m=np.full(run.frequency_hz.size, expected.floor_m))
         case FrequencyResponseObservation():
             return replace(
                 run, errors_m=expected.relative_error * np.abs(np.asarray(run.fundamental_m)) + expected.floor_m

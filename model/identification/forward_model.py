@@ -22,6 +22,7 @@ from model.identification.nonidealities import (
     with_flexible_clamp,
 )
 from model.identification.observations import (
+    DecayPoleObservation,
     ErrorTarget,
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -230,6 +231,8 @@ class ForwardModel:
                 return self._sag(run, differences, gain)
             case MassResonanceObservation():
                 return self._resonances(run, differences)
+            case DecayPoleObservation():
+                return self._poles(run, differences)
             case FrequencyResponseObservation():
                 return self._peak_to_peak_prediction(run, differences, gain)
         return Prediction(y[0], differences.derivatives(y))
@@ -276,6 +279,17 @@ class ForwardModel:
             up, down = (find(*end)[0] for end in ends)
             d = d + np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
         return Prediction(omega / (2 * np.pi), d / (2 * np.pi))
+
+    def _poles(self, run: DecayPoleObservation, differences: FiniteDifferences) -> Prediction:
+        beam = beam_from_values(differences.values)
+        stacked, slopes = differences.stack([equation_factors(beam, (0.0, 0.0), differences.set_count)])
+        s, own = ReceptanceSolver(*differences.geometry, self.n).pole(stacked)
+        d = sum(np.einsum("rj,prj->pr", each, moved) for each, moved in zip(own, slopes, strict=True))
+        for ends, dl in differences.geometry_derivatives():
+            up, down = (ReceptanceSolver(*end, self.n).pole(stacked)[0] for end in ends)
+            d = d + np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
+        every = np.ones(int(run.usable.sum()))  # one pole, measured several times
+        return Prediction(s * every / (2 * np.pi), d * every / (2 * np.pi))
 
     def _fundamentals(self, differences: FiniteDifferences) -> dict[str, Prediction]:
         runs = [r for r in self._responses if r.fundamental_m is not None]

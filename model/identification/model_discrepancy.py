@@ -14,6 +14,7 @@ import numpy as np
 from model import Array
 from model.identification.fit_result import JointFit
 from model.identification.observations import (
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -33,7 +34,7 @@ class Discrepancy:
     """One possible difference; `direction` (rows,) is what one hundred percent of it would add to the residuals."""
 
     kind: str
-    """gain, bend, loop, creep, tuning, lag, amplitude, drift or clamp."""
+    """gain, bend, loop, creep, tuning, lag, damping, amplitude, drift or clamp."""
     runs: tuple[str, ...]
     description: str
     """What it means, with {} for its size in percent and error, and <one|other> for words of a positive and a negative one."""
@@ -98,6 +99,10 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                     yield "bend", message, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
             case VoltageStepsObservation():
                 yield from _voltage_step_discrepancies(run, p, others)
+            case DecayPoleObservation():
+                yield "gain", f"{run.label} rings {{}} % <higher|lower> than {others}", {run.label: p}
+                damped = f"{run.label} is damped by {{}} % of the critical damping <more|less> than {others}"
+                yield "damping", damped, {run.label: 1j * p / np.sqrt(1 - (p.real / np.abs(p)) ** 2)}
             case FrequencyResponseObservation():
                 yield "gain", f"{run.label} vibrates {{}} % <more|less> than {others}", {run.label: p}
                 yield (

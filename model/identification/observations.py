@@ -199,6 +199,8 @@ class FrequencyResponseObservation(_ObservationBase):
     """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
     phase_errors_rad: Array | None = None
     """Standard error of the phase, where it is not that of the amplitude; `errors_m` is of the amplitude then."""
+    swept: bool = False
+    """Whether these are the lines of one sweep, not points that were driven one by one."""
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind show drift."""
 
@@ -219,6 +221,35 @@ class FrequencyResponseObservation(_ObservationBase):
         )
         if self.elongation_m is not None and not self.elongation_m >= 0:
             raise ParameterError(f"{kind} {self.label!r}: elongation is {self.elongation_m} m; it must be at least 0")
+
+
+@dataclass(frozen=True, eq=False)
+class DecayPoleObservation(_ObservationBase):
+    """First pole of the free tactor, from its free decay: undamped natural frequency and damping ratio.
+
+    A fit takes them as one complex number, `pole_hz`: its modulus is the frequency, its angle beyond a right one tells the damping.
+    """
+
+    frequency_hz: Array
+    errors_hz: Array
+    damping: Array
+    damping_errors: Array
+    pole_hz: Complex = field(init=False)
+    """The pole over 2 pi, (F,), in the upper half plane."""
+    phase_errors_rad: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        kind, columns = "free decay", ("frequency_hz", "errors_hz", "damping", "damping_errors")
+        self._validate_columns(kind, columns, ("frequency_hz", "errors_hz", "damping_errors"), "frequency_hz")
+        if not ((np.abs(self.damping[self.usable]) < 1).all()):
+            raise ParameterError(f"{kind} {self.label!r}: a damping ratio is not below 1; such a motion does not ring")
+        damping = np.clip(self.damping, -0.999, 0.999)
+        object.__setattr__(self, "pole_hz", 1j * self.frequency_hz * np.exp(1j * np.arcsin(damping)))
+        object.__setattr__(self, "phase_errors_rad", self.damping_errors / np.sqrt(1 - damping**2))
+
+    def with_pole(self, pole_hz: Complex) -> "DecayPoleObservation":
+        """Return the run with other poles, (F,)."""
+        return replace(self, frequency_hz=np.abs(pole_hz), damping=-np.real(pole_hz) / np.abs(pole_hz))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +277,7 @@ Observation = (
     | MassResonanceObservation
     | VoltageStepsObservation
     | FrequencyResponseObservation
+    | DecayPoleObservation
     | MembraneSagObservation
 )
 
@@ -313,6 +345,10 @@ def _resampled_run(run: Observation, shared_errors: dict[str, float], rng: np.ra
                 squares = np.polynomial.Polynomial.fit(run.mass_kg, f**-2.0, min(3, f.size - 1))
                 f = squares(run.mass_kg + offset) ** -0.5 * f / squares(run.mass_kg) ** -0.5
             return replace(run, frequency_hz=f + run.errors_hz * rng.standard_normal(f.size))
+        case DecayPoleObservation():
+            noise = run.errors_hz / run.frequency_hz * rng.standard_normal(run.frequency_hz.size)
+            turned = run.phase_errors_rad * rng.standard_normal(run.frequency_hz.size)
+            return run.with_pole(run.pole_hz * (1 + noise + 1j * turned))
         case FrequencyResponseObservation():
             width = run.peak_to_peak_m
             if width is not None and run.peak_to_peak_errors_m is not None:
@@ -354,7 +390,7 @@ def over_errors(run: Observation, difference: Any) -> Array:
     if not np.iscomplexobj(y):
         return np.asarray(difference / error)
     other = error
-    if isinstance(run, FrequencyResponseObservation) and run.phase_errors_rad is not None:
+    if isinstance(run, FrequencyResponseObservation | DecayPoleObservation) and run.phase_errors_rad is not None:
         difference = difference * np.exp(-1j * np.angle(y))
         other = np.abs(y) * run.phase_errors_rad[run.usable]
     return np.concatenate((np.real(difference) / error, np.imag(difference) / other), axis=-1)
@@ -362,6 +398,10 @@ def over_errors(run: Observation, difference: Any) -> Array:
 
 def with_observed_values(run: Observation, values: Any) -> Observation:
     """The run with `values` (F,) in place of what was observed at its usable points."""
+    if isinstance(run, DecayPoleObservation):
+        poles = run.pole_hz.copy()
+        poles[run.usable] = values
+        return run.with_pole(poles)
     name, _ = _columns(run)
     column = np.array(getattr(run, name), dtype=np.result_type(getattr(run, name), values))
     column[run.usable] = values
@@ -373,6 +413,8 @@ def _columns(run: Observation) -> tuple[str, str]:
     match run:
         case MassResonanceObservation():
             return "frequency_hz", "errors_hz"
+        case DecayPoleObservation():
+            return "pole_hz", "errors_hz"
         case FrequencyResponseObservation(fundamental_m=None):
             return "peak_to_peak_m", "peak_to_peak_errors_m"
         case FrequencyResponseObservation():

@@ -9,6 +9,7 @@ from model import C_S, CONTACT_LENGTH, K_S, Membrane, ParameterError, ParameterS
 from model.identification.nonidealities import NONIDEALITIES
 from model.identification.observations import (
     SHARED_ERROR_UNITS,
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -75,9 +76,10 @@ def identifiable_parameters(observations: ObservationSet, per_elongation: bool =
         names.append("k2")
     if observations.of_type(VoltageStepsObservation) or responses:
         names.append("mu")
-    if any(r.added_mass_kg is None for r in responses):
+    decays = observations.of_type(DecayPoleObservation)
+    if decays or any(r.added_mass_kg is None for r in responses):
         names.append("m_add")
-    if responses:
+    if decays or responses:
         names.append("c0")
     if observations.of_type(MembraneSagObservation):
         names.append("E_m")

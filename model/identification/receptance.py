@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from model import Array, Complex
 from model.beam import gram
 
+MAX_POLE_STEPS = 20
+POLE_TOLERANCE = 1e-11
+"""Last step of the search for a pole, relative to its frequency."""
+
 
 class Factors(NamedTuple):
     """What multiplies the six Gram parts (w w over each segment, then w'' w''), each (..., 6), in M, C and K."""
@@ -51,6 +55,29 @@ class ReceptanceSolver:
         squares, vectors = np.linalg.eigh(W @ K @ W.mT)
         q = np.asarray((W.mT @ vectors[..., :1])[..., 0])
         return np.sqrt(squares[:, 0]), self._part_products(q, q)
+
+    def pole(self, a: Factors) -> tuple[Complex, Factors]:
+        """First pole s (R,) of K + s C + s^2 M, in the upper half plane, and its slopes to the factors M, C, K.
+
+        Inverse iteration, Z(s) q' = Z'(s) q, from the undamped mode; the slopes are those of a simple eigenvalue.
+        """
+        n = self._n
+        first, square_slopes = self.undamped_resonance(a)
+        s = 1j * first - 0.5 * (square_slopes * a.C).sum(-1)
+        M, C, K = (np.asarray(f @ self._parts).reshape(-1, n, n) for f in a)
+        q = np.tile(self._ends[:, 1], (s.size, 1)).astype(complex)
+        for _ in range(MAX_POLE_STEPS):
+            at = s[:, None, None]
+            slope = (C + 2 * at * M) @ q[..., None]
+            step = np.linalg.solve(K + at * C + at * at * M, slope)[..., 0]
+            move = (q * q).sum(-1) / (q * step).sum(-1)
+            s = s - move
+            q = step / np.linalg.norm(step, axis=-1, keepdims=True)
+            if np.abs(move).max() < POLE_TOLERANCE * first.min():
+                break
+        t = self._part_products(q, q)
+        per = -1 / (t * (a.C + 2 * s[:, None] * a.M)).sum(-1)[:, None]
+        return s, Factors(per * t * (s * s)[:, None], per * t * s[:, None], per * t)
 
     def resonance_peak(self, a: Factors) -> tuple[Array, "Factors"]:
         """Where |H| is largest near the first resonance: omega (R,), and its slopes to the factors M, C, K.

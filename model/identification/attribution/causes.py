@@ -10,6 +10,7 @@ from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
 from model.identification.observations import (
+    DecayPoleObservation,
     ErrorTarget,
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -143,7 +144,7 @@ def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
 
 def _run_kinds(run: Observation) -> Iterator[Kind]:
     """Yield what may be wrong with a run as a whole."""
-    if not isinstance(run, MassResonanceObservation | MembraneSagObservation):
+    if not isinstance(run, MassResonanceObservation | MembraneSagObservation | DecayPoleObservation):
         yield "scale"
     if isinstance(run, FrequencyResponseObservation):
         yield "frequency"

@@ -10,6 +10,7 @@ from model.identification.attribution.causes import Cause
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.observations import (
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     Observation,
@@ -99,6 +100,8 @@ def _where(run: Observation, point: int) -> str:
             return f" ({1e3 * run.mass_kg[point]:.4g} g)"
         case VoltageStepsObservation():
             return f" ({run.input_v[point]:.3g} V)"
+        case DecayPoleObservation():
+            return f" (edge {point + 1})"
         case FrequencyResponseObservation():
             return f" ({run.frequency_hz[point]:.4g} Hz)"
     return ""
