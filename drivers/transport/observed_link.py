@@ -13,13 +13,23 @@ class ObservedLink:
         link: the connection.
         on_message: may sleep, so that messages are separated in time.
         on_reply: called after each reply.
+        confirms_steps: whether a driver must wait for the reply to each step of a ramp, because its effect is observed.
     """
 
     def __init__(
-        self, link: Link, on_message: Callable[[str], None], on_reply: Callable[[], None] = lambda: None
+        self,
+        link: Link,
+        on_message: Callable[[str], None],
+        on_reply: Callable[[], None] = lambda: None,
+        confirms_steps: Callable[[], bool] = lambda: False,
     ) -> None:
         self._link, self._on_message, self._on_reply = link, on_message, on_reply
+        self._confirms_steps = confirms_steps
         self.name = link.name
+
+    @property
+    def confirms_steps(self) -> bool:
+        return self._confirms_steps()
 
     def write(self, message: str) -> None:
         """Send a message. Raises LinkError if the connection failed."""

@@ -78,6 +78,8 @@ class ScpiSession:
 
         The last two replies count as well as the median: a wire may become slow at any time.
         """
+        if getattr(self.link, "confirms_steps", False):
+            return 0.0
         latest = list(self._reply_times_s)[-2:]
         reply_s = max(self.reply_s, min(latest, default=0.0))
         return reply_s if reply_s > SLOW_REPLY_S and not self.link.name.upper().startswith(("ASRL", "USB")) else 0.0

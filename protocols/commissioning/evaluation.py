@@ -12,7 +12,10 @@ from protocols.commissioning.exercise import LEAD_S, Trace
 from protocols.commissioning.messages import MessageKind
 
 EARLIEST_START_S, LATEST_START_S = -0.005, 0.04
-"""When a burst may begin, after its trigger: less than half a period of the slowest sine."""
+"""When a burst may begin, after its trigger was sent and after the driver had its reply: a busy computer passes both on late."""
+
+IDLE_S = 0.005
+"""Before that, the level at which the output idles is measured."""
 
 TRANSIENT_V = 0.04
 """Smallest transient that counts: above the card's noise and twice the idle amplitude of an armed burst, 20 mVpp."""
@@ -63,30 +66,37 @@ class Evaluation:
         times = np.arange(round(self._fitted_s * rate)) / rate
         form = trace.drive.volts(times) - self.idle_v
         centred = form - form.mean()
-        seen = trace.span(self.trigger_s + EARLIEST_START_S, self.trigger_s + LATEST_START_S + self._fitted_s)
+        begin_s = self.trigger_s + EARLIEST_START_S
+        latest_s = max(self.trigger_s, trace.started_s) + LATEST_START_S
+        seen = trace.span(begin_s, latest_s + self._fitted_s)
         if seen.size <= form.size or not np.any(centred):
             return
-        # Least squares at every lag at once: what is left of the samples is smallest where the waveform begins.
+        idle = np.concatenate([[0.0], np.cumsum((seen - _mean(trace.span(begin_s - IDLE_S, begin_s))) ** 2)])
+        # Least squares at every lag at once: what is left of the samples is smallest where the waveform begins after the idle level.
         seen = seen - seen.mean()
         match = correlate(seen, centred, "valid")
         sums = np.concatenate([[0.0], np.cumsum(seen)])
         squares = np.concatenate([[0.0], np.cumsum(seen**2)])
         size = form.size
         energy = squares[size:] - squares[:-size] - (sums[size:] - sums[:-size]) ** 2 / size
-        best = int(np.argmin(energy - match**2 / (centred @ centred)))
+        left = idle[: energy.size] + energy - match**2 / (centred @ centred)
+        if self._fitted_s == trace.drive.duration_s:  # and a level follows, whichever
+            count = np.maximum(seen.size - np.arange(size, seen.size + 1), 1)
+            left += squares[-1] - squares[size:] - (sums[-1] - sums[size:]) ** 2 / count
+        best = int(np.argmin(left))
         self.gain = float(match[best] / (centred @ centred))
-        self.start_s = self.trigger_s + EARLIEST_START_S + best / rate
+        self.start_s = begin_s + best / rate
         played = trace.span(self.start_s, self.start_s + 2 * self._fitted_s)[:size]
         self.mean_v = float(played.mean() - self.gain * form.mean())
         edge = round(EDGE_S * rate)
-        left = _smoothed(played - self.mean_v - self.gain * form, rate)[edge:-edge]
+        rest = _smoothed(played - self.mean_v - self.gain * form, rate)[edge:-edge]
         peak_v = max(abs(self.gain) * self.peak_v, 1e-9)
         first = round((self.start_s - trace.start_s) * rate)
         others = trace.others[:, first : first + size]
         if others.shape[1] == size:
             gains = others @ centred / (centred @ centred)
             self.crosstalk = float(np.abs(gains / self.gain).max(initial=0.0)) if self.gain else math.nan
-        self.residual, self.misfit = float(np.abs(left).max()) / peak_v, float(left.std()) / peak_v
+        self.residual, self.misfit = float(np.abs(rest).max()) / peak_v, float(rest.std()) / peak_v
 
     @property
     def seen(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers import DRIVE_CHANNEL, ArmedBench, Block, Clock, Drive, DriveRejectedError, InstrumentError
 from model import Array
-from protocols.commissioning.messages import Message, MessageLog
+from protocols.commissioning.messages import SEPARATED_AT_START, SEPARATED_AT_STOP, Message, MessageLog
 
 LEAD_S, TAIL_S = 0.1, 0.15
 """Recorded before the first message of a drive, and after its end and after Stop."""
@@ -69,6 +69,7 @@ class Exerciser:
         *,
         stop_after_s: float | None = None,
         in_mid_drive: Callable[[], None] | None = None,
+        timed_stop: bool = False,
     ) -> Trace | None:
         """Play a drive to its end and record it; return None if this source does not play such a drive.
 
@@ -77,6 +78,7 @@ class Exerciser:
             drive: within the drive limits.
             stop_after_s: Stop then, instead of at its end.
             in_mid_drive: called in the middle of the drive.
+            timed_stop: Stop as in a run; otherwise its messages are separated and confirmed, so that each transient has its cause.
 
         Raises:
             BenchError: the card does not answer.
@@ -85,7 +87,7 @@ class Exerciser:
         self._blocks.clear()
         self._messages.take()
         self._read_until(self._clock.now() + LEAD_S)
-        self._messages.separate = True
+        self._messages.separated = SEPARATED_AT_START
         error = ""
         try:
             self._bench.amplifier.start_drive(drive)
@@ -94,7 +96,7 @@ class Exerciser:
         except InstrumentError as refused:
             error = str(refused)
         finally:
-            self._messages.separate = False
+            self._messages.separated = frozenset()
         started_s = self._clock.now()
         duration_s = drive.duration_s + TAIL_S if stop_after_s is None else stop_after_s
         if in_mid_drive is not None and not error:
@@ -102,10 +104,13 @@ class Exerciser:
             in_mid_drive()
         self._read_until(started_s + duration_s)
         stop_s = self._clock.now()
+        self._messages.separated = frozenset() if timed_stop else SEPARATED_AT_STOP
         try:
             self._bench.amplifier.force_rest()
         except InstrumentError as refused:
             error = error or str(refused)
+        finally:
+            self._messages.separated = frozenset()
         rest_s = self._clock.now()
         self._read_until(rest_s + TAIL_S)
         first = self._blocks[0]

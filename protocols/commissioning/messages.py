@@ -32,7 +32,8 @@ PATTERNS = (
 )
 """By the headers of all supported families; the first that matches counts."""
 
-SEPARATED = (MessageKind.UPLOAD, MessageKind.AMPLITUDE, MessageKind.TRIGGER)
+SEPARATED_AT_START = frozenset({MessageKind.UPLOAD, MessageKind.AMPLITUDE, MessageKind.TRIGGER})
+SEPARATED_AT_STOP = frozenset({MessageKind.ABORT})
 """Messages before which the output is observed for a while, so that the transient of the one before has ended."""
 
 SEPARATION_S = 0.015
@@ -57,10 +58,14 @@ class Message:
 
 
 class MessageLog:
-    """Notes the messages to a source with their time, and separates them while `separate` is set."""
+    """Notes the messages to a source with their time, and separates those in `separated`.
+
+    Meanwhile the driver waits for the reply to each step of a ramp, also on a slow wire: steps that are sent ahead, or as one message, show
+    their transients when another message was the last.
+    """
 
     def __init__(self) -> None:
-        self.separate = False
+        self.separated: frozenset[MessageKind] = frozenset()
         self._clock: Clock | None = None
         self._messages: list[Message] = []
         self.reply_s = math.nan
@@ -69,7 +74,7 @@ class MessageLog:
     def observe(self, link: Link, clock: Clock) -> ObservedLink:
         """Return the link to the source whose messages are noted."""
         self._clock = clock
-        return ObservedLink(link, self._note, self._note_reply)
+        return ObservedLink(link, self._note, self._note_reply, lambda: bool(self.separated))
 
     def take(self) -> tuple[Message, ...]:
         """Return the messages since the last call."""
@@ -80,7 +85,7 @@ class MessageLog:
         if self._clock is None:
             return
         kind = message_kind(text)
-        if self.separate and kind in SEPARATED:
+        if kind in self.separated:
             self._clock.sleep(SEPARATION_S)
         self._messages.append(Message(self._clock.now(), kind, text.partition(",#")[0][:60]))
 

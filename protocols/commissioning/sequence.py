@@ -140,9 +140,12 @@ class Commissioning:
         drive: Drive,
         stop_after_s: float | None = None,
         in_mid_drive: Callable[[], None] | None = None,
+        timed_stop: bool = False,
     ) -> Evaluation | None:
         self._progress(name)
-        trace = self._exerciser.record(name, drive, stop_after_s=stop_after_s, in_mid_drive=in_mid_drive)
+        trace = self._exerciser.record(
+            name, drive, stop_after_s=stop_after_s, in_mid_drive=in_mid_drive, timed_stop=timed_stop
+        )
         if trace is None:
             return None
         self._traces.append(trace)
@@ -175,7 +178,9 @@ class Commissioning:
                 self._bench.amplifier.map.high_v - self._rest_v, self._rest_v - self._bench.amplifier.map.low_v
             )
             drive = Sine(FREQUENCY_HZ, span_v, self._rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
-            if (largest := self._record("Stop from the largest drive", drive, STOP_AFTER_S)) is not None:
+            if (
+                largest := self._record("Stop from the largest drive", drive, STOP_AFTER_S, timed_stop=True)
+            ) is not None:
                 stop_s = largest.stop_duration_s
         delays = [b.start_s - b.trigger_s for b in bursts]
         second_s = math.nan

@@ -45,6 +45,30 @@ PROPERTIES = {
 """What each deviation of a simulated instrument contradicts in the table of assumptions."""
 
 
+class LateLink:
+    """A link on a busy computer: some messages and replies are passed on late, drawn from a seed."""
+
+    def __init__(self, link: Any, clock: Any, share: float, most_s: float) -> None:
+        self._link, self._clock, self._draw = link, clock, random.Random(f"{share} {most_s}")
+        self._share, self._most_s, self.name = share, most_s, link.name
+
+    def write(self, message: str) -> None:
+        self._wait()
+        self._link.write(message)
+
+    def read(self) -> str:
+        reply: str = self._link.read()
+        self._wait()
+        return reply
+
+    def _wait(self) -> None:
+        if self._draw.random() < self._share:
+            self._clock.sleep(self._draw.uniform(0, self._most_s))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._link, name)
+
+
 class OffSwitch:
     """High voltage is off on the simulated bench, and may not come on."""
 
@@ -62,9 +86,13 @@ def commissioned(model: str, traits: str = "", seed: int = 1) -> Commissioned:
     return commissioned_bench(simulated(generator={"model": model, "traits": traits}, seed=seed))
 
 
-def commissioned_bench(config: BenchConfig) -> Commissioned:
+def commissioned_bench(config: BenchConfig, late: tuple[float, float] = (0.0, 0.0)) -> Commissioned:
     messages = MessageLog()
-    with connect(config, None, 0.1, messages.observe) as lab:
+
+    def observe(link: Any, clock: Any) -> ObservedLink:
+        return messages.observe(LateLink(link, clock, *late) if late[0] else link, clock)
+
+    with connect(config, None, 0.1, observe) as lab:
         assert lab.control is not None
         with lab.bench.exercised(50e3, lambda _: None, OffSwitch(lab.control)) as exercised:
             found = Commissioning(exercised, lab.bench.clock, messages).run()
@@ -130,6 +158,21 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
     chosen = draw_deviations(model, seed)
     found = commissioned(model, " ".join(f"{n}={o}" for n, o in chosen.items()), seed)
     assert deviating(found) == contradicted(model, chosen), (chosen, found.checks)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("late", [(0.05, 0.1), (0.9, 0.04)], ids=["seldom, up to 0.1 s", "nearly always, up to 40 ms"])
+@pytest.mark.parametrize(
+    ("model", "traits"),
+    [(model, "") for model in FAMILIES]
+    + [("33622A", "abort=drops offset=low output-polarity=inverted"), ("33220A", "range=switches")]
+    + [("DG1032Z", "abort=drops")],
+)
+def test_late_messages_and_replies_change_no_check(model: str, traits: str, late: tuple[float, float]) -> None:
+    """A burst that begins late is found, and steps of Stop are never sent ahead, so that each transient has its cause."""
+    found = commissioned_bench(simulated(generator={"model": model, "traits": traits}), late)
+    chosen = dict(pair.split("=") for pair in traits.split())
+    assert deviating(found) == contradicted(model, chosen), found.checks
 
 
 @pytest.mark.deep
