@@ -6,23 +6,36 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
+from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QMainWindow, QWidget
 
 from app.config import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
 from app.gui.bench.notices import NoticeArea
 from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench.status_bar import BenchStatusBar
+from app.gui.main_window_menus import MainMenus
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
-from app.gui.widgets import Item, Overlaid, Theme, add_actions, column, style_sheet, system_theme, update_actions
+from app.gui.widgets import (
+    APPEARANCES,
+    Item,
+    Overlaid,
+    Theme,
+    add_actions,
+    column,
+    configure,
+    style_sheet,
+    theme_for,
+    update_actions,
+)
 from app.live import SessionAdapter
 from app.session import WindowState, initial_window_state, unreported_watchdog_messages
 from protocols.base import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
+    from app.gui.help.settings_page import Setting
     from protocols.runner.request import RunRequest
 
 FRAME_MS = 16
@@ -65,7 +78,8 @@ class MainWindow(QMainWindow):
             ),
             self,
         )
-        self.theme = system_theme()
+        self.appearance = str(settings.value("window/appearance", "system"))
+        self.theme = theme_for(self.appearance)
         self.status_bar = BenchStatusBar(self.theme, self.controller)
         self.notices = NoticeArea(self.controller, self)
         controls = SimulationControls(adapter.simulation, self.controller) if adapter.simulation is not None else None
@@ -77,7 +91,7 @@ class MainWindow(QMainWindow):
         self._restore(folder, specimen)
         self.set_theme(self.theme)
         self._show_state()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.set_theme(system_theme()))
+        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.set_theme(theme_for(self.appearance)))
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
         self._timer.start()
@@ -189,6 +203,34 @@ class MainWindow(QMainWindow):
         self.status_bar.set_theme(theme)
         self.tabs.set_theme(theme)
 
+    def set_appearance(self, appearance: str) -> None:
+        """Choose the theme, one of `APPEARANCES`, now and for later starts."""
+        self.appearance = appearance
+        self._settings.setValue("window/appearance", appearance)
+        self.set_theme(theme_for(appearance))
+
+    def _make_settings(self) -> "list[Setting]":
+        """Return the settings of the settings page."""
+        from app.gui.help.settings_page import Setting
+
+        appearance = configure(QComboBox(), "settings.appearance")
+        for name, text in APPEARANCES.items():
+            appearance.addItem(text, name)
+        appearance.setCurrentIndex(max(appearance.findData(self.appearance), 0))
+        appearance.currentIndexChanged.connect(lambda _: self.set_appearance(appearance.currentData()))
+        panel = self.measure_page.run_panel
+        fields = []
+        for name, edit in (("folder", panel.folder_edit), ("specimen", panel.specimen_edit)):
+            copy = configure(QLineEdit(edit.text()), f"settings.{name}")
+            copy.editingFinished.connect(lambda copy=copy, edit=edit: self.state.busy or edit.setText(copy.text()))
+            edit.textChanged.connect(copy.setText)
+            fields.append(copy)
+        return [
+            Setting("Appearance", appearance, "Light or dark colours, or those of the system"),
+            Setting("Folder for run files", fields[0], "Where runs are written, and which runs are listed"),
+            Setting("Specimen", fields[1], "Name that is written into new runs"),
+        ]
+
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
             self._timer.stop()
@@ -266,6 +308,10 @@ class MainWindow(QMainWindow):
         self.tabs.bench_run_requested.connect(self.start_bench_run)
         self.tabs.commissioning_requested.connect(self.controller.commission)
         self.tabs.stop_requested.connect(self.controller.stop)
+        self.menus = MainMenus(
+            self, self.tabs, self.set_appearance, self.central.show_welcome, self.central.show_settings
+        )
+        self.central.palette_entries, self.central.settings = self.menus.palette_entries, self._make_settings
         add_actions(
             self,
             {

@@ -1,6 +1,10 @@
-"""Central widget of the main window: the pages, and the shortcut sheet or welcome page over them."""
+"""Central widget of the main window: the pages, and shortcut sheet, command palette, settings or welcome page over them."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
@@ -11,6 +15,12 @@ from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.welcome import WelcomePage
 from app.gui.tabs import BENCH, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
+
+if TYPE_CHECKING:
+    from app.gui.help.palette import CommandPalette, PaletteEntry
+    from app.gui.help.settings_page import Setting, SettingsPage
+
+C = TypeVar("C", "CommandPalette", "SettingsPage")
 
 
 class CentralStack(QWidget):
@@ -36,7 +46,55 @@ class CentralStack(QWidget):
         self.welcome.demo_requested.connect(self.demo_requested)
         self.welcome.setup_pressed.connect(self._show_bench_page)
         self.welcome.browse_pressed.connect(self._choose_bench_file)
-        add_actions(self, {"shortcuts": self.toggle_shortcuts})
+        self.palette_entries: Callable[[], Iterable[PaletteEntry]] = tuple
+        """Returns what the command palette offers."""
+        self.settings: Callable[[], Sequence[Setting]] = tuple
+        """Returns the settings; called once."""
+        add_actions(
+            self,
+            {"shortcuts": self.toggle_shortcuts, "palette": self.toggle_palette, "settings": self.toggle_settings},
+        )
+
+    @cached_property
+    def command_palette(self) -> CommandPalette:
+        """The command palette; created when first used."""
+        from app.gui.help.palette import CommandPalette
+
+        return self._add_cover(CommandPalette())
+
+    @cached_property
+    def settings_page(self) -> SettingsPage:
+        """The settings page; created when first used."""
+        from app.gui.help.settings_page import SettingsPage
+
+        return self._add_cover(SettingsPage(self.settings()))
+
+    def _add_cover(self, cover: C) -> C:
+        cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.stack.addWidget(cover)
+        cover.closed.connect(self.show_pages)
+        return cover
+
+    def toggle_palette(self) -> None:
+        """Show the command palette, or the pages again."""
+        if self.stack.currentWidget() is self.command_palette:
+            self.show_pages()
+            return
+        entries = list(self.palette_entries())
+        self._show_cover(self.command_palette)
+        self.command_palette.show_entries(entries)
+
+    def toggle_settings(self) -> None:
+        """Show the settings, or the pages again."""
+        if self.stack.currentWidget() is self.settings_page:
+            self.show_pages()
+        else:
+            self.show_settings()
+
+    def show_settings(self, search: str = "") -> None:
+        """Show the settings that match a search."""
+        self._show_cover(self.settings_page)
+        self.settings_page.show_settings(search)
 
     @property
     def is_covered(self) -> bool:

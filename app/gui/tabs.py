@@ -100,7 +100,7 @@ class MainTabs(QTabWidget):
             theme,
         )
         card = self.measure.run_panel.result_card
-        card.open_requested.connect(self._open_run)
+        card.open_requested.connect(self.open_run)
         card.explore_requested.connect(lambda path: self._overlay_runs([path]))
         self._factories: tuple[Callable[[], Page], ...] = (
             lambda: self.measure,
@@ -299,7 +299,7 @@ class MainTabs(QTabWidget):
         )
         controller.setParent(page)
         controller.run_requested.connect(self.run_requested)
-        page.run_open_requested.connect(self._open_run)
+        page.run_open_requested.connect(self.open_run)
         page.explore_requested.connect(lambda path: self._overlay_runs([path]))
         page.restore_state(self._settings)
         return page
@@ -330,7 +330,8 @@ class MainTabs(QTabWidget):
         page.stop_requested.connect(self.stop_requested)
         return page
 
-    def _open_run(self, path: Path) -> None:
+    def open_run(self, path: Path) -> None:
+        """Open a run on the Runs page."""
         self.setCurrentIndex(RUNS)
         self.runs.open_run(path)
 

@@ -133,6 +133,11 @@ class RunPanel(QWidget):
         with QSignalBlocker(self.protocol_box):
             self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
 
+    def choose_protocol(self, name: str) -> None:
+        """Show a protocol with the parameters that it had last."""
+        if self.protocol_box.isEnabled():
+            self.protocol_box.setCurrentIndex(self.protocol_box.findData(name))
+
     def _on_protocol_chosen(self) -> None:
         name = self.protocol_box.currentData()
         self.set_protocol(self._edited_protocols.get(name) or PROTOCOLS[name].model_validate({}))

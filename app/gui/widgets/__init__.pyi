@@ -1,5 +1,6 @@
 from .actions import ACTIONS as ACTIONS
 from .actions import ActionInfo as ActionInfo
+from .actions import actions_of as actions_of
 from .actions import add_action as add_action
 from .actions import add_actions as add_actions
 from .actions import name_button as name_button
@@ -41,8 +42,10 @@ from .menu import Menu as Menu
 from .overlaid import Overlaid as Overlaid
 from .progress_row import ProgressRow as ProgressRow
 from .status_line import StatusLine as StatusLine
+from .theme import APPEARANCES as APPEARANCES
 from .theme import LIGHT as LIGHT
 from .theme import Theme as Theme
 from .theme import style_sheet as style_sheet
 from .theme import system_theme as system_theme
+from .theme import theme_for as theme_for
 from .toast import Toast as Toast

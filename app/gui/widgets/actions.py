@@ -60,7 +60,9 @@ ACTIONS = {
         ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
         ActionInfo("page.bench", "Page Bench", ("Ctrl+5",)),
         ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
-        ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("Ctrl+K",)),
+        ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("F4",)),
+        ActionInfo("palette", "Find a command, protocol, run or setting, or close the list", ("Ctrl+K",)),
+        ActionInfo("settings", "Settings, or close them", ("Ctrl+,",)),
         ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
         ActionInfo(
             "faults.toggle",

@@ -1,6 +1,6 @@
 """Light and dark colour theme, and the style sheet made from it.
 
-The system chooses the theme. Colour is never the only indication; sizes follow the system's font.
+The system or the user chooses the theme. Colour is never the only indication; sizes follow the system's font.
 """
 
 from dataclasses import dataclass
@@ -137,6 +137,15 @@ DARK = Theme(
 def system_theme() -> Theme:
     """Return the system's theme; light if it has none."""
     return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
+
+
+APPEARANCES = {"system": "like the system", "light": "light", "dark": "dark"}
+"""Choices of the theme, as they are stored in the settings."""
+
+
+def theme_for(appearance: str) -> Theme:
+    """Return the theme of a choice of `APPEARANCES`; the system's for anything else."""
+    return {"light": LIGHT, "dark": DARK}.get(appearance) or system_theme()
 
 
 def style_sheet(theme: Theme) -> str:

@@ -59,7 +59,7 @@ def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage
     assert notice.property("kind") == "caution"
     assert "no usable point of 18" in notice.message_label.text()
     assert "bring the target into the range" in notice.message_label.text()
-    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_F4)
     assert notice.isHidden()
 
 

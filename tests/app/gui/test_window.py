@@ -242,7 +242,7 @@ def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: S
     assert find(stage.window, "notices.unsafe").isVisible()
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1
-    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_F4)
     assert not find(stage.window, "notices.unsafe").isVisible()
     assert find(stage.window, "status.state").text == "UNSAFE", "acknowledging measures nothing"
     stage.press(Qt.Key.Key_F5)
@@ -255,7 +255,7 @@ def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     stage.window.start_run()
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.FAILED, "the generator was silent for 2 s", "run.h5"))
     assert "silent for 2 s" in find(stage.window, "notices.problem.message").text()
-    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_F4)
     assert not stage.window.notices.isVisible()
 
 

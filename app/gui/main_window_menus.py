@@ -1,0 +1,127 @@
+"""Menu bar of the main window and entries of its command palette, both from the actions of the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING
+
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QMainWindow, QWidget
+
+from app.gui.tabs import MEASURE, RUNS, MainTabs
+from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
+from protocols.registry import PROTOCOLS
+
+if TYPE_CHECKING:
+    from app.gui.help.palette import PaletteEntry
+
+MENUS = {
+    "&File": ("runs.import", "campaign.new", "campaign.open", "", "settings"),
+    "&Run": ("run", "pause", "stop", "", "reconnect", "faults.toggle", "faults.clear"),
+    "&View": ("page.measure", "page.campaign", "page.explore", "page.runs", "page.bench", "", "palette"),
+}
+"""Actions of the first menus; an empty name is a separator. The menu of the page has those of the page that is shown."""
+
+NOT_LISTED = ("answer", "escape", "palette")
+PREFIXES_NOT_LISTED = ("plot.", "traces.")
+"""Actions that need a focused plot."""
+
+
+class MainMenus:
+    """Fills the menus when they are opened, so that the first paint does not wait for them.
+
+    Args:
+        window: the main window, whose actions are listed.
+        tabs: the pages.
+        set_appearance: applies `system`, `light` or `dark`.
+        show_first_steps: shows the welcome page.
+        show_settings: shows the settings that match a word.
+    """
+
+    def __init__(
+        self,
+        window: QMainWindow,
+        tabs: MainTabs,
+        set_appearance: Callable[[str], object],
+        show_first_steps: Callable[[], object],
+        show_settings: Callable[[str], object],
+    ) -> None:
+        self._window, self._tabs, self._set_appearance = window, tabs, set_appearance
+        self._show_first_steps, self._show_settings = show_first_steps, show_settings
+        bar = window.menuBar()
+        for title in (*MENUS, "&Page", "&Help"):
+            menu = Menu(window, title)
+            menu.setObjectName(f"menu.{title.strip('&').lower()}")
+            menu.aboutToShow.connect(partial(self.fill, menu, title))
+            bar.addMenu(menu)
+
+    def fill(self, menu: Menu, title: str) -> None:
+        """Fill a menu with the actions that exist now."""
+        menu.clear()
+        if title == "&Page":
+            for _, action in self._page_actions():
+                menu.addAction(action)
+            return
+        if title == "&Help":
+            self._add(menu, ("shortcuts", "palette"))
+            menu.addAction("First steps …", self._show_first_steps)
+            return
+        if title == "&File":
+            self._tabs.page(RUNS)  # whose actions are listed
+        self._add(menu, MENUS[title])
+        if title == "&View":
+            menu.addSeparator()
+            for name, text in APPEARANCES.items():
+                menu.addAction(f"Appearance: {text}", partial(self._set_appearance, name))
+
+    def palette_entries(self) -> Iterator[PaletteEntry]:
+        """Return what the command palette offers now."""
+        from app.gui.help.palette import PaletteEntry
+
+        listed = set[str]()
+        for info, action in [*actions_of([self._window, *self._window.findChildren(QWidget)])]:
+            hidden = info.id in (*NOT_LISTED, *listed) or info.id.startswith(PREFIXES_NOT_LISTED)
+            if hidden or not action.isEnabled() or info.page not in ("", self._page_title):
+                continue
+            listed.add(info.id)
+            keys = " or ".join(
+                QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText) for key in info.shortcuts
+            )
+            yield PaletteEntry("command", info.text, action.trigger, keys)
+        for name in PROTOCOLS:
+            yield PaletteEntry(
+                "protocol", f"Measure: {PROTOCOLS.title(name)}", partial(self._choose_protocol, name), "protocol"
+            )
+        for name, text in APPEARANCES.items():
+            yield PaletteEntry("setting", f"Appearance: {text}", partial(self._set_appearance, name), "setting")
+        yield PaletteEntry("setting", "Folder for run files", partial(self._show_settings, "folder"), "setting")
+        yield PaletteEntry("setting", "Specimen", partial(self._show_settings, "specimen"), "setting")
+        for run in self._tabs.runs.folder_model.summaries:
+            path = self._tabs.runs.folder_model.path / run.path
+            begun = f"{run.started_at:%Y-%m-%d %H:%M}" if run.started_at else ""
+            yield PaletteEntry(
+                "run",
+                f"Run: {run.specimen} {run.protocol} {begun}",
+                partial(self._tabs.open_run, path),
+                run.verdict_text,
+            )
+
+    @property
+    def _page_title(self) -> str:
+        return self._tabs.tabText(self._tabs.currentIndex())
+
+    def _page_actions(self) -> list[tuple[ActionInfo, QAction]]:
+        widgets = [self._window, *self._window.findChildren(QWidget)]
+        return [(info, action) for info, action in actions_of(widgets) if info.page == self._page_title]
+
+    def _add(self, menu: Menu, names: tuple[str, ...]) -> None:
+        for name in names:
+            if not name:
+                menu.addSeparator()
+            elif (action := self._window.findChild(QAction, name)) is not None:
+                menu.addAction(action)
+
+    def _choose_protocol(self, name: str) -> None:
+        self._tabs.setCurrentIndex(MEASURE)
+        self._tabs.measure.run_panel.choose_protocol(name)

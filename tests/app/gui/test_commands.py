@@ -1,0 +1,98 @@
+"""Command palette, menu bar and settings page."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtTest import QTest
+
+from app.gui.tabs import MEASURE, RUNS
+from app.gui.widgets.theme import DARK, LIGHT
+from tests.helpers.main_window import OpenStage, Stage, find, until
+from tests.helpers.run_files import finished_run
+from tests.helpers.session_events import LIVE, OPENED
+
+CTRL = Qt.KeyboardModifier.ControlModifier
+
+
+@pytest.mark.deep
+def test_the_palette_finds_commands_protocols_settings_and_runs(open_stage: OpenStage, tmp_path: Path) -> None:
+    finished_run(tmp_path, "T9", size_m=8e-4)
+    stage = open_stage()
+    stage.happen(OPENED)
+    stage.press(Qt.Key.Key_4, CTRL)
+    until(lambda: stage.window.tabs.runs.folder_model.summaries, "for the runs")
+    stage.press(Qt.Key.Key_K, CTRL)
+    palette = stage.window.central.command_palette
+    assert palette.isVisible()
+    assert {entry.kind for entry in palette.shown} == {"command", "protocol", "setting", "run"}
+    assert not [entry for entry in palette.shown if entry.text.startswith("Focused plot")]
+    QTest.keyClicks(palette.search, "t9")
+    assert [entry.kind for entry in palette.shown] == ["run"]
+    QTest.keyClick(palette.search, Qt.Key.Key_Return)
+    until(lambda: stage.window.tabs.runs.viewer.run is not None, "for the run")
+
+    stage.press(Qt.Key.Key_K, CTRL)
+    palette.search.setText("hysteresis")
+    QTest.keyClick(palette.search, Qt.Key.Key_Return)
+    assert stage.window.tabs.currentIndex() == MEASURE
+    assert stage.window.measure_page.run_panel.kind.name == "hysteresis"
+    assert not stage.window.central.is_covered
+
+    stage.press(Qt.Key.Key_K, CTRL)
+    palette.search.setText("page runs")
+    QTest.keyClick(palette.search, Qt.Key.Key_Return)
+    assert stage.window.tabs.currentIndex() == RUNS
+
+
+@pytest.mark.deep
+def test_stop_works_while_the_palette_or_a_menu_of_the_bar_is_open(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE)
+    stage.press(Qt.Key.Key_K, CTRL)
+    stage.press(Qt.Key.Key_F12)
+    assert stage.session.stops == 1
+    menu = find(stage.window, "menu.run")
+    menu.popup(stage.window.mapToGlobal(stage.window.rect().center()))
+    assert "Stop: go to rest and end the run" in [action.text() for action in menu.actions()]
+    QTest.keyClick(menu, Qt.Key.Key_Escape)
+    assert stage.session.stops == 2
+    assert not menu.isVisible()
+
+
+@pytest.mark.deep
+def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSettings) -> None:
+    stage = open_stage()
+    stage.press(Qt.Key.Key_Comma, CTRL)
+    box = find(stage.window, "settings.appearance")
+    box.setCurrentIndex(box.findData("dark"))
+    assert stage.window.theme == DARK
+    page = stage.window.central.settings_page
+    page.search.setText("appearance")
+    assert box.isVisible()
+    assert not find(stage.window, "settings.specimen").isVisible()
+    edit = find(stage.window, "settings.specimen")
+    edit.setText("T12")
+    edit.editingFinished.emit()
+    assert stage.window.tabs.specimen == "T12"
+    stage.press(Qt.Key.Key_Escape)
+    assert not stage.window.central.is_covered
+    stage.window.close_session(force=True)
+    until(lambda: not stage.window.isVisible(), "for the window to close")
+    assert settings.value("window/appearance") == "dark"
+    again = open_stage()
+    assert again.window.theme == DARK
+    again.window.set_appearance("light")
+    assert again.window.theme == LIGHT
+
+
+@pytest.mark.deep
+def test_the_menu_of_the_page_has_its_actions(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_3, CTRL)
+    menu = find(stage.window, "menu.page")
+    menu.aboutToShow.emit()
+    assert "Save as a study" in [action.text() for action in menu.actions()]
+    stage.press(Qt.Key.Key_1, CTRL)
+    menu.aboutToShow.emit()
+    assert [action.text() for action in menu.actions()] == ["Undo in the form", "Redo in the form"]
