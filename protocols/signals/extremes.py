@@ -24,6 +24,9 @@ DISTRIBUTION_STEPS = 512
 BIAS_UNCERTAINTY = 0.05
 """Standard uncertainty of the bias as a share of it: the tails of the noise are known from one recording."""
 
+RESOLUTION_SAMPLES = 1 << 17
+"""Samples whose smallest step is the resolution: more than the levels of a 16-bit converter."""
+
 MIN_ORDERS = 4
 """With fewer harmonics below the sample rate, what the fit leaves may be harmonics: then the bias is anything up to itself."""
 
@@ -80,7 +83,7 @@ def estimate_max_min(samples: Array, rate_hz: float, frequency_hz: float) -> Max
 
 def _smallest_step(samples: Array) -> float:
     """Return the smallest difference between samples that differ: the resolution of digitized ones."""
-    steps = np.diff(np.sort(samples))
+    steps = np.diff(np.sort(samples[:RESOLUTION_SAMPLES]))
     return float(steps[steps > 0].min(initial=np.ptp(samples)))
 
 

@@ -4,7 +4,8 @@ Sign and phase: a component of order k is `|F_k| sin(2 pi k f t + arg F_k)` with
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,12 @@ NYQUIST_SHARE = 0.45
 
 CHUNK_SAMPLES = 1 << 16
 """Samples of a basis held in memory at a time."""
+BLOCK_SAMPLES = 1 << 11
+"""Samples whose sines share one table: the table stays in the processor's cache."""
+SMALL_ANGLE = 1e-3
+"""Of a whole record, in radians, below which a sum of cosines is taken from the first terms of its series."""
+MIN_MISFIT_SHARE = 1e-10
+"""Of the energy of the samples: a smaller misfit is lost in the digits of the difference of energies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,34 +71,33 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
     n = len(samples)
     if n <= unknowns:
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
-    # The basis is nearly orthogonal over whole cycles, so the normal equations lose nothing.
-    gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for part, basis in sine_basis(n, rate_hz, _harmonics_hz(frequency_hz, orders)):
-        gram += basis @ basis.T
-        moment += basis @ samples[part]
-    solution = np.linalg.solve(gram, moment)
-    left = 0.0
-    for part, basis in sine_basis(n, rate_hz, _harmonics_hz(frequency_hz, orders)):
-        residual = samples[part] - solution @ basis
-        left += float(residual @ residual)
+    x = np.ascontiguousarray(samples, float)
+    omega = 2 * np.pi / rate_hz * _harmonics_hz(frequency_hz, orders)
+    moments = _line_moments(x, omega)
+    even_gram, odd_gram = _grams(n, omega)
+    even, odd = np.linalg.solve(even_gram, moments.even), np.linalg.solve(odd_gram, moments.odd)
+    # Sine and cosine about the middle of the record; t = 0 is at the first sample.
+    components = (odd[1:] + 1j * even[1:]) * np.exp(-0.5j * (n - 1) * omega)
+    fit = SineFit(frequency_hz, components, float(even[0]), float(odd[0]) * 2 * rate_hz / (n - 1), 0.0, 0.0)
+    energy = float(x @ x)
+    left = energy - float(even @ moments.even) - float(odd @ moments.odd)
+    if left < MIN_MISFIT_SHARE * energy:
+        left = _misfit(x, rate_hz, fit)
     noise = float(np.sqrt(left / (n - unknowns)))
-    sines, cosines = solution[2::2], solution[3::2]
-    return SineFit(
-        frequency_hz=frequency_hz,
-        components=sines + 1j * cosines,
-        offset=float(solution[0]),
-        drift_per_s=float(solution[1]) * 2 * rate_hz / (n - 1),  # basis 1 runs from -1 to 1 over n - 1 steps
-        noise=noise,
-        standard_error=noise * float(np.sqrt(2 / n)),
-    )
+    return replace(fit, noise=noise, standard_error=noise * float(np.sqrt(2 / n)))
 
 
 def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Array]:
     """Return the straight line and the periodic waveform of a fit at its samples, (count,) each."""
-    line, waveform = np.empty(count), np.empty(count)
-    for part, basis in sine_basis(count, rate_hz, _harmonics_hz(fit.frequency_hz, len(fit.components))):
-        line[part] = fit.offset + fit.drift_per_s * (count - 1) / (2 * rate_hz) * basis[1]
-        waveform[part] = fit.components.real @ basis[2::2] + fit.components.imag @ basis[3::2]
+    omega = 2 * np.pi / rate_hz * _harmonics_hz(fit.frequency_hz, len(fit.components))
+    length = min(count, BLOCK_SAMPLES)
+    table = np.exp(1j * np.multiply.outer(omega, np.arange(length)))
+    starts = length * np.arange(-(-count // length))
+    turned = fit.components * np.exp(1j * np.multiply.outer(starts, omega))
+    blocks = np.hstack([turned.imag, turned.real]) @ np.vstack([table.real, table.imag])
+    middle = 0.5 * (count - 1)
+    line = fit.offset + fit.drift_per_s / rate_hz * np.linspace(-middle, middle, count)
+    waveform: Array = blocks.reshape(-1)[:count]
     return line, waveform
 
 
@@ -100,22 +106,107 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
 
     The source and the card have clocks of their own, up to 50 ppm apart.
     """
-    n = len(samples)
+    x = np.ascontiguousarray(samples, float)
+    n = x.size
+    line, squares = 2 / (n - 1), n * (n * n - 1) / 12
     for _ in range(4):
-        amplitude = fit_sine(samples, rate_hz, frequency_hz).fundamental
-        s, c = amplitude.real, amplitude.imag
-        gram, moment = np.zeros((5, 5)), np.zeros(5)
-        for part, basis in sine_basis(n, rate_hz, np.array([frequency_hz])):
-            centred = (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
-            slope = 2 * np.pi * centred * (s * basis[3] - c * basis[2])
-            extended = np.vstack([basis, slope])
-            gram += extended @ extended.T
-            moment += extended @ samples[part]
-        step = float(np.linalg.solve(gram, moment)[4])
+        omega = np.array([2 * np.pi * frequency_hz / rate_hz])
+        moments = _line_moments(x, omega, weighted=True)
+        even_gram, odd_gram = _grams(n, omega)
+        even, odd = np.linalg.solve(even_gram, moments.even), np.linalg.solve(odd_gram, moments.odd)
+        s, c = float(odd[1]), float(even[1])
+        # A further column is the derivative by omega, index (s cos - c sin): its sums with the others, its square, and the samples.
+        _, slope, curvature = _even_sums(np.append(omega, 2 * omega), n)
+        even_mixed = c * np.array([slope[0], 0.5 * slope[1]])
+        odd_mixed = -s * np.array([line * curvature[0], 0.5 * slope[1]])
+        own = 0.5 * (s * s * (squares - curvature[1]) + c * c * (squares + curvature[1]))
+        moment = float((complex(s, c) * moments.weighted[0]).real)
+        left = moment - even_mixed @ even - odd_mixed @ odd
+        square = (
+            own - even_mixed @ np.linalg.solve(even_gram, even_mixed) - odd_mixed @ np.linalg.solve(odd_gram, odd_mixed)
+        )
+        step = float(left / square) * rate_hz / (2 * np.pi)
         frequency_hz += step
         if abs(step) < 1e-9 * frequency_hz:
             break
     return frequency_hz
+
+
+class _Moments(NamedTuple):
+    """Sums of the samples times the basis, about the middle of the record."""
+
+    even: Array
+    """(1 + J,): times 1, and cosines."""
+    odd: Array
+    """(1 + J,): times the straight line from -1 to 1, and sines."""
+    weighted: Complex
+    """(J,): times the index from the middle and exp(i omega index); empty unless asked for."""
+
+
+def _line_moments(x: Array, omega: Array, weighted: bool = False) -> _Moments:
+    """Return the moments of samples (N,) at angular frequencies (J,), in radians a sample, in one pass over the samples.
+
+    Blocks share one table of cosines and sines: the sums of a block are turned by the phase of its first sample.
+    """
+    n = x.size
+    length = min(n, BLOCK_SAMPLES)
+    index = np.arange(length)
+    table = np.exp(1j * np.multiply.outer(index, omega))
+    lines = np.hstack([table, index[:, None] * table]) if weighted else table
+    columns = np.column_stack([np.ones(length), index, lines.real, lines.imag])
+    whole = n // length
+    sums = x[: whole * length].reshape(whole, length) @ columns
+    if rest := n - whole * length:
+        sums = np.vstack([sums, x[whole * length :] @ columns[:rest]])
+    from_middle = length * np.arange(len(sums)) - 0.5 * (n - 1)
+    plain, by_index = sums[:, 0], sums[:, 1]
+    waves = sums[:, 2 : 2 + lines.shape[1]] + 1j * sums[:, 2 + lines.shape[1] :]
+    turn = np.exp(1j * np.multiply.outer(from_middle, omega))
+    moment = (turn * waves[:, : omega.size]).sum(0)
+    ramp = (by_index.sum() + from_middle @ plain) * 2 / (n - 1)
+    turned = np.empty(0, complex)
+    if weighted:
+        turned = (turn * (waves[:, omega.size :] + from_middle[:, None] * waves[:, : omega.size])).sum(0)
+    return _Moments(np.array([plain.sum(), *moment.real]), np.array([ramp, *moment.imag]), turned)
+
+
+def _grams(n: int, omega: Array) -> tuple[Array, Array]:
+    """Return the Gram matrices (1 + J, 1 + J) of the even and of the odd functions, which are orthogonal to each other."""
+    sums, derivatives, _ = _even_sums(omega, n)
+    difference, total = (_even_sums(each, n)[0] for each in (omega[:, None] - omega, omega[:, None] + omega))
+    even, odd = np.empty((2, 1 + omega.size, 1 + omega.size))
+    even[0, 0], odd[0, 0] = n, n * (n + 1) / (3 * (n - 1))
+    even[0, 1:] = even[1:, 0] = sums
+    odd[0, 1:] = odd[1:, 0] = -derivatives * 2 / (n - 1)
+    even[1:, 1:], odd[1:, 1:] = 0.5 * (difference + total), 0.5 * (difference - total)
+    return even, odd
+
+
+def _even_sums(angle: Array, n: int) -> tuple[Array, Array, Array]:
+    """Return the sum of cos(angle c) over the n indices c about the middle of a record, and its two derivatives by the angle.
+
+    The sum is that of a geometric series, sin(n angle / 2) / sin(angle / 2); angles are below 2 pi.
+    """
+    half = 0.5 * np.where(np.abs(angle) * n < SMALL_ANGLE, 1.0, angle)
+    top, bottom = np.sin(n * half), np.sin(half)
+    top_slope, bottom_slope = 0.5 * n * np.cos(n * half), 0.5 * np.cos(half)
+    value = top / bottom
+    slope = (top_slope - value * bottom_slope) / bottom
+    curvature = (0.25 * (1 - n * n) * top - 2 * slope * bottom_slope) / bottom
+    small = np.abs(angle) * n < SMALL_ANGLE
+    squares = n * (n * n - 1) / 12
+    return (
+        np.where(small, n - 0.5 * squares * angle**2, value),
+        np.where(small, -squares * angle, slope),
+        np.where(small, -squares, curvature),
+    )
+
+
+def _misfit(x: Array, rate_hz: float, fit: SineFit) -> float:
+    """Return the energy of the residual in a second pass, for samples that a fit leaves next to nothing of."""
+    line, waveform = fitted_samples(fit, x.size, rate_hz)
+    residual = x - line - waveform
+    return float(residual @ residual)
 
 
 def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[slice, Array]]:
