@@ -5,7 +5,7 @@
 Every run goes through its own process of the simulated bench and the watchdog's process. Several benches run at the same time,
 each with a program and an identity of its own: they are the load of each other. The volts at the simulated amplifier's input decide
 whether a run ended at rest. A batch that was interrupted continues in its FOLDER where the code is the same; the files
-of runs that did not complete are kept there, too.
+of runs that did not end good are kept there, too.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from random import Random
 
 from app.session.bench_connection import BenchConnection, connect
 from drivers.watchdog.client import WatchdogClient
-from protocols.base import Event, EventBus, LevelExceeded, LogMessage, RunStatus
+from protocols.base import Event, EventBus, LevelExceeded, LogMessage, Outcome, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
@@ -79,6 +79,11 @@ class LoadedRun:
     @property
     def failed(self) -> bool:
         return self.status != RunStatus.COMPLETED
+
+    @property
+    def noteworthy(self) -> bool:
+        """Whether it is printed and its files are kept."""
+        return bool(self.failed or self.volts or self.false_alarm or self.outcome != Outcome.GOOD)
 
 
 class Silence:
@@ -150,8 +155,8 @@ def _one(
             levels=tuple(event.level for event in events if isinstance(event, LevelExceeded)),
             silence_s=silence.longest_s,
         )
-        if ran.failed or ran.volts:
-            kept = parent / f"failed-{ran.number:04}"
+        if ran.noteworthy:
+            kept = parent / f"kept-{ran.number:04}"
             kept.mkdir(exist_ok=True)
             for file in folder.iterdir():
                 file.rename(kept / file.name)
@@ -279,7 +284,7 @@ def main() -> int:
     parser.add_argument("--fastest", type=float, default=20.0, help="the greatest speed, times real")
     parser.add_argument("--parallel", type=int, default=1, help="benches at the same time")
     parser.add_argument("--busy", type=int, default=0, help="processes beside them that compute without a pause")
-    parser.add_argument("--out", type=Path, help="folder for the log and the files of runs that failed")
+    parser.add_argument("--out", type=Path, help="folder for the log and the files of runs that did not end good")
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     begun = time.monotonic()
@@ -289,9 +294,9 @@ def main() -> int:
             batch.resume()
             for runs in batch.run():
                 for ran in runs:
-                    if ran.failed or ran.volts or ran.false_alarm:
+                    if ran.noteworthy:
                         print(
-                            f"run {ran.number}, {ran.protocol} at speed {ran.speed:g}, load {ran.load:.1f}: {ran.status}: "
+                            f"run {ran.number}, {ran.protocol} at speed {ran.speed:g}, load {ran.load:.1f}: {ran.status}, {ran.outcome}: "
                             f"{ran.reason}; {ran.false_alarm}; {ran.volts}",
                             flush=True,
                         )

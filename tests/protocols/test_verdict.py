@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.base import CheckResult, Outcome, Quality, RunEnded, RunStatus, Verdict, judge, to_jsonable
+from protocols.base.verdict import usability_checks
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
@@ -95,3 +97,36 @@ def test_run_without_completion_is_judged_by_its_status() -> None:
         verdict = RunEnded(status, "because", "run.h5").verdict
         assert (str(verdict.outcome), verdict.reasons) == (str(status), ("because",))
     assert RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5").verdict.outcome is Outcome.NOT_JUDGED
+
+
+@dataclass(frozen=True)
+class Flagged:
+    """A point of which only the quality matters."""
+
+    quality: int
+
+
+def test_the_check_of_the_points_names_causes_missing_points_and_the_remedy_of_the_first_cause() -> None:
+    points = [Flagged(int(each)) for each in (Quality.UNSETTLED, Quality.OUT_OF_RANGE, Quality.GOOD)]
+    (check,) = usability_checks(points, 3)
+    assert (check.detail, check.passed) == ("1 unsettled, 1 out of range", False)
+    assert check.remedy == "check that the laser is on and bring the target into the sensor's range"
+    (check,) = usability_checks(points, 5)
+    assert check.detail == "1 unsettled, 1 out of range, 2 without a point"
+    (check,) = usability_checks(points[2:], 1)
+    assert (check.detail, check.passed) == ("", True)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "limit", "text"),
+    [
+        (2.0, "1", 3.0, "it: 2, limit at least 3"),
+        (0.061, "kg", 0.05, "it: 61 g, limit at least 50 g"),
+        (0.02, "V", 0.05, "it: 20 mV, limit at least 50 mV"),
+        (2e-3, "m", 5e-3, "it: 2 mm, limit at least 5 mm"),
+        (155.0, "Hz", 20.0, "it: 155 Hz, limit at least 20 Hz"),
+        (1.0, "", 3.0, "it"),
+    ],
+)
+def test_a_check_is_worded_with_readable_units(value: float, unit: str, limit: float, text: str) -> None:
+    assert CheckResult("it", value, unit, limit, None, "do this").figure == text
