@@ -4,10 +4,13 @@ They test whether a measurement detects them.
 """
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
-from model import Array
+from model import Array, Complex
+
+N = TypeVar("N", Array, Complex)
 
 VOLTAGE_SPAN_V = 2000.0
 """The whole stroke of the specimen's voltage, of which a loop's width is a share."""
@@ -81,6 +84,16 @@ class Nonidealities:
         return nominal_kg * (1 + self.weight_error * by)
 
 
+def linear_recursion(advance: N, state: N, inputs: Any) -> N:
+    """Return all states of z' = advance z + input, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
+    states = np.concatenate((state[None], inputs))
+    reach, power = 1, advance
+    while reach < len(states):
+        states[reach:] += power * states[:-reach]
+        reach, power = 2 * reach, power * power
+    return states
+
+
 class CreepModel:
     """Logarithmic creep of one drive: it gains a share of every step per decade of time, block by block."""
 
@@ -93,13 +106,25 @@ class CreepModel:
         """The drive (n, BLOCK) with what has crept on so far."""
         if not self._step_share or not (blocks.any() or self._lag_states.any()):
             return blocks
-        crept = np.empty(len(blocks) + 1)
-        crept[0] = self._lag_states.sum()
-        for i, mean in enumerate(blocks.mean(axis=1).tolist(), 1):
-            self._lag_states = mean + (self._lag_states - mean) * self._block_decay
-            crept[i] = self._lag_states.sum()
+        crept = self._advance_blocks(blocks.mean(axis=1))
         rise = (np.arange(blocks.shape[1]) + 1) / blocks.shape[1]
         return np.asarray(blocks + self._step_share * (crept[:-1, None] + np.diff(crept)[:, None] * rise))
+
+    def crept(self, drive: float) -> float:
+        """Return a drive with what has crept on until now."""
+        return drive + self._step_share * float(self._lag_states.sum())
+
+    def hold(self, drive: float, blocks: int) -> Array:
+        """Return a constant drive with what has crept on at the edges of the next blocks, (blocks + 1,)."""
+        if not self._step_share or not (drive or self._lag_states.any()):
+            return np.full(blocks + 1, drive)
+        return drive + self._step_share * self._advance_blocks(np.full(blocks, drive))
+
+    def _advance_blocks(self, means: Array) -> Array:
+        """Return the sum of the lags at the edges of blocks with these mean drives, (n + 1,)."""
+        states = linear_recursion(self._block_decay, self._lag_states, (1 - self._block_decay) * means[:, None])
+        self._lag_states = states[-1].copy()
+        return np.asarray(states.sum(axis=1))
 
     def advance(self, drive: float, gap_s: float) -> None:
         """Advance by `gap_s` of constant drive."""

@@ -29,6 +29,9 @@ CURRENT_LIMIT_SLEW_FRACTION = 1e-3
 RINGING_TOLERANCE_M = 1e-15
 """Ringing below this counts as no motion."""
 
+CREEP_TOLERANCE_M = 1e-9
+"""The same while the specimen creeps: how far the motion may lag behind the creeping rest position."""
+
 TOUCHDOWN_S = 2e-3
 """How long a weight's first touch lasts."""
 
@@ -213,8 +216,8 @@ class Plant:
             stop = min((last // BLOCK + 1) * BLOCK, self._next_step + min(1024 * BLOCK, self._ring.size))
             if number + 1 < len(self._starts):
                 stop = min(stop, round(self._starts[number + 1] * self._rate))
-            if (still := self._constant_displacement(change, stepper, stop)) is not None:
-                w = np.full(stop - self._next_step, still)
+            if (still := self._quasi_static_displacement(change, stepper, stop)) is not None:
+                w = still
                 specimen = np.full(w.size, self._previous_specimen_v)
             else:
                 specimen = self._slew_limited(
@@ -234,27 +237,41 @@ class Plant:
                     ring[: w.size - head] = values[head:]
             self._next_step = stop
 
-    def _constant_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> float | None:
-        """Return the constant displacement until a grid step, if nothing drives it and nothing rings; else None.
+    def _quasi_static_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> Array | None:
+        """Return the displacement until a grid step where the drive is constant and nothing rings, with its creep; else None.
 
         Half of a bench's time nothing happens, and a held level is as quick as nothing then.
         """
-        first_s, beyond = self._next_step / self._rate, self._parameters.beyond
-        if beyond.creep_per_decade or beyond.hysteresis_width or self._faults.was_ever_active("amplifier-limited"):
+        first_s = self._next_step / self._rate
+        if first_s <= change.end_s + TOUCHDOWN_S or self._faults.was_ever_active("amplifier-limited"):
             return None
-        if first_s <= change.end_s + TOUCHDOWN_S or self._previous_force_n != change.final_force_n:
-            return None
-        left = self._state - stepper.steady_state(self._previous_bending_v, self._previous_force_n)
-        if np.abs(left).max(initial=0.0) * np.abs(stepper.O).max() > RINGING_TOLERANCE_M:
+        ringing = self._state - stepper.steady_state(self._previous_bending_v, self._previous_force_n)
+        tolerance_m = CREEP_TOLERANCE_M if self._parameters.beyond.creep_per_decade else RINGING_TOLERANCE_M
+        if np.abs(ringing).max(initial=0.0) * np.abs(stepper.O).max() > tolerance_m:
             return None
         constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
         if constant is None:
             return None
-        volts, hv = constant
-        requested_v = float(self._amplifier.map.specimen_v(volts)) if hv and not change.state.shorted else 0.0
-        if requested_v != self._previous_specimen_v or change.state.side * requested_v != self._previous_bending_v:
+        input_v, hv = constant
+        specimen_v = float(self._amplifier.map.specimen_v(input_v)) if hv and not change.state.shorted else 0.0
+        if specimen_v != self._previous_specimen_v:
             return None
-        return stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
+        bent_v = float(self._hysteresis.process(np.array([specimen_v]))[0])
+        side, blocks = change.state.side, (stop - self._next_step) // BLOCK
+        jump_v = side * self._voltage_creep.crept(bent_v) - self._previous_bending_v
+        jump_n = self._force_creep.crept(change.final_force_n) - self._previous_force_n
+        if abs(stepper.steady_displacement(jump_v, jump_n)) > tolerance_m:
+            return None
+        if not self._parameters.beyond.creep_per_decade:
+            w_m = stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
+            return np.full(stop - self._next_step, w_m)
+        volts = side * self._voltage_creep.hold(bent_v, blocks)
+        newtons = self._force_creep.hold(change.final_force_n, blocks)
+        self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
+        self._state = stepper.steady_state(self._previous_bending_v, self._previous_force_n)
+        edges = stepper.steady_displacement(1.0, 0.0) * volts + stepper.steady_displacement(0.0, 1.0) * newtons
+        rise = (np.arange(BLOCK) + 1) / BLOCK
+        return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
 
     def _skip_unobserved(self, first: int) -> None:
         """Skip an unobserved span as far as it has decayed before the next observation."""

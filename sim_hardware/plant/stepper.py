@@ -10,6 +10,7 @@ import numpy as np
 
 from model import Array, Complex, Skin, Tactor
 from model.response import load_compliance, system_matrices, tactor_modal_form
+from sim_hardware.plant.nonidealities import linear_recursion
 
 BLOCK = 128
 """Grid steps simulated together; nothing is known of a block before it is complete."""
@@ -91,20 +92,10 @@ class Stepper:
         for drive, before, R in ((volts, previous_v, self.R_V), (newtons, previous_n, self.R_F)):
             if before or drive.any():  # half of a bench's time nothing drives it
                 both += _with_previous(drive, before) @ R
-        states = _recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
+        states = linear_recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
         w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
         w += both[:, :BLOCK]
         return w.ravel(), states[-1]
-
-
-def _recursion(advance: Complex, state: Complex, inputs: Complex) -> Complex:
-    """All states of z' = advance z + push, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
-    states = np.concatenate((state[None], inputs))
-    reach, power = 1, advance
-    while reach < len(states):
-        states[reach:] += power * states[:-reach]
-        reach, power = 2 * reach, power * power
-    return states
 
 
 def _with_previous(drive: Array, previous: float) -> Array:

@@ -6,6 +6,7 @@ import pytest
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
 from model.response.time_response import step_response
+from sim_hardware.plant.nonidealities import Nonidealities
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
 from sim_hardware.plant.plant import Plant
 from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment
@@ -135,3 +136,14 @@ def test_what_stands_still_is_where_the_statics_have_it_and_goes_on_from_there()
     still = parts[(t > 0.9) & (t < 0.97)]
     assert np.ptp(still) == 0.0
     assert still[0] == pytest.approx(1500 * voltage_gain(SimulationParameters().tactor), rel=1e-6)
+
+
+@pytest.mark.deep
+def test_a_held_level_creeps_without_its_motion_as_with_it(monkeypatch):
+    truth = SimulationParameters(beyond=Nonidealities(creep_per_decade=0.015, hysteresis_width=0.05))
+    steps = [(1.0, ConstantSegment(5.0)), (3.0, ConstantSegment(1.0)), (4.0, ConstantSegment(2.5))]
+    t = np.arange(0.5, 6.0, 1e-3)
+    quick = plant_with(*steps, truth=truth).displacement(t)
+    monkeypatch.setattr(Plant, "_quasi_static_displacement", lambda *_: None)
+    assert np.abs(quick - plant_with(*steps, truth=truth).displacement(t)).max() < 2e-9
+    assert np.ptp(quick[(t > 2) & (t < 3)]) > 1e-6
