@@ -37,6 +37,7 @@ from protocols.signals import MAINS_HZ
 
 MAINS_TOLERANCE = 5e-3
 """Relative distance from a multiple of the mains that counts as the mains."""
+OFF_MAINS_REMEDY = "; mains_shift_hz = 3 measures beside the mains (menu Presets, or --set mains_shift_hz=3)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
                 f"Armed: rest is measured; high voltage is on, as confirmed by the operator{stated}",
             )
         case InterferenceMeasured(_, lines) if lines:
-            return Severity.WARNING, f"At rest the laser sees {', '.join(map(_describe_line, lines))}"
+            remedy = "" if all(line.folded or not _mains_of(line) for line in lines) else OFF_MAINS_REMEDY
+            return Severity.WARNING, f"At rest the laser sees {', '.join(map(_describe_line, lines))}{remedy}"
         case RunPaused(reason, high_voltage):
             return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {reason}"
         case RunResumed():
@@ -104,12 +106,15 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
     return None
 
 
+def _mains_of(line: InterferenceLine) -> float:
+    """Return the mains frequency that a line is a multiple of; 0 if of none."""
+    return next((f for f in MAINS_HZ if abs(line.frequency_hz / f - round(line.frequency_hz / f)) < MAINS_TOLERANCE), 0)
+
+
 def _describe_line(line: InterferenceLine) -> str:
     """`0.31 ± 0.01 µm at 50.02 Hz (mains)`."""
     size = format_with_uncertainty(1e6 * line.amplitude_m, 1e6 * line.error_m, "µm")
-    mains = next(
-        (f for f in MAINS_HZ if abs(line.frequency_hz / f - round(line.frequency_hz / f)) < MAINS_TOLERANCE), 0
-    )
+    mains = _mains_of(line)
     kind = f" (mains, {mains:g} Hz)" if mains else ""
     if line.folded:
         kind = f" (folded back from {line.folded_from_hz:.6g} Hz, above half the sample rate)"

@@ -16,6 +16,9 @@ from app.common import write_atomic
 from app.gui.widgets import configure
 from protocols.base import Protocol
 
+MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
+"""Parameter that moves frequencies off the mains, and how far the menu moves them."""
+
 
 class PresetError(Exception):
     """The presets cannot be read or written; the message names the file and the reason."""
@@ -126,6 +129,12 @@ class PresetButton(QToolButton):
         if kind is None:
             return
         menu.addAction("The paper's", lambda: self.preset_chosen.emit(kind.model_validate({})))
+        if MAINS_SHIFT in kind.model_fields:
+            off_mains = menu.addAction(f"These, {MAINS_SHIFT_HZ:g} Hz off the mains", self._shift_off_mains)
+            off_mains.setToolTip(
+                "Frequencies at multiples of 50 and 60 Hz are measured beside them, apart from the hum"
+            )
+            off_mains.setEnabled(self._current() is not None)
         try:
             names = self._presets.names(kind.name)
         except PresetError as error:
@@ -141,6 +150,11 @@ class PresetButton(QToolButton):
                 deletion_menu.addAction(
                     name, partial(self._report_errors, partial(self._presets.delete, kind.name, name))
                 )
+
+    def _shift_off_mains(self) -> None:
+        protocol = self._current()
+        if protocol is not None:
+            self.preset_chosen.emit(type(protocol)(**{**protocol.model_dump(), MAINS_SHIFT: MAINS_SHIFT_HZ}))
 
     def _save_preset(self) -> None:
         protocol = self._current()

@@ -80,6 +80,8 @@ def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.
     actions(find(panel, "measure.presets"))["The paper's"].trigger()
     assert panel.protocol == SineDwell()
     assert list(json.loads(presets_path().read_text("utf-8"))["sine-dwell"]) == ["slow"]
+    actions(find(panel, "measure.presets"))["These, 3 Hz off the mains"].trigger()
+    assert panel.protocol == SineDwell(mains_shift_hz=3.0)
     actions(find(panel, "measure.presets"))["Forget"].menu().actions()[0].trigger()
     assert "slow" not in actions(find(panel, "measure.presets"))
 
