@@ -58,6 +58,11 @@ class AcceptCommand:
         metavar="NAMES",
         help="parameters that are free in addition, e.g. mass_fraction, the share of the added masses that acts",
     )
+    stepwise: bool = switch(
+        "--stepwise",
+        "add the nonidealities that the test of the model proposes, one after the other, until the model is adequate; every step "
+        "is listed with chi-square and what it moves. Proposes only: --also NAMES --accept accepts",
+    )
     fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a fixed value, in SI units or with a unit")
     priors: Sequence[str] = repeated(
         "--prior",
@@ -118,6 +123,12 @@ class AcceptCommand:
             )
         if self.method == "chain" and (self.profile or self.next is not None):
             raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
+        if self.stepwise and self.method == "chain":
+            raise UsageError("--stepwise is for the joint fit: the chain has no nonidealities")
+        if self.stepwise and self.accept:
+            raise UsageError(
+                "--stepwise only proposes: look at its steps, then accept those you agree with by --also NAMES --accept"
+            )
         if not 0 < self.coverage < 1:
             raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
         free = tuple(name.strip() for name in self.free.split(",") if name.strip())
@@ -143,6 +154,7 @@ class AcceptCommand:
             open_run=corrected.open if corrected else Run,
             track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
             sheet="none" if self.sheet == "none" else Path(self.sheet) if self.sheet else None,
+            stepwise=self.stepwise,
         )
         result = identification_command_result(found)
         if found.joint_fit is not None:

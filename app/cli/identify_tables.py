@@ -22,6 +22,7 @@ from model.identification import (
     DecayPoleObservation,
     ExpectedPrecision,
     Explanation,
+    ExtensionStep,
     FrequencyResponseObservation,
     JointFit,
     MassResonanceObservation,
@@ -80,6 +81,41 @@ def also_hint(likeliest: Sequence[Explanation]) -> str:
     return (
         f"the fit with it: identify --also {first.name}; with what is known of it: --prior '{first.name}=VALUE+-ERROR'"
     )
+
+
+def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
+    """Return the steps of a stepwise fit: what was added, chi-square with it, and the parameters that it moved."""
+    fits = [first, *(step.fit for step in steps)]
+    moved = [
+        ", ".join(f"{s.name} {s.before:.4g} to {s.after:.4g} ± {s.standard_error:.2g}" for s in step.explanation.shifts)
+        for step in steps
+    ]
+    return Table(
+        "steps",
+        "Nonidealities added in turn, each proposed by the test of the fit before it",
+        (
+            Column("step", "", list(range(len(fits)))),
+            Column("added", "", ["", *(step.name for step in steps)]),
+            Column("words", "", ["", *(step.explanation.cause_words for step in steps)], "meaning"),
+            Column("chi_square", "", [fit.chi_square for fit in fits], "chi-square", format_spec=".5g"),
+            Column("degrees_of_freedom", "", [fit.degrees_of_freedom for fit in fits], "degrees of freedom"),
+            Column("adequate", "", ["no", *(ADEQUACY_TEXT[step.adequacy.adequate] for step in steps)]),
+            Column("moved", "", ["", *moved]),
+        ),
+    )
+
+
+def steps_note(identification: IdentificationResult) -> str:
+    """Return how a stepwise fit ended, and the option that repeats it, as text."""
+    steps, adequacy = identification.steps, identification.adequacy
+    adequate = adequacy is not None and adequacy.adequate
+    if not steps:
+        return "no nonideality was added: " + (
+            "the model is adequate without any" if adequate else "the test of the model proposes none"
+        )
+    names = ",".join(step.name for step in steps)
+    end = "the model is adequate with them" if adequate else "the model is not adequate with them, and none is proposed"
+    return f"proposed, not accepted: {names.replace(',', ', ')}; {end}. The same fit: identify --also {names}"
 
 
 def rank_proposals(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]:
@@ -254,6 +290,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
+    if identification.first_fit is not None and identification.steps:
+        tables.append(steps_table(identification.first_fit, identification.steps))
     unstated = unstated_errors(identification)
     heading = [
         dimensions_line(identification),
@@ -279,6 +317,9 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         }
         if identification.adequacy.diagnosis is not None and identification.adequacy.diagnosis.likeliest:
             notes += [hint] if (hint := also_hint(identification.adequacy.diagnosis.likeliest)) else []
+        if identification.first_fit is not None:
+            notes.append(steps_note(identification))
+            more["proposed"] = [step.name for step in identification.steps]
         notes += [f"{error.words}." for error in identification.adequacy.undecidable]
     notes += identification.notes
     fixed = {name: value for name, value in identification.fixed.items() if value is not None}

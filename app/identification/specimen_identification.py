@@ -13,6 +13,7 @@ from model.identification import (
     Adequacy,
     CurveValidation,
     DecayPoleObservation,
+    ExtensionStep,
     FitOptions,
     FrequencyResponseObservation,
     JointFit,
@@ -22,6 +23,7 @@ from model.identification import (
     UncertaintyBudget,
     assess_adequacy,
     default_values,
+    extend_stepwise,
     identify_by_paper_chain,
     joint_fit,
     linearized_errors,
@@ -63,6 +65,10 @@ class IdentificationResult:
     """Of a joint fit: the sources of the uncertainties of its estimates."""
     sheet: SpecimenSheet | None = None
     """What dimensions and masses are from; None where the options alone say it."""
+    steps: tuple[ExtensionStep, ...] = ()
+    """Of a stepwise joint fit: the nonidealities that were added to the first fit, in turn."""
+    first_fit: JointFit | None = field(default=None, repr=False)
+    """Of a stepwise joint fit: the one without any of them."""
 
     @property
     def known(self) -> Mapping[str, tuple[float, float]]:
@@ -103,8 +109,11 @@ def identify(
     open_run: Callable[[Path], Run] = Run,
     track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
     sheet: SheetChoice = None,
+    stepwise: bool = False,
 ) -> IdentificationResult:
     """Identify the specimen of these runs; `open_run` may correct them; `n` shapes, default: `shape_count_of_file`.
+
+    A `stepwise` joint fit adds the nonidealities that the adequacy tests propose, in turn, until the model is adequate.
 
     Raises:
         SheetError: the specimen sheet is invalid.
@@ -117,7 +126,7 @@ def identify(
     known = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
-    return identify_observations(specimen, campaign, method, options, left_out, sheet=known)
+    return identify_observations(specimen, campaign, method, options, left_out, sheet=known, stepwise=stepwise)
 
 
 def identify_observations(
@@ -128,6 +137,7 @@ def identify_observations(
     exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
     sheet: SpecimenSheet | None = None,
+    stepwise: bool = False,
 ) -> IdentificationResult:
     """Identify from observations already read; `exclusions` are messages that are added to the notes.
 
@@ -165,7 +175,11 @@ def identify_observations(
             shapes=options.n,
             sheet=sheet,
         )
-    fit = joint_fit(observations, options, progress)
+    fit = first_fit = joint_fit(observations, options, progress)
+    adequacy = assess_adequacy(fit)
+    steps = tuple(extend_stepwise(fit, adequacy)) if stepwise else ()
+    if steps:
+        fit, adequacy = steps[-1].fit, steps[-1].adequacy
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
@@ -180,10 +194,12 @@ def identify_observations(
         notes=(*exclusions, *([] if fit.converged else [fit.message])),
         duration_s=fit.duration_s,
         joint_fit=fit,
-        adequacy=assess_adequacy(fit),
+        adequacy=adequacy,
         shapes=options.n,
         budget=uncertainty_budget(fit),
         sheet=sheet,
+        steps=steps,
+        first_fit=first_fit if stepwise else None,
     )
 
 

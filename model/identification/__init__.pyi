@@ -3,6 +3,8 @@ from .adequacy import assess_adequacy as assess_adequacy
 from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
+from .attribution.stepwise import ExtensionStep as ExtensionStep
+from .attribution.stepwise import extend_stepwise as extend_stepwise
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
 from .experiment_design import ExpectedPrecision as ExpectedPrecision

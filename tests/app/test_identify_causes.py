@@ -56,6 +56,23 @@ def test_the_mass_fraction_is_named_first_and_freed(runs: list[str], capsys: pyt
     assert 1.96 * found["k2"][1] < 0.15 * 7e-3  # with ruler and caliper
 
 
+def test_proposed_nonidealities_are_added_in_turn_and_none_is_accepted(
+    runs: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["identify", *runs, "--stepwise", "--json"]) == 0
+    found = answer(capsys)
+    assert found["adequate"] is True, found["adequacy"]
+    steps = found["steps"]
+    assert steps["added"] == ["", "mass_fraction"]
+    assert steps["chi_square"][1] < steps["chi_square"][0] / 2
+    assert found["proposed"] == ["mass_fraction"]
+    assert "mass_fraction" in found["parameters"]["name"]
+    assert main(["identify", *runs, "--stepwise", "--accept", "--by", "me"]) == 2
+    assert "--stepwise only proposes" in capsys.readouterr().err
+    assert main(["identify", *runs, "--stepwise", "--method", "chain"]) == 2
+    assert "--stepwise is for the joint fit" in capsys.readouterr().err
+
+
 def test_nonidealities_are_for_the_joint_fit(runs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", *runs, "--method", "chain", "--also", "mass_fraction"]) == 2
     assert "are for the joint fit" in capsys.readouterr().err

@@ -1,0 +1,62 @@
+"""Stepwise extension of a fit by the nonidealities that the adequacy tests propose, until the model is adequate."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from model import ParameterError
+from model.identification.adequacy import Adequacy, assess_adequacy
+from model.identification.attribution.explanation import Explanation
+from model.identification.fit_options import IdentificationError
+from model.identification.fit_result import JointFit
+from model.identification.joint_least_squares import joint_fit
+
+MAX_STEPS = 8
+"""Nonidealities that are added at most."""
+
+
+@dataclass(frozen=True)
+class ExtensionStep:
+    """A fit with one proposed parameter more than the fit before it."""
+
+    explanation: Explanation
+    """The proposal that was taken up."""
+    fit: JointFit
+    adequacy: Adequacy
+    """Of the fit with it."""
+
+    @property
+    def name(self) -> str:
+        """The parameter that was added."""
+        return self.explanation.cause.name
+
+
+def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
+    """Return the likeliest cause that a step may add; None where the likeliest are decisions of the operator.
+
+    Those are a point, the scale of one run, and what an instrument states: a length, or the gain of a balance or sensor.
+    """
+    if adequacy.adequate is not False or adequacy.diagnosis is None:
+        return None
+    for explanation in adequacy.diagnosis.likeliest:
+        if explanation.cause.kind == "parameter" and explanation.cause.plausible(fit) is None:
+            return explanation
+    return None
+
+
+def extend_stepwise(fit: JointFit, adequacy: Adequacy, most: int = MAX_STEPS) -> Iterator[ExtensionStep]:
+    """Yield fits with one proposed parameter more each, until one is adequate or no parameter is proposed."""
+    for _ in range(most):
+        proposal = proposed_parameter(fit, adequacy)
+        if proposal is None:
+            return
+        options = fit.options
+        name, start = (
+            proposal.cause.name,
+            {**options.start, **dict(zip(proposal.fit.names, proposal.fit.theta.tolist(), strict=True))},
+        )
+        try:
+            fit = joint_fit(fit.observations, replace(options, also=(*options.also, name), start=start), max_starts=1)
+        except (ParameterError, IdentificationError):
+            return
+        adequacy = assess_adequacy(fit)
+        yield ExtensionStep(proposal, fit, adequacy)
