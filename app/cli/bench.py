@@ -159,7 +159,7 @@ class CommissionCommand(BenchSelection):
 
 def _wait_for_high_voltage_off() -> None:
     print_message(
-        f"{DISABLE_HIGH_VOLTAGE.text}. The amplifier's input stays connected to the generator and to the card. "
+        f"{DISABLE_HIGH_VOLTAGE.text} The amplifier's input stays connected to the generator and to the card. "
         "Press Enter when high voltage is off; Ctrl-C ends this here"
     )
     if not sys.stdin.readline():

@@ -48,6 +48,16 @@ class SensorCalibration:
     gain_relative_uncertainty: float
     residuals_m: tuple[float, ...]
 
+    def rounded(self) -> dict[str, float]:
+        """Return the values of the table [sensor] with the digits that their uncertainty leaves, and one more."""
+        gain_error = abs(self.gain_m_per_v) * self.gain_relative_uncertainty
+        digits = 6 if gain_error <= 0 else max(math.ceil(math.log10(abs(self.gain_m_per_v) / gain_error)) + 2, 3)
+        return {
+            "gain_m_per_v": float(f"{self.gain_m_per_v:.{digits}g}"),
+            "zero_v": round(self.zero_v, 6),
+            "gain_relative_uncertainty": float(f"{self.gain_relative_uncertainty:.2g}"),
+        }
+
 
 def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
     """Fit a line to positions and volts, weighted with their uncertainties.

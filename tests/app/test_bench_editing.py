@@ -86,6 +86,7 @@ def test_two_points_give_gain_and_zero_with_the_gauges_uncertainty() -> None:
     assert found.gain_m_per_v == pytest.approx(-5e-4)
     assert found.zero_v == pytest.approx(1.0)
     assert found.gain_relative_uncertainty == pytest.approx(np.sqrt(2) * 1e-3, rel=0.01)
+    assert found.rounded() == {"gain_m_per_v": -5e-4, "zero_v": 1.0, "gain_relative_uncertainty": 0.0014}
     assert found.residuals_m == pytest.approx((0, 0), abs=1e-12)
 
 

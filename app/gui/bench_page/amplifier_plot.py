@@ -52,7 +52,6 @@ class AmplifierPlot(PlotBase):
         self._rest.setData([amplifier.rest_v], [0.0])
         self.plot.setXRange(inputs[0], inputs[-1], padding=0.06)
         self.plot.setYRange(float(volts[0]), float(volts[-1]), padding=0.1)
-        self.corner_label.set_text(f"{volts[0]:+.0f} … {volts[-1]:+.0f} V".replace("-", "−"))
 
     def show_input(self, volts: float | None) -> None:
         """Mark the present volts at the input; None for no mark."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QWidget
 
 from app.common import UnitError, to_number
@@ -27,6 +27,8 @@ from protocols.base import format_with_uncertainty
 
 VALID_FOR = timedelta(days=365)
 """Initial value of the due date; the laboratory's own rule takes precedence."""
+
+RESULT_HEIGHT = 96
 
 HELP_TEXT = (
     "Put the target at a position that you know (gauge blocks, a micrometer), wait until the volts stand still, type the position and "
@@ -67,7 +69,9 @@ class CalibrationPanel(QWidget):
         self.remove_button = make_button("Remove point", self.remove_point, name="bench.calibration.remove")
         self.apply_button = make_button("Use this calibration", self.apply, "go", name="bench.calibration.apply")
         self.message_label = configure(StatusLine(), "bench.calibration.message")
-        self.result_label = make_label(kind="large", name="bench.calibration.result")
+        # A fixed height: the buttons below do not move with the text.
+        self.result_label = make_label(kind="large", name="bench.calibration.result", minimumHeight=RESULT_HEIGHT)
+        self.result_label.setAlignment(Qt.AlignmentFlag.AlignTop)
         today = datetime.now(UTC).astimezone().date()
         self.calibrated_edit = _edit("bench.calibration.calibrated", "calibrated on", "YYYY-MM-DD", today.isoformat())
         self.expires_edit = _edit(
@@ -102,7 +106,8 @@ class CalibrationPanel(QWidget):
         elif math.isnan(reading.sensor_error_v):
             self.volts_label.setText(f"{reading.sensor_v:.4f} V")
         else:
-            self.volts_label.setText(format_with_uncertainty(reading.sensor_v, reading.sensor_error_v, "V"))
+            text = format_with_uncertainty(reading.sensor_v, reading.sensor_error_v, "V")
+            self.volts_label.setText(text.replace("-", "−"))
         self.take_button.setEnabled(reading is not None)
         self.move_button.setEnabled(reading is not None)
 
@@ -160,10 +165,8 @@ class CalibrationPanel(QWidget):
                 return
         self.applied.emit(
             {
-                "gain_m_per_v": self.result.gain_m_per_v,
-                "zero_v": self.result.zero_v,
-                "gain_relative_uncertainty": self.result.gain_relative_uncertainty,
-                "calibration_points": tuple((point.position_m, point.volts) for point in self.points),
+                **self.result.rounded(),
+                "calibration_points": tuple((point.position_m, round(point.volts, 6)) for point in self.points),
                 **days,
             }
         )

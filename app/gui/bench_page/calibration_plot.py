@@ -10,6 +10,8 @@ from app.config import CalibrationPoint, SensorCalibration
 from app.gui.plots import PlotBase, PlotSeries, series_of
 from app.gui.widgets import Theme
 
+LEAST_RANGE_UM = 0.01
+
 
 class CalibrationPlot(PlotBase):
     """Points and line; residuals below on the same volts."""
@@ -48,14 +50,21 @@ class CalibrationPlot(PlotBase):
     def show_points(self, points: Sequence[CalibrationPoint], found: SensorCalibration | None) -> None:
         """Draw the points, and the line if there is one."""
         volts = np.array([point.volts for point in points])
-        self._points.setData(volts, np.array([1e6 * point.position_m for point in points]))
+        positions_um = np.array([1e6 * point.position_m for point in points])
+        self._points.setData(volts, positions_um)
+        if len(points) > 1:
+            self._plots[0].setXRange(volts.min(), volts.max(), padding=0.08)
+            self._plots[0].setYRange(positions_um.min(), positions_um.max(), padding=0.12)
         if found is None:
             self._line.setData([], [])
             self._residuals.clear()
             return
         ends = np.array([volts.min(), volts.max()])
         self._line.setData(ends, 1e6 * found.gain_m_per_v * (ends - found.zero_v))
-        self._residuals.setData(volts, 1e6 * np.array(found.residuals_m))
+        residuals_um = 1e6 * np.array(found.residuals_m)
+        self._residuals.setData(volts, residuals_um)
+        largest_um = max(float(np.abs(residuals_um).max()), LEAST_RANGE_UM)
+        self._plots[1].setYRange(-largest_um, largest_um, padding=0.15)
 
     def _series(self) -> Iterable[PlotSeries]:
         return [*series_of("points", self._points), *series_of("line", self._line)]

@@ -48,13 +48,15 @@ class CommissioningPanel(QWidget):
         self._picture = QPixmap()
         self.start_button = make_button("Commission", self.start_pressed.emit, "go", name="bench.commission")
         self.progress_label = make_label(kind="large", name="bench.commission.progress")
-        self.stop_button = make_button("Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop")
+        self.stop_button = make_button(
+            "Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop", minimumHeight=36
+        )
         self.confirm_button = make_button(
             "High voltage is off", self._confirm, name="bench.commission.confirm", minimumHeight=36
         )
         self.prompt = make_panel(
             make_label(
-                f"{DISABLE_HIGH_VOLTAGE.text}. The amplifier's input stays connected to the generator and to the card."
+                f"{DISABLE_HIGH_VOLTAGE.text} The amplifier's input stays connected to the generator and to the card."
             ),
             row(self.confirm_button, STRETCH),
             margins=(12, 8, 12, 8),

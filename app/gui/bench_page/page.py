@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, QUrl, Signal
-from PySide6.QtGui import QDesktopServices, QHideEvent
+from PySide6.QtGui import QAction, QDesktopServices, QHideEvent
 from PySide6.QtWidgets import QLineEdit, QSplitter, QWidget
 
 from app.config import BenchConfig, BenchDraft, ConfigError, FoundDevice, bench_files, find_devices
@@ -14,6 +14,7 @@ from app.gui.bench_page.bench_list import BenchList
 from app.gui.bench_page.calibration_panel import CalibrationPanel
 from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.further_tables import FurtherTables
+from app.gui.bench_page.live_panel import LivePanel
 from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile, TileGrid
 from app.gui.bench_page.wiring_panel import WiringPanel
 from app.gui.widgets import (
@@ -104,6 +105,16 @@ class BenchPage(QSplitter):
             make_choice("Calibrate …", "Two or more positions with their volts", checkable=True), "bench.calibrate"
         )
         self.sensor = SensorTile(self.calibrate_button)
+        self.live_button = configure(
+            make_choice("Live view, level and tone by hand", "Traces, to align the laser", checkable=True), "bench.live"
+        )
+        self.simulation_button = configure(
+            make_choice("Speed, prompts and faults of the simulated bench   (F9)"), "bench.simulation"
+        )
+        self.simulation_button.setVisible(config.simulated)
+        self.simulation_button.clicked.connect(self._toggle_simulation)
+        self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
+        self.live.hide()
         self.wiring = WiringPanel(theme)
         self.commissioning = CommissioningPanel(self._worker, theme)
         self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
@@ -124,10 +135,12 @@ class BenchPage(QSplitter):
             tile.set_status(by_role.get(tile.role), view.problem)
         self.wiring.set_state(view, self._can_run)
         self.commissioning.set_enabled(self._can_run)
+        self.live.set_enabled(self._can_run)
         self._update_buttons()
 
     def set_theme(self, theme: Theme) -> None:
         self.amplifier.plot.set_theme(theme)
+        self.live.set_theme(theme)
         self.calibration.set_theme(theme)
         self.wiring.set_theme(theme)
         self.commissioning.set_theme(theme)
@@ -146,6 +159,9 @@ class BenchPage(QSplitter):
         for tile in (self.amplifier, self.card, self.sensor):
             tile.show_reading(reading)
         self.calibration.show_reading(reading)
+        if self.live.isVisible():
+            self.live.show_reading(reading, self._config.sensor)
+            self.live.tick()
         self.commissioning.tick()
 
     def hideEvent(self, event: QHideEvent) -> None:
@@ -301,10 +317,15 @@ class BenchPage(QSplitter):
         if self._state is not None:
             self.wiring.set_state(self._state, self._can_run)
         self.commissioning.set_enabled(self._can_run)
+        self.live.set_enabled(self._can_run)
         if draft is None:
             return
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
         self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
+
+    def _toggle_simulation(self) -> None:
+        if (action := self.window().findChild(QAction, "faults.toggle")) is not None:
+            action.trigger()
 
     def _show_calibration(self, shown: bool) -> None:
         self.calibration.setVisible(shown)
@@ -322,6 +343,9 @@ class BenchPage(QSplitter):
             self.message_label,
             TileGrid(self.tiles),
             self.further,
+            self.simulation_button,
+            self.live_button,
+            self.live,
             self.calibration,
             self.commissioning,
             self.wiring,
@@ -340,6 +364,8 @@ class BenchPage(QSplitter):
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])
         self.calibrate_button.toggled.connect(self._show_calibration)
+        self.live_button.toggled.connect(self.live.setVisible)
+        self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self._use_calibration)
         self.commissioning.start_pressed.connect(self.commission)
         self.commissioning.stop_pressed.connect(self.stop_requested)

@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import ValidationError
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QGridLayout, QSizePolicy, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QSizePolicy, QWidget
 
 from app.config import ConfigTable
 from app.gui.widgets import FieldRow, column, field_error, grid, make_choice, make_field
@@ -55,6 +55,8 @@ class TableForm(QWidget):
             row.editor.blockSignals(True)
             row.set_value(getattr(record, name))
             row.editor.blockSignals(False)
+            if isinstance(row.editor, QLineEdit):
+                row.editor.setCursorPosition(0)  # the beginning of a long text is seen
             _show_fault(row, "")
 
     @property

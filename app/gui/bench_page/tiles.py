@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QSize, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
@@ -39,13 +39,15 @@ class Tile(QFrame):
         self.title_label = make_label(f"{number}  {title}", "caption", wrap=False)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
-        self.live_label = make_label(kind="value", wrap=False, name=f"bench.{role}.live")
+        self.live_label = make_label(kind="value", name=f"bench.{role}.live")
         self.found_box = configure(
             QComboBox(),
             f"bench.{role}.found",
             accessibleName=f"{title}: instruments that were found",
             toolTip="What the scan found; a choice fills in address, driver and serial number",
             visible=False,
+            sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
+            minimumContentsLength=10,
         )
         self._found: tuple[FoundDevice, ...] = ()
         self.found_box.activated.connect(self._on_found_chosen)
@@ -152,8 +154,10 @@ class AmplifierTile(Tile):
         if reading is None:
             self.live_label.setText("")
             return
-        volts = float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0])
-        self.live_label.setText(f"{volts:+.0f} V if high voltage is on".replace("-", "−"))
+        volts = round(float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0]))
+        self.live_label.setText(
+            f"{volts:+d} V with high voltage".replace("-", "−") if volts else "0 V with high voltage"
+        )
 
     def _on_changed(self) -> None:
         if not self.form.has_faults:
@@ -234,20 +238,26 @@ class SensorTile(Tile):
 class TileGrid(QWidget):
     """Tiles in a row where there is room, else in two columns or one."""
 
-    LEAST_WIDTH = 240
-
     def __init__(self, tiles: Sequence[QWidget]) -> None:
         super().__init__()
         self._tiles, self._columns = tuple(tiles), 0
         self._layout = QGridLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setSpacing(8)
+        self._layout.setSizeConstraint(QGridLayout.SizeConstraint.SetNoConstraint)
         self._arrange(1)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        fitting = max(self.width() // self.LEAST_WIDTH, 1)
-        self._arrange(4 if fitting >= 4 else 2 if fitting >= 2 else 1)
+        fitting = [columns for columns in (4, 2) if self._least_width(columns) <= self.width()]
+        self._arrange(fitting[0] if fitting else 1)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(self._least_width(1), super().minimumSizeHint().height())
+
+    def _least_width(self, columns: int) -> int:
+        widths = [tile.minimumSizeHint().width() for tile in self._tiles]
+        return sum(max(widths[at::columns]) for at in range(columns)) + (columns - 1) * self._layout.spacing()
 
     def _arrange(self, columns: int) -> None:
         if columns == self._columns:

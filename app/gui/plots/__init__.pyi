@@ -17,4 +17,5 @@ from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
 from .series import PlotSeries as PlotSeries
 from .series import series_of as series_of
+from .time_plot import TimePlot as TimePlot
 from .zoom import ZoomBox as ZoomBox

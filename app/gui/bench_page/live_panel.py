@@ -1,0 +1,156 @@
+"""Live view of the Bench page: traces, the laser's place in its range, and a level or a tone played by hand."""
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.common import UsageError
+from app.config import SensorTable
+from app.gui.plots import TimePlot
+from app.gui.widgets import (
+    STRETCH,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_panel,
+    make_progress_bar,
+    row,
+)
+from app.live import LiveFeed, Reading
+from app.session import build_protocol
+from model import AmplifierMap
+from protocols.base import Protocol
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.voltage_steps import VoltageSteps
+
+BAR_STEPS = 1000
+ABOUT_TEXT = (
+    "A level or a tone by hand is a run like any other: it is armed with the prompts for high voltage, kept within the drive limits, stored, "
+    "and ramped to rest at its end, by Stop (Esc, F12) and by every failure."
+)
+
+
+class LivePanel(QWidget):
+    """The live view; the traces are made when it is first shown.
+
+    Args:
+        feed: of the samples.
+        amplifier: of the open bench.
+        simulated: whether it is simulated.
+        theme: at the beginning.
+    """
+
+    run_requested = Signal(object)
+
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool, theme: Theme) -> None:
+        super().__init__()
+        self._theme, self._simulated = theme, simulated
+        self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier, self._theme)
+        self.plot: TimePlot | None = None
+        self.range_bar = make_progress_bar(BAR_STEPS, 16, "bench.align.bar")
+        self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
+        self.range_label = make_label("no live volts", "value", wrap=False, name="bench.align.text")
+        self.level_edit = _edit(
+            "bench.hand.level", "level at the amplifier's input in V", f"{amplifier.rest_v + 0.1:g}"
+        )
+        self.level_s_edit = _edit("bench.hand.level-s", "duration of the level in s", "10")
+        self.frequency_edit = _edit("bench.hand.frequency", "frequency of the tone in Hz", "100")
+        self.swing_edit = _edit("bench.hand.swing", "peak to peak at the amplifier's input in V", "0.2")
+        self.tone_s_edit = _edit("bench.hand.tone-s", "duration of the tone in s", "10")
+        self.level_button = make_button("Hold level", self._hold, name="bench.hand.hold")
+        self.tone_button = make_button("Play tone", self._play, name="bench.hand.play")
+        self.message_label = configure(StatusLine(), "bench.hand.message")
+        self._place = QWidget()
+        self._place_layout = column(parent=self._place, margins=(0, 0, 0, 0))
+        self._place.setMinimumHeight(240)
+        panel = make_panel(
+            make_label("Live view", "heading", wrap=False),
+            row(self.range_label, (self.range_bar, 1)),
+            self._place,
+            make_label(ABOUT_TEXT),
+            row(
+                make_label("Level", wrap=False),
+                self.level_edit,
+                make_label("V for", wrap=False),
+                self.level_s_edit,
+                make_label("s", wrap=False),
+                self.level_button,
+                STRETCH,
+            ),
+            row(
+                make_label("Tone", wrap=False),
+                self.frequency_edit,
+                make_label("Hz,", wrap=False),
+                self.swing_edit,
+                make_label("V peak to peak for", wrap=False),
+                self.tone_s_edit,
+                make_label("s", wrap=False),
+                self.tone_button,
+                STRETCH,
+            ),
+            self.message_label,
+            margins=(10, 8, 10, 8),
+            spacing=6,
+        )
+        column(panel, parent=self, margins=(0, 0, 0, 0))
+
+    def set_theme(self, theme: Theme) -> None:
+        self._theme = theme
+        if self.plot is not None:
+            self.plot.set_theme(theme)
+
+    def set_enabled(self, enabled: bool) -> None:
+        """Allow a run by hand, or not."""
+        self.level_button.setEnabled(enabled)
+        self.tone_button.setEnabled(enabled)
+
+    def show_reading(self, reading: Reading | None, sensor: SensorTable) -> None:
+        """Show where in its range the sensor sees the target."""
+        if reading is None:
+            self.range_label.setText("no live volts")
+            self.range_bar.setValue(0)
+            return
+        low, high = sensor.valid_low_v, sensor.valid_high_v
+        share = (reading.sensor_v - low) / (high - low)
+        self.range_bar.setValue(round(BAR_STEPS * min(max(share, 0.0), 1.0)))
+        where = f"{100 * share:.0f} % of its range: aim at 50 %" if 0 <= share <= 1 else "OUT OF RANGE: move the sensor"
+        self.range_label.setText(f"{round(reading.sensor_v, 3) + 0.0:.3f} V, {where}".replace("-", "−"))
+
+    def tick(self) -> None:
+        """Redraw the traces."""
+        if self.plot is None:
+            self.plot = self._make_plot()
+            self.plot.show_simulated(self._simulated)
+            self._place_layout.addWidget(self.plot)
+        self.plot.tick()
+
+    def _hold(self) -> None:
+        self._request(
+            VoltageSteps,
+            {"levels_v": self.level_edit, "hold_s": self.level_s_edit},
+            {"repeats": 1, "order": "up", "rest_s": 0.5},
+        )
+
+    def _play(self) -> None:
+        self._request(
+            SineDwell,
+            {"frequencies_hz": self.frequency_edit, "peak_to_peak_v": self.swing_edit, "record_s": self.tone_s_edit},
+            {},
+        )
+
+    def _request(self, kind: type[Protocol], edits: dict[str, QLineEdit], others: dict[str, object]) -> None:
+        try:
+            protocol = build_protocol(kind, {name: edit.text().strip() for name, edit in edits.items()} | others)
+        except UsageError as error:
+            self.message_label.show_message(str(error), is_error=True)
+            return
+        self.message_label.show_message("")
+        self.run_requested.emit(protocol)
+
+
+def _edit(name: str, label: str, text: str) -> QLineEdit:
+    return configure(QLineEdit(text), name, accessibleName=label, toolTip=label, minimumWidth=60, maximumWidth=90)
