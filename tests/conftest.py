@@ -14,6 +14,8 @@ from zlib import crc32
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is there
+
 from drivers.transport import lock
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.history_report import VoltageReport
