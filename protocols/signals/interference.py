@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from model import Array
+from model import Array, Complex
 from protocols.base import InterferenceLine
 from protocols.signals.extremes import WAVEFORM_ORDERS
-from protocols.signals.sine import NYQUIST_SHARE, sine_basis
+from protocols.signals.sine import NYQUIST_SHARE, fit_lines, line_fit_samples, line_samples, sine_basis
 
 MAINS_HZ = (50.0, 60.0)
 """Mains of the world; their harmonics are looked at whether or not they are significant."""
@@ -111,13 +111,8 @@ def remove_lines(
             apart.append(line.frequency_hz)
     if not apart:
         return samples, coincident
-    frequencies = np.concatenate([orders * frequency_hz, apart])
-    solution = _solve(samples, rate_hz, frequencies)
-    solution[: 2 + 2 * orders.size] = 0.0
-    cleaned = np.empty(len(samples))
-    for part, basis in sine_basis(len(samples), rate_hz, frequencies):
-        cleaned[part] = samples[part] - solution @ basis
-    return cleaned, coincident
+    fit = fit_lines(samples, rate_hz, np.concatenate([orders * frequency_hz, apart]))
+    return samples - line_samples(fit.components[orders.size :], np.array(apart), len(samples), rate_hz), coincident
 
 
 def folded_frequencies(
@@ -204,15 +199,16 @@ def _refined(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) ->
     count, resolution_hz = start.size, rate_hz / n
     frequencies = start
     for _ in range(MAX_FREQUENCY_STEPS):
-        solution = _solve(samples, rate_hz, frequencies)
+        fit = fit_lines(samples, rate_hz, frequencies)
+        residual = samples - line_fit_samples(fit, n, rate_hz)
         size = 2 + 3 * count
         gram, moment = np.zeros((size, size)), np.zeros(size)
         for part, basis in sine_basis(n, rate_hz, frequencies):
             centred = 2 * np.pi * (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
-            slopes = solution[2::2, None] * basis[3::2] - solution[3::2, None] * basis[2::2]
+            slopes = fit.components.real[:, None] * basis[3::2] - fit.components.imag[:, None] * basis[2::2]
             extended = np.concatenate((basis, slopes * centred))
             gram += extended @ extended.T
-            moment += extended @ (samples[part] - solution @ basis)
+            moment += extended @ residual[part]
         # Columns of one size: those of the frequencies carry the lines' amplitudes in metres.
         scale = 1 / np.sqrt(np.diag(gram))
         step = (scale * np.linalg.solve(gram * np.outer(scale, scale), scale * moment))[-count:]
@@ -227,20 +223,7 @@ def _without(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) ->
     return _fit(samples, rate_hz, frequencies_hz)[1]
 
 
-def _fit(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> tuple[Array, Array]:
+def _fit(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) -> tuple[Complex, Array]:
     """Return the complex amplitudes of lines fitted together, and what they leave of the samples."""
-    frequencies = np.asarray(frequencies_hz, float)
-    solution = _solve(samples, rate_hz, frequencies)
-    left = np.empty(len(samples))
-    for part, basis in sine_basis(len(samples), rate_hz, frequencies):
-        left[part] = samples[part] - solution @ basis
-    return solution[2::2] + 1j * solution[3::2], left
-
-
-def _solve(samples: Array, rate_hz: float, frequencies_hz: Array) -> Array:
-    unknowns = 2 + 2 * len(frequencies_hz)
-    gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for part, basis in sine_basis(len(samples), rate_hz, frequencies_hz):
-        gram += basis @ basis.T
-        moment += basis @ samples[part]
-    return np.asarray(np.linalg.solve(gram, moment))
+    fit = fit_lines(samples, rate_hz, np.array(frequencies_hz, float))
+    return fit.components, samples - line_fit_samples(fit, len(samples), rate_hz)

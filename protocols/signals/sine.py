@@ -71,34 +71,22 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
     n = len(samples)
     if n <= unknowns:
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
-    x = np.ascontiguousarray(samples, float)
-    omega = 2 * np.pi / rate_hz * _harmonics_hz(frequency_hz, orders)
-    moments = _line_moments(x, omega)
-    even_gram, odd_gram = _grams(n, omega)
-    even, odd = np.linalg.solve(even_gram, moments.even), np.linalg.solve(odd_gram, moments.odd)
-    # Sine and cosine about the middle of the record; t = 0 is at the first sample.
-    components = (odd[1:] + 1j * even[1:]) * np.exp(-0.5j * (n - 1) * omega)
-    fit = SineFit(frequency_hz, components, float(even[0]), float(odd[0]) * 2 * rate_hz / (n - 1), 0.0, 0.0)
-    energy = float(x @ x)
-    left = energy - float(even @ moments.even) - float(odd @ moments.odd)
-    if left < MIN_MISFIT_SHARE * energy:
-        left = _misfit(x, rate_hz, fit)
-    noise = float(np.sqrt(left / (n - unknowns)))
-    return replace(fit, noise=noise, standard_error=noise * float(np.sqrt(2 / n)))
+    lines = fit_lines(samples, rate_hz, _harmonics_hz(frequency_hz, orders))
+    noise = float(np.sqrt(lines.misfit / (n - unknowns)))
+    return SineFit(
+        frequency_hz=frequency_hz,
+        components=lines.components,
+        offset=lines.offset,
+        drift_per_s=lines.drift_per_s,
+        noise=noise,
+        standard_error=noise * float(np.sqrt(2 / n)),
+    )
 
 
 def fitted_samples(fit: SineFit, count: int, rate_hz: float) -> tuple[Array, Array]:
     """Return the straight line and the periodic waveform of a fit at its samples, (count,) each."""
-    omega = 2 * np.pi / rate_hz * _harmonics_hz(fit.frequency_hz, len(fit.components))
-    length = min(count, BLOCK_SAMPLES)
-    table = np.exp(1j * np.multiply.outer(omega, np.arange(length)))
-    starts = length * np.arange(-(-count // length))
-    turned = fit.components * np.exp(1j * np.multiply.outer(starts, omega))
-    blocks = np.hstack([turned.imag, turned.real]) @ np.vstack([table.real, table.imag])
-    middle = 0.5 * (count - 1)
-    line = fit.offset + fit.drift_per_s / rate_hz * np.linspace(-middle, middle, count)
-    waveform: Array = blocks.reshape(-1)[:count]
-    return line, waveform
+    waveform = line_samples(fit.components, _harmonics_hz(fit.frequency_hz, len(fit.components)), count, rate_hz)
+    return _straight_line(fit.offset, fit.drift_per_s, count, rate_hz), waveform
 
 
 def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
@@ -130,6 +118,76 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
         if abs(step) < 1e-9 * frequency_hz:
             break
     return frequency_hz
+
+
+@dataclass(frozen=True, slots=True)
+class LineFit:
+    """Least-squares spectral lines with offset and linear drift.
+
+    Attributes:
+        frequencies_hz: (J,).
+        components: complex amplitudes, (J,), in the unit of the samples.
+        offset, drift_per_s: of the straight line underneath, at the middle of the record.
+        misfit: sum of the squared residuals.
+    """
+
+    frequencies_hz: Array
+    components: Complex
+    offset: float
+    drift_per_s: float
+    misfit: float
+
+
+def fit_lines(samples: Array, rate_hz: float, frequencies_hz: Array) -> LineFit:
+    """Fit sines of known frequencies together.
+
+    Args:
+        samples: (N,), evenly spaced.
+        rate_hz: samples per second.
+        frequencies_hz: (J,), apart from each other and below half the sample rate.
+    """
+    x = np.ascontiguousarray(samples, float)
+    n = x.size
+    omega = 2 * np.pi / rate_hz * np.asarray(frequencies_hz, float)
+    moments = _line_moments(x, omega)
+    even_gram, odd_gram = _grams(n, omega)
+    even, odd = np.linalg.solve(even_gram, moments.even), np.linalg.solve(odd_gram, moments.odd)
+    # Sine and cosine about the middle of the record; t = 0 is at the first sample.
+    components = (odd[1:] + 1j * even[1:]) * np.exp(-0.5j * (n - 1) * omega)
+    fit = LineFit(
+        np.asarray(frequencies_hz, float), components, float(even[0]), float(odd[0]) * 2 * rate_hz / (n - 1), 0.0
+    )
+    energy = float(x @ x)
+    misfit = energy - float(even @ moments.even) - float(odd @ moments.odd)
+    if misfit < MIN_MISFIT_SHARE * energy:
+        residual = x - line_fit_samples(fit, n, rate_hz)
+        misfit = float(residual @ residual)
+    return replace(fit, misfit=misfit)
+
+
+def line_fit_samples(fit: LineFit, count: int, rate_hz: float) -> Array:
+    """Return lines, offset and drift of a fit at its samples, (count,)."""
+    lines = line_samples(fit.components, fit.frequencies_hz, count, rate_hz)
+    lines += _straight_line(fit.offset, fit.drift_per_s, count, rate_hz)
+    return lines
+
+
+def line_samples(components: Complex, frequencies_hz: Array, count: int, rate_hz: float) -> Array:
+    """Return the sum of lines at samples, (count,); blocks of samples share one table of sines."""
+    omega = 2 * np.pi / rate_hz * frequencies_hz
+    length = min(count, BLOCK_SAMPLES)
+    table = np.exp(1j * np.multiply.outer(omega, np.arange(length)))
+    starts = length * np.arange(-(-count // length))
+    turned = components * np.exp(1j * np.multiply.outer(starts, omega))
+    blocks = np.hstack([turned.imag, turned.real]) @ np.vstack([table.real, table.imag])
+    samples: Array = blocks.reshape(-1)[:count]
+    return samples
+
+
+def _straight_line(offset: float, drift_per_s: float, count: int, rate_hz: float) -> Array:
+    """Return a straight line whose offset is that of the middle of the record."""
+    middle = 0.5 * (count - 1)
+    return offset + drift_per_s / rate_hz * np.linspace(-middle, middle, count)
 
 
 class _Moments(NamedTuple):
@@ -200,13 +258,6 @@ def _even_sums(angle: Array, n: int) -> tuple[Array, Array, Array]:
         np.where(small, -squares * angle, slope),
         np.where(small, -squares, curvature),
     )
-
-
-def _misfit(x: Array, rate_hz: float, fit: SineFit) -> float:
-    """Return the energy of the residual in a second pass, for samples that a fit leaves next to nothing of."""
-    line, waveform = fitted_samples(fit, x.size, rate_hz)
-    residual = x - line - waveform
-    return float(residual @ residual)
 
 
 def sine_basis(n: int, rate_hz: float, frequencies_hz: Array) -> Iterator[tuple[slice, Array]]:
