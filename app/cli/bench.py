@@ -94,6 +94,8 @@ class CheckCommand(ProtocolOptions):
             for remedy, same in checks_by_remedy(check for check in checks if not check.passed).items():
                 names = ", ".join(check.name for check in same)
                 Console(stderr=True, markup=False).print(f"{names}: {remedy}", highlight=False, soft_wrap=True)
+        if passed and not self.json:
+            print_message(f"Next: tactor-bench run sine-dwell --bench {self.bench} --set 'peak_to_peak_v=1 V'")
         return code if passed or code != ExitCode.DONE else ExitCode.FAILED
 
 
@@ -154,7 +156,11 @@ class CommissionCommand(BenchSelection):
             rest_v = bench.config.amplifier.rest_v
             with writing_output(self.picture, PICTURE_SUFFIXES):
                 draw_commissioning(title, done.result.traces, rest_v, bench.config.simulated, self.picture)
-        return ExitCode.DONE if record["verdict"] == OutputVerdict.PASS else ExitCode.FAILED
+        if record["verdict"] != OutputVerdict.PASS:
+            return ExitCode.FAILED
+        if not self.json:
+            print_message(f"Next: tactor-bench check --bench {self.bench}, with high voltage on")
+        return ExitCode.DONE
 
 
 def _wait_for_high_voltage_off() -> None:
@@ -237,6 +243,11 @@ class DevicesCommand(DiscoveryOptions):
         Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
         for note in notes:
             print_message(note)
+        if any(one.role in ("generator", "supply", "card") for one in found):
+            asked = "".join(f" --host {host}" for host in self.hosts) + (f" --server {self.server}" * bool(self.server))
+            print_message(
+                f"Next: tactor-bench bench new bench1.toml{asked}, then tactor-bench commission --bench bench1.toml"
+            )
         return ExitCode.DONE
 
 
@@ -263,6 +274,7 @@ class NewBenchCommand(DiscoveryOptions):
         print_message(
             f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it"
         )
+        print_message(f"Next: tactor-bench commission --bench {self.file}, with high voltage off")
         return ExitCode.DONE
 
 

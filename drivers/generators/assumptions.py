@@ -4,6 +4,7 @@ The table of docs/generators.md is written from here. The values come from the d
 without evidence is unproven: `tactor-bench commission` measures those that show at the output, before high voltage is on.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,6 +22,9 @@ PYMEASURE, QCODES, TM_DEVICES = "PyMeasure at 32503b8", "QCoDeS at 19fae2b", "tm
 MENLO = "Menlo Systems' DG1000Z driver"
 GUIDE_33220A = "33220A User's Guide"
 DG1000Z_GUIDE = "DG1000Z Programming Guide"
+
+SUPPLY_MODELS = ("E36", "DP8", "SPD")
+"""How the names of the supplies of drivers.supplies.dialects begin."""
 
 
 class OutputCheck(StrEnum):
@@ -71,12 +75,26 @@ class Assumption:
         names = self.models.split(", ")
         if "two channels" in names:
             return model.startswith("33") and model[4:5] == "2"
+        if self.driver == "dc-supply":
+            return any(_is_supply(model.upper(), name) for name in names)
         return any(model.upper().startswith(name.rstrip("ABCXZ").rstrip("0")) for name in names)
 
 
+def _is_supply(model: str, name: str) -> bool:
+    """Return whether a name of the table is that of a supply: `E36300` means E36312A too, `E3640A-E3649A` all between."""
+    if name == "all":
+        return True
+    first, _, last = name.partition("-")
+    if last:
+        return len(model) == len(first) and first <= model <= last
+    digits = first.rstrip("0")
+    return re.match(re.escape(digits) + r"\d" * (len(first) - len(digits)), model) is not None
+
+
 def assumptions_about(model: str) -> tuple[Assumption, ...]:
-    """Return the assumptions about a model of a function generator; none about one without a driver of this package."""
-    return tuple(each for each in assumptions() if each.driver != "dc-supply" and each.is_about(model))
+    """Return the assumptions about a model of a function generator or supply; none about one without a driver of this package."""
+    is_supply = model.upper().startswith(SUPPLY_MODELS)
+    return tuple(each for each in assumptions() if (each.driver == "dc-supply") == is_supply and each.is_about(model))
 
 
 def assumptions() -> Iterator[Assumption]:
@@ -402,9 +420,21 @@ SUPPLIES = (
         "off: it switches the output off",
         "DP800 Programming Guide p. 2-57",
     ),
-    Assumption("dc-supply", "E36300", "pairing of outputs", "`OUTP:PAIR OFF`, where the model knows it"),
+    Assumption(
+        "dc-supply",
+        "E36300",
+        "pairing of outputs",
+        "`OUTP:PAIR OFF`, where the model knows it",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    ),
     Assumption("dc-supply", "E3631A, E3646A-E3649A, DP800", "tracking", "off, where the model knows it"),
-    Assumption("dc-supply", "SPD3303", "series or parallel", "bit 3 of the status word; `OUTP:TRACK 0` ends it"),
+    Assumption(
+        "dc-supply",
+        "SPD3303",
+        "series or parallel",
+        "bit 3 of the status word; `OUTP:TRACK 0` ends it",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    ),
     Assumption("dc-supply", "E36100, E36231A, E36232A", "channel lists", "none"),
     Assumption(
         "dc-supply",
@@ -414,5 +444,25 @@ SUPPLIES = (
         f"{PYMEASURE} (keysightE364xA)",
     ),
     Assumption("dc-supply", "E3631A", "output off", "up to 0.6 V of the other sign: never sent", "E3631A manual p. 79"),
-    Assumption("dc-supply", "all", "fall of the output", "within `fall_time_s`, measured by its own voltmeter"),
+    Assumption(
+        "dc-supply",
+        "all",
+        "volts of the level",
+        "those of the loaded output",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    ),
+    Assumption(
+        "dc-supply",
+        "all",
+        "output while the level is stepped",
+        "between the two levels",
+        checks=(OutputCheck.SETTINGS,),
+    ),
+    Assumption(
+        "dc-supply",
+        "all",
+        "fall of the output",
+        "within `fall_time_s`, measured by its own voltmeter",
+        checks=(OutputCheck.REST,),
+    ),
 )

@@ -148,11 +148,15 @@ def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
         "MY00000001",
     )
     assert (card["role"], card["where"], card["serial"]) == ("card", "Dev1", "1A2B3C4")
+    assert main(["devices", *addresses]) == ExitCode.DONE
+    told = capsys.readouterr().err
+    assert f"Next: tactor-bench bench new bench1.toml {' '.join(addresses)}, then tactor-bench commission" in told
 
 
 def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], capsys: Any) -> None:
     assert main(["devices", "--host", "127.0.0.1:9"]) == ExitCode.DONE
     output = capsys.readouterr().err
+    assert "Next:" not in output
     assert "cannot be reached" in output
     assert "the NI-DAQmx driver is not installed on this computer" in output
 
@@ -184,7 +188,9 @@ def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str]
     before = file.read_text()
     assert main(["bench", "new", str(file), *addresses]) == ExitCode.USAGE
     assert file.read_text() == before
-    assert "is not overwritten" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "is not overwritten" in told
+    assert f"Next: tactor-bench commission --bench {file}, with high voltage off" in told
 
 
 def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -181,6 +181,9 @@ def test_other_sources_pass_in_what_they_can_play(kind: str, unmeasured: set[Out
     found = commissioned_bench(BenchConfig.model_validate({**simulated().model_dump(), "source": {"kind": kind}}))
     assert deviating(found) == set()
     assert {check.check for check in found.checks} == set(OutputCheck) - unmeasured
+    if kind == "dc-supply":
+        rows = checked_assumptions(assumptions_about("E36312A"), found.checks)
+        assert not [row for row in rows if row.verdict not in (OutputVerdict.PASS, OutputVerdict.HIDDEN)]
 
 
 @pytest.mark.deep
@@ -212,6 +215,31 @@ def test_the_table_is_about_every_model_by_its_own_driver() -> None:
         a for a in assumptions() if a.driver != "dc-supply" and not any(a.is_about(m) for m in (*MODELS, "33522B"))
     ]
     assert not unused
+
+
+@pytest.mark.parametrize(
+    ("model", "hidden"),
+    [
+        ("E36312A", {"over-current protection"}),
+        ("E36103A", {"channel lists"}),
+        ("E3631A", {"tracking", "output off"}),
+        ("E3632A", {"over-current protection"}),
+        ("E3640A", {"commands"}),
+        ("E3646A", {"commands", "tracking"}),
+        ("DP832", {"over-current protection", "tracking"}),
+        ("SPD3303X", set()),
+    ],
+)
+def test_what_a_supply_shows_at_the_output_has_rows_and_the_rest_is_listed_by_name(
+    model: str, hidden: set[str]
+) -> None:
+    checks = [CheckedOutput(check, 0.0, "V", None, 0.1) for check in LEVELS]
+    found = checked_assumptions(assumptions_about(model), checks)
+    assert {each.assumption.driver for each in found} == {"dc-supply"}
+    verdicts = {each.assumption.quantity: each.verdict for each in found}
+    assert {name for name, verdict in verdicts.items() if verdict is OutputVerdict.HIDDEN} == hidden
+    measured = {"volts of the level", "output while the level is stepped", "fall of the output"}
+    assert {name for name, verdict in verdicts.items() if verdict is OutputVerdict.PASS} >= measured
 
 
 def test_what_cannot_show_is_listed_by_name() -> None:
