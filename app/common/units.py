@@ -162,10 +162,16 @@ def description_of(model: "type[BaseModel]", name: str) -> str:
     return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
 
 
-def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
+def read_value(model: "type[BaseModel]", name: str, value: Any, shown: tuple[float, str] = (1.0, "")) -> Any:
     """Return a field's value with texts replaced by numbers if it has a unit.
 
     Lists are separated by commas or spaces, and may have ranges: `25, 50, 100...200 step 5`.
+
+    Args:
+        model: has the field.
+        name: of the field.
+        value: a text, a number, or several.
+        shown: factor from SI to the unit of numbers without one, and that unit; the field's own by default.
 
     Raises:
         UnitError: a text does not fit.
@@ -177,12 +183,19 @@ def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
     if get_origin(field.annotation) is tuple:
         items = _split(value) if isinstance(value, str) else value
         return tuple(
-            number for item in items for number in (read_range(item, unit) if isinstance(item, str) else (item,))
+            number
+            for item in items
+            for number in (_to_si(read_range(item, shown[1] or unit), shown) if isinstance(item, str) else (item,))
         )
     if isinstance(value, str):
-        number = to_number(value, unit)
+        (number,) = _to_si((to_number(value, shown[1] or unit),), shown)
         return int(number) if field.annotation is int and number.is_integer() else number
     return value
+
+
+def _to_si(values: tuple[float, ...], shown: tuple[float, str]) -> tuple[float, ...]:
+    """Return values in SI, rounded to the digits that are shown, so that 7.73 g is 7.73e-3 kg exactly."""
+    return values if shown[0] == 1.0 else tuple(float(f"{value / shown[0]:.12g}") for value in values)
 
 
 def read_range(text: str, unit: str) -> tuple[float, ...]:

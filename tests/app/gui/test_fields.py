@@ -4,9 +4,11 @@ from typing import Any
 
 import pytest
 
-from app.gui.widgets.form import check_form, form_fields, format_parameter, protocol_fields
+from app.common.units import read_value
+from app.gui.widgets.form import check_form, form_fields, format_parameter, protocol_fields, scaled
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
+from protocols.registry import PROTOCOLS
 
 TEXTS = {name: format_parameter(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
 
@@ -78,3 +80,30 @@ def test_a_fault_is_told_at_its_field(name: str, text: str, message: str) -> Non
 def test_all_faults_are_told_at_once() -> None:
     checked = check_form(SineDwell, {**TEXTS, "peak_to_peak_v": "6 V", "record_s": "soon", "min_cycles": "1"})
     assert set(checked.errors) == {"peak_to_peak_v", "record_s", "min_cycles"}
+
+
+def test_masses_and_lengths_are_shown_in_units_of_the_bench() -> None:
+    fields = {field.name: field for field in form_fields(StaticLoading)}
+    assert (fields["weights_kg"].unit, fields["weight_errors_kg"].unit) == ("g", "mg")
+    assert fields["zero_limit_m"].unit == "µm"
+    texts = {name: format_parameter(scaled(getattr(StaticLoading(), name), fields[name].factor)) for name in fields}
+    assert texts["weights_kg"].startswith("20, 50, ")
+    assert texts["weight_errors_kg"].startswith("1.4, 1.7, ")
+    assert check_form(StaticLoading, texts, fields).protocol == StaticLoading(), "not one digit is lost"
+    written = read_value(StaticLoading, "weights_kg", "7.73, 0.05 kg, 100...200 step 50", (1e3, "g"))
+    assert written == (0.00773, 0.05, 0.1, 0.15, 0.2)
+    checked = check_form(StaticLoading, {**texts, "offset_kg": "-1"}, fields)
+    assert checked.errors["offset_kg"].startswith("-1 g is outside the range: ")
+    assert fields["seed"].limits == "from 0"
+
+
+@pytest.mark.deep
+def test_what_every_protocol_holds_reads_back_from_its_form() -> None:
+    for name in PROTOCOLS:
+        kind = PROTOCOLS[name]
+        protocol = kind.model_validate({})
+        fields = {field.name: field for field in form_fields(kind)}
+        texts = {n: format_parameter(scaled(getattr(protocol, n), field.factor)) for n, field in fields.items()}
+        texts |= {n: getattr(protocol, n) for n, field in fields.items() if field.is_switch}
+        checked = check_form(kind, texts, fields)
+        assert checked.protocol == protocol, (name, checked.errors)
