@@ -1,10 +1,11 @@
-"""Do total uncertainties cover? python benchmarks/laboratories.py [--laboratories 1000] [--first 0] [--json]
+"""Do total uncertainties cover? python benchmarks/laboratories.py [--laboratories 1000] [--first 0] [--file FILE] [--json]
 
 Every laboratory has a specimen of its own and instruments that are all slightly wrong: ruler, caliper and scale differ from the
 truth by what the specimen sheet states, and so do laser, amplifier, sensor delay, weights and added masses. The data are solved in
 closed form and by finite elements at the true dimensions; the fit knows the sheet only. For every parameter: how often the 95 %
 interval of the total uncertainty holds the truth, rms deviation in total uncertainties, and how often an interval of the
-statistical uncertainty alone would hold it.
+statistical uncertainty alone would hold it. With `--file` every laboratory is added to a file as it is done, and those that the file has
+are not done again: the command can be interrupted and repeated.
 """
 
 import argparse
@@ -63,7 +64,12 @@ def laboratory(seed: int) -> dict[str, dict[str, float]]:
         for e, statistical in zip(fit.estimates(), budget.statistical, strict=True)
     }  # fmt: skip
     return out | {
-        "all": {"chi-square": fit.chi_square, "freedom": fit.degrees_of_freedom, "converged": float(fit.converged)}
+        "all": {
+            "seed": seed,
+            "chi-square": fit.chi_square,
+            "freedom": fit.degrees_of_freedom,
+            "converged": float(fit.converged),
+        }
     }
 
 
@@ -98,23 +104,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--laboratories", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
-    parser.add_argument("--lines", action="store_true", help="print one JSON object for each laboratory as it is done")
-    parser.add_argument("--read", metavar="FILE", nargs="+", help="summarize laboratories printed with --lines instead")
+    parser.add_argument("--file", type=Path, help="one JSON object for each laboratory; those missing are added")
+    parser.add_argument("--summary", action="store_true", help="summarize what the file has, and add nothing")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
-    found = []
-    if args.read:
-        for name in args.read:
-            with Path(name).open(encoding="utf-8") as file:
-                found += [json.loads(line) for line in file]
-    else:
-        for seed in range(args.first, args.first + args.laboratories):
-            found.append(laboratory(seed))
-            if args.lines:
-                print(json.dumps(found[-1]), flush=True)
-    numbers = coverage(found)
-    if args.lines:
-        return
+    found = {}
+    if args.file and args.file.exists():
+        rows = map(json.loads, args.file.read_text(encoding="utf-8").splitlines())
+        found = {row["all"]["seed"]: row for row in rows}
+    for seed in range(args.first, args.first + args.laboratories) if not args.summary else ():
+        if seed not in found:
+            found[seed] = laboratory(seed)
+            if args.file:
+                with args.file.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(found[seed]) + "\n")
+    numbers = coverage(list(found.values()))
     if args.json:
         print(json.dumps(numbers))
         return
@@ -122,9 +126,9 @@ def main() -> None:
     print(f"{'':10s} " + " ".join(f"{head:>28s}" for head in heads))
     for name, row in numbers.items():
         print(f"{name:10s} " + " ".join(f"{row[head]:28.4g}" for head in heads))
-    reduced = np.mean([each["all"]["chi-square"] / each["all"]["freedom"] for each in found])
+    reduced = np.mean([each["all"]["chi-square"] / each["all"]["freedom"] for each in found.values()])
     print(
-        f"chi-square over its freedom {reduced:.3f}, converged {np.mean([each['all']['converged'] for each in found]):.3f}"
+        f"chi-square over its freedom {reduced:.3f}, converged {np.mean([each['all']['converged'] for each in found.values()]):.3f}"
     )
     met = all(0.93 <= row["coverage of 95 %"] <= 0.97 for row in numbers.values())
     print(f"goal 95 % total intervals cover 93..97 % for every parameter: {'met' if met else 'not met'}")

@@ -34,7 +34,7 @@ class ImportCommand:
     kind: str | None = option(
         "--as",
         metavar="KIND",
-        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency), or another protocol; "
+        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), or another protocol; "
         "(default: by the columns)",
     )
     column: Sequence[str] = repeated(
@@ -191,7 +191,7 @@ COMMANDS: Mapping[str, CommandSyntax] = {
     "import": CommandSyntax(
         ImportCommand,
         "Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
-        "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each states that it was "
+        "under a sine or a sweep, as run files that are listed, identified, exported and reported like measured ones. Each states that it was "
         "imported, from which file and which columns, and has no raw samples. Units are in the header ('frequency [Hz]', "
         "'amplitude_um', 'Load (g)') or in --unit.",
         "example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "

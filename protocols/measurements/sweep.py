@@ -112,6 +112,36 @@ class SweepPoint:
         )
 
 
+def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, quality: int) -> SweepPoint:
+    """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
+    from protocols.signals import fit_sdof
+
+    top = int(response.modulus.argmax())
+    peak_hz = float(response.frequency_hz[top])
+    near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
+    natural_hz = natural_error_hz = damping = damping_error = math.nan
+    core = near.coherence
+    with suppress(ValueError):  # what is measured is kept: its height shows whether a membrane is on the tactor
+        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        natural_hz, natural_error_hz = mode.natural_hz, mode.natural_error_hz
+        damping, damping_error = mode.damping_ratio, mode.damping_error
+        half = natural_hz * min(damping, 0.5)
+        core = response.within(natural_hz - half, natural_hz + half).coherence
+    return SweepPoint(
+        repeat=repeat,
+        resonance=natural_hz,
+        resonance_errors=natural_error_hz,
+        damping=damping,
+        damping_errors=damping_error,
+        peak=peak_hz,
+        peak_response=float(response.modulus[top]),
+        coherence=float(core.min()) if core.size else math.nan,
+        lines=float(response.frequency_hz.size),
+        drive_amplitude=amplitude_v,
+        quality=quality,
+    )
+
+
 class Sweep(Protocol):
     """The frequency response within seconds, with coherence and error bars; resonance, Q and decay time."""
 
@@ -203,38 +233,14 @@ class Sweep(Protocol):
                 yield Record(sum(self._played_periods(drive.sweep_s)) * drive.period_s, drive)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
-        from protocols.signals import fit_sdof
-
         response = self._response(recordings)
         check_response_present(response)
-        top = int(response.modulus.argmax())
-        peak_hz = float(response.frequency_hz[top])
-        near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
-        natural_hz = natural_error_hz = damping = damping_error = math.nan
-        core = near.coherence
-        with suppress(ValueError):  # what is measured is kept: its height shows whether a membrane is on the tactor
-            mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
-            natural_hz, natural_error_hz = mode.natural_hz, mode.natural_error_hz
-            damping, damping_error = mode.damping_ratio, mode.damping_error
-            half = natural_hz * min(damping, 0.5)
-            core = response.within(natural_hz - half, natural_hz + half).coherence
         asked_v = 0.5 * self.peak_to_peak_v
         amplitudes = [0.5 * float(np.ptp(recording.drive_v)) for recording in self._last(recordings)]
         amplitude_v = max(amplitudes, key=lambda volts: abs(volts - asked_v))
         drive_off = abs(amplitude_v - asked_v) > DRIVE_TOLERANCE * asked_v
-        return SweepPoint(
-            repeat=float(key[0]),
-            resonance=natural_hz,
-            resonance_errors=natural_error_hz,
-            damping=damping,
-            damping_errors=damping_error,
-            peak=peak_hz,
-            peak_response=float(response.modulus[top]),
-            coherence=float(core.min()) if core.size else math.nan,
-            lines=float(response.frequency_hz.size),
-            drive_amplitude=amplitude_v,
-            quality=point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off}),
-        )
+        quality = point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off})
+        return sweep_point(float(key[0]), response, amplitude_v, quality)
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
         return (

@@ -21,7 +21,7 @@ from app.archive.importing.columns import (
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.points import ImportedRun, build_points, write_imported_run
 from app.archive.importing.table import ImportTable, TableImportError
-from app.archive.importing.time_series import build_series_points
+from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
 from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
@@ -147,7 +147,7 @@ def _import_tables(
             made.append((build_points(sheet, matched, table_options, file_progress), table_options))
     if series:
         table_options = _import_options(series[0][0], table_kinds()[TIME_SERIES], options, amplifier, kinds)
-        made.append((build_series_points(series, table_options, raw_progress), table_options))
+        made += [(run, table_options) for run in build_series_runs(series, table_options, raw_progress)]
     return made
 
 

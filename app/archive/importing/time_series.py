@@ -1,13 +1,15 @@
-"""Import of time series under a sine drive, one file per frequency, as points and curves of a sine dwell."""
+"""Import of time series: under a sine, one file per frequency, as points of a sine dwell; under a sweep as a run of its own."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.points import ImportedRun
+from app.archive.importing.swept_series import build_sweep_run, delay_caution, sweep_frequencies
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
@@ -19,20 +21,26 @@ from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine
 
 MIN_CYCLES = 3
-VALUES_SHARE = 0.4
-"""Progress of a series when its numbers are parsed; the rest is the sine fit."""
 SAMPLING_TOLERANCE = 0.01
 """Tolerated unevenness of the times, in sample intervals."""
 MAX_NOISE_RATIO = 0.1
 """Residual of the sine fit relative to the amplitude above which the drive is rejected."""
 
 
-def build_series_points(
+class _Series(NamedTuple):
+    table: ImportTable
+    mapping: ColumnMapping
+    values: Mapping[str, Array]
+    rate_hz: float
+    cautions: tuple[str, ...]
+
+
+def build_series_runs(
     series: Sequence[tuple[ImportTable, ColumnMapping]],
     options: ImportOptions,
     progress: Progress = NO_PROGRESS,
-) -> ImportedRun:
-    """Return one run of several time series, a point each.
+) -> list[ImportedRun]:
+    """Return one run of all time series under a sine, a point each, and one of every time series under a sweep.
 
     Raises:
         TableImportError: a file is wrong; the message names it, the place and the remedy.
@@ -42,23 +50,40 @@ def build_series_points(
             f"--uncertainty {next(iter(options.uncertainties))}=...: a time series has the uncertainties of its sine fit; leave it "
             "away, and give the sensor's gain by --gain-error"
         )
-    points, curves, cautions = [], [], list[str]()
     parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
-    for entry, ((sheet, matched), file_progress) in enumerate(zip(series, parts, strict=True)):
-        point, curve, warnings = _series_point(sheet, matched, options, file_progress)
+    sines, runs = list[_Series](), list[ImportedRun]()
+    for (sheet, matched), file_progress in zip(series, parts, strict=True):
+        each = _read_series(sheet, matched, options, file_progress)
+        drive = each.values.get("drive")
+        if drive is None or _is_single_sine(drive, each.rate_hz) or sweep_frequencies(drive, each.rate_hz) is None:
+            sines.append(each)
+        else:
+            run = build_sweep_run(sheet, matched, each.values, each.rate_hz, options)
+            runs.append(replace(run, warnings=(*each.cautions, *run.warnings)))
+    return [*([_dwell_of_sines(sines, options)] if sines else []), *runs]
+
+
+def _read_series(table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress) -> _Series:
+    values, cautions = table_values(table, mapping, options, progress)
+    for name, cells in mapping.columns.items():
+        refuse_cells(table, cells, ~np.isfinite(values[name]), "'{}' is a gap in the series; cut it off there")
+    return _Series(table, mapping, values, _sample_rate(table, mapping, values["time"]), tuple(cautions))
+
+
+def _dwell_of_sines(series: Sequence[_Series], options: ImportOptions) -> ImportedRun:
+    points, curves, cautions = [], [], list[str]()
+    for entry, each in enumerate(series):
+        point, curve, warnings = _series_point(each, options)
         points.append(point)
         curves.append(replace(curve, entry=entry))
         cautions += warnings
-    if options.delay_s is None and any(math.isfinite(point.phase) for point in points):
-        cautions.append(
-            "the delay of the sensor's output is not given and taken as 0: phases are late by as much as it has, 6 degrees at 160 Hz for "
-            "100 us; --sensor-delay '100 us' says it"
-        )
+    if any(math.isfinite(point.phase) for point in points):
+        cautions += delay_caution(options)
     frequencies = [point.frequency for point in points]
     for i, f in enumerate(frequencies):
         if (j := next((j for j in range(i) if abs(frequencies[j] - f) < 0.05), None)) is not None:
             cautions.append(
-                f"{series[i][0].path.name} and {series[j][0].path.name} are both at {f:.4g} Hz: both are kept, as repeats"
+                f"{series[i].table.path.name} and {series[j].table.path.name} are both at {f:.4g} Hz: both are kept, as repeats"
             )
     parameters = {"peak_to_peak_v": 2 * max(p.drive_amplitude for p in points), **options.settings}
     return ImportedRun(
@@ -66,22 +91,18 @@ def build_series_points(
         tuple(points),
         tuple(range(len(points))),
         parameters,
-        tuple(column_sources(series[0][1], options)),
-        tuple((sheet.path.name, sheet.sha256) for sheet, _ in series),
+        tuple(column_sources(series[0].mapping, options)),
+        tuple((sheet.path.name, sheet.sha256) for sheet, *_ in series),
         tuple(cautions),
-        tuple(cells.heading for cells in series[0][1].unused),
+        tuple(cells.heading for cells in series[0].mapping.unused),
         tuple(curves),
     )
 
 
-def _series_point(
-    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress
-) -> tuple[SinePoint, ResultCurve, list[str]]:
-    values, cautions = table_values(table, mapping, options, progress.part(0.0, VALUES_SHARE))
-    for name, cells in mapping.columns.items():
-        refuse_cells(table, cells, ~np.isfinite(values[name]), "'{}' is a gap in the series; cut it off there")
+def _series_point(series: _Series, options: ImportOptions) -> tuple[SinePoint, ResultCurve, list[str]]:
+    table, _, values, rate, _ = series
+    cautions = list(series.cautions)
     time, moved = values["time"], values["displacement"]
-    rate = _sample_rate(table, mapping, time)
     drive = values.get("drive")
     if drive is None:
         f, amplitude = _stated_drive(table, options)
@@ -93,7 +114,6 @@ def _series_point(
         raise TableImportError(
             f"{table.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed"
         )
-    progress.update(0.5 * (VALUES_SHARE + 1.0))
     cycles = max(int((time[-1] - time[0]) * f), 1)
     sine = Sine(
         f, min(amplitude, options.amplifier.high_v - options.amplifier.rest_v), options.amplifier.rest_v, cycles
@@ -141,16 +161,24 @@ def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> flo
     return float((time.size - 1) / (time[-1] - time[0]))
 
 
+def _is_single_sine(drive: Array, rate: float) -> bool:
+    fit = fit_sine(drive, rate, _largest_frequency(drive, rate))
+    return fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental)
+
+
+def _largest_frequency(drive: Array, rate: float) -> float:
+    spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
+    return fit_frequency(drive, rate, (int(spectrum[1:].argmax()) + 1) * rate / drive.size)
+
+
 def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
     """Return the frequency of the drive, which must be a single sine."""
-    spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
-    top = int(spectrum[1:].argmax()) + 1
-    f = fit_frequency(drive, rate, top * rate / drive.size)
+    f = _largest_frequency(drive, rate)
     fit = fit_sine(drive, rate, f)
     if not fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
         raise TableImportError(
             f"{table.path}: the drive is not a single sine (besides {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of other signals); "
-            "give one file for each frequency"
+            "give one file for each frequency, or one with a single sweep up or down"
         )
     return f
 
