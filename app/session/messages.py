@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from app.common import Severity, format_curve, format_duration, format_estimate, outcome_severity, pluralize
-from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
+from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,
     CurveReady,
@@ -55,7 +55,7 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case BenchOpened(name, simulated, identities):
             have = ", ".join(f"{role} {identity}" for role, identity in identities.items())
             return Severity.SUCCESS, f"{name} is open{' (SIMULATED)' if simulated else ''}: {have}"
-        case BenchFailed(reason) | RunRejected(reason):
+        case BenchFailed(reason) | RunRejected(reason) | MonitorFailed(reason):
             return Severity.ERROR, reason
         case RunStarted():
             points = pluralize(event.entries, "point")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from app.common import Severity
 from app.session.messages import LogLine, describe_event, describe_verdict, protocol_title
-from app.session.session import BenchFailed, BenchOpened, RunRejected
+from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected
 from app.session.state import (
     ENERGIZED,
     BenchState,
@@ -112,6 +112,8 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
                 verdict_message="",
             )  # fmt: skip
             return view if reads else _without_results(view)
+        case MonitorFailed(reason) if not view.busy:
+            return replace(view, problem=reason)
         case CommissioningEnded():
             waiting = _with_lamps(view, Lamp.WAITING)
             view = replace(view, busy=False, progress=None, connected=False, rest=None, instruments=waiting)

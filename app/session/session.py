@@ -103,7 +103,15 @@ class BlockMonitored:
     block: Block
 
 
-SessionEvent = Event | BenchOpened | BenchFailed | RunRejected | MonitorStarted | BlockMonitored
+@dataclass(frozen=True, slots=True)
+class MonitorFailed:
+    """The card cannot be watched between runs; `words` is the reason and the remedy."""
+
+    kind: ClassVar[str] = "MonitorFailed"
+    words: str
+
+
+SessionEvent = Event | BenchOpened | BenchFailed | RunRejected | MonitorStarted | BlockMonitored | MonitorFailed
 Observer = Callable[[SessionEvent], object]
 
 
@@ -154,6 +162,7 @@ class Session:
         self._control = RunControl()
         self._requests: queue.SimpleQueue[Callable[[ConnectedBench], None] | None] = queue.SimpleQueue()
         self._monitoring = threading.Event()
+        self._watches_card = False
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = SessionState.CONNECTING
         self.outcome: RunEnded | None = None
@@ -224,6 +233,10 @@ class Session:
         """
         now_s, bench = time.monotonic(), self.bench
         quiet_s = now_s - max(self._stop_requested_s, self._last_event_s if math.isfinite(self._last_event_s) else 0.0)
+        if not self.abandoned and self._watches_card and quiet_s > HUNG_CONNECTING_S and now_s > self._stop_requested_s:
+            self.abandoned = True
+            self._fail("the card's driver hangs between runs; end this program and start it again. Nothing was driven")
+            self.finished.set()
         if self.abandoned or now_s < self._stop_requested_s or self.finished.is_set():
             return
         if self.state is SessionState.CONNECTING and quiet_s > HUNG_CONNECTING_S:
@@ -330,6 +343,7 @@ class Session:
     def _monitor(self, connection: ConnectedBench) -> None:
         """Publish blocks of the card until another request arrives; nothing is commanded."""
         bench = connection.bench
+        self._last_event_s, self._watches_card = time.monotonic(), True
         waits = not isinstance(bench.configuration.get("speed", 1.0), int | float)  # the virtual clock does not
         try:
             with bench.open_stream(MONITOR_RATE_HZ) as stream:
@@ -339,9 +353,12 @@ class Session:
                     if waits:
                         time.sleep(bench.block_s)
         except BenchError as error:
-            self._events.publish(LogMessage(f"The card cannot be watched: {error}"))
+            self._events.publish(
+                MonitorFailed(f"There are no live values: {error}. Then connect again on the page Bench")
+            )
         finally:
             self._monitoring.clear()
+            self._watches_card = False
 
     def _report_watchdog_log(self, folder: Path) -> None:
         for note in unreported_watchdog_messages(folder):

@@ -3,14 +3,18 @@
 import signal
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.common.errors import ExitCode
+from app.session.bench_connection import connect
 from app.session.session import BenchFailed, Session, SessionState
+from drivers.interfaces import Block
 from tests.helpers.program import program, safe
+from tests.helpers.simulated_bench import simulated
 
 HANGS = """
 import sys, threading
@@ -74,3 +78,45 @@ def test_a_driver_that_hangs_while_the_bench_connects_does_not_keep_the_program(
     assert [type(event) for event in events] == [BenchFailed]
     over.set()
     session._thread.join()
+
+
+class _HangingStream:
+    """A card's stream that never returns a block."""
+
+    rate_hz, scales = 1e4, ()
+
+    def __init__(self, over: threading.Event, begun: threading.Event) -> None:
+        self._over, self._begun = over, begun
+
+    def __enter__(self) -> "_HangingStream":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def read(self) -> Block:
+        self._begun.set()
+        self._over.wait()
+        return Block(0, np.zeros((2, 1), np.int16))
+
+
+def test_a_card_that_hangs_between_runs_does_not_keep_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.session.session.HUNG_CONNECTING_S", 0.05)
+    over, begun = threading.Event(), threading.Event()
+    events: list[object] = []
+    with connect(simulated(), None) as connection:
+        monkeypatch.setattr(type(connection.bench), "open_stream", lambda *_: _HangingStream(over, begun))
+        session = Session(lambda: nullcontext(connection), [events.append], None)  # type: ignore[arg-type]
+        session.start()
+        session.monitor(active=True)
+        assert begun.wait(30.0)
+        session.abandon_if_hung()
+        assert not session.abandoned, "it was not to stop yet"
+        session.stop()
+        time.sleep(0.1)
+        session.abandon_if_hung()
+        assert session.abandoned
+        assert session.state is SessionState.NO_BENCH
+        assert isinstance(events[-1], BenchFailed)
+        over.set()
+        session.close()
+        session._thread.join()

@@ -193,7 +193,7 @@ class CardTile(Tile):
             return
         card = self.form.record
         drive_v, sensor_v = round(reading.drive_v, 3) + 0.0, round(reading.sensor_v, 4) + 0.0  # no negative zero
-        text = f"{card.drive_channel} {drive_v:.3f} V    {card.displacement_channel} {sensor_v:.4f} V"
+        text = f"{card.drive_channel} {drive_v:.3f} V\n{card.displacement_channel} {sensor_v:.4f} V"
         self.live_label.setText(text.replace("-", "−"))
 
 

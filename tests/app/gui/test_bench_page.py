@@ -49,7 +49,7 @@ def type_into(window: QWidget, name: str, text: str) -> None:
 
 def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -> None:
     until(lambda: find(window, "bench.card.live").text(), "for a reading")
-    assert re.fullmatch(r"ai0 −?0\.00\d V    ai1 −?0\.00\d\d V", find(window, "bench.card.live").text())
+    assert re.fullmatch(r"ai0 −?0\.00\d V\nai1 −?0\.00\d\d V", find(window, "bench.card.live").text())
     assert find(window, "bench.amplifier.live").text() == "−500 V with high voltage"
     assert "33511B" in find(window, "bench.generator.identity").text()
     assert "ready" in find(window, "bench.sensor.state").text()
@@ -174,6 +174,21 @@ def test_a_start_without_any_bench_shows_the_page_behind_the_welcome(open_stage:
     find(window, "welcome.setup").click()
     assert window.tabs.currentIndex() == BENCH
     assert not window.central.is_covered
+
+
+def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_again_with_the_page(
+    window: MainWindow,
+) -> None:
+    until(lambda: window.adapter.feed.reading is not None, "for a reading")
+    window.adapter.faults.inject("card-unplugged")
+    until(lambda: window.state.problem, "for the failure")
+    assert window.state.problem.startswith("There are no live values: ")
+    assert find(window, "notices.problem").isVisible()
+    until(lambda: not find(window, "bench.card.live").text(), "for the value to go")
+    window.adapter.faults.clear()
+    window.tabs.select_page(MEASURE)
+    window.tabs.select_page(BENCH)
+    until(lambda: find(window, "bench.card.live").text(), "for live values")
 
 
 # -- calibration, wiring check, commissioning ---------------------------------------------------------------------------
