@@ -198,9 +198,7 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
         DetailSection(
             "Found" if counts else "Found, but does not count", tuple(map(format_named_estimate, line.estimates))
         ),
-        DetailSection(
-            f"Known of {specimen} from all runs that count, by the paper's chain", _estimate_lines(estimates)
-        ),
+        DetailSection(f"Parameters of {specimen} identified from all runs that count", _estimate_lines(estimates)),
         DetailSection(
             "Carried over from earlier measurements", tuple(map(format_named_estimate, summary.accepted_estimates))
         ),

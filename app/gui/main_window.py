@@ -297,6 +297,7 @@ class MainWindow(QMainWindow):
         self.measure_page.repeat_requested.connect(
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
         )
+        self.measure_page.run_panel.result_card.again_requested.connect(self.start_run)
         self.measure_page.run_panel.result_card.continue_requested.connect(
             lambda: self.controller.repeat_entries((), self.tabs.folder)
         )

@@ -100,7 +100,12 @@ class Hysteresis(Protocol):
     ] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
     peak_to_peak_v: DriveVpp = 5.0
     cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "loops that are averaged"] = 5
-    dropped: Annotated[int, Unit("1"), Interval(ge=1, le=100), "loops before those: the first begins elsewhere"] = 1
+    dropped: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=1, le=100),
+        "loops at the start that are left out: the first one does not begin where it ends",
+    ] = 1
     sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")

@@ -111,7 +111,7 @@ class MassResonance(Protocol):
         float,
         Unit("s"),
         Interval(ge=5, le=3600),
-        "one sweep; lines are 32 / piece_s wide, and ten must fit into the peak",
+        "time of one sweep; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
     ] = 300.0
     piece_s: Annotated[
         float,

@@ -90,7 +90,7 @@ class MembraneSag(Protocol):
     thickness_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the thickness"] = (
         10e-6
     )
-    width_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "width; it divides out of the modulus"] = 0.066
+    width_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "width; the modulus does not depend on it"] = 0.066
     density_kg_per_m3: Annotated[
         float, Unit("kg/m^3"), Interval(gt=0, le=20_000), "density of the rubber, from weighing the strip"
     ] = 1000.0

@@ -86,7 +86,12 @@ class StaticLoading(Protocol):
     ] = 0.01
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
     sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
-    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order of the weights"] = 1
+    seed: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=0, le=2**31),
+        "number that selects the random order of the weights: the same number, the same order",
+    ] = 1
     gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "location of the bench"] = GRAVITY
     expected_m_per_n: Annotated[
         float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"

@@ -159,7 +159,12 @@ class VoltageSteps(Protocol):
         Literal["up-down", "up", "down", "random"],
         "levels rising, falling, by turns, or shuffled for every repeat; by turns shows the loop",
     ] = "up-down"
-    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order"] = 1
+    seed: Annotated[
+        int,
+        Unit("1"),
+        Interval(ge=0, le=2**31),
+        "number that selects the random order: the same number, the same order",
+    ] = 1
     rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "at rest before every level"] = 2.0
     read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "after the ramp: when the deflection is read"] = 1.0
     window_s: Annotated[

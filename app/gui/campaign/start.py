@@ -35,7 +35,7 @@ class CampaignStart(QWidget):
         self.specimen_edit.textChanged.connect(self._validate)
         self.begin_button = make_button("Begin   (Enter)", self._request_create, "go", name="campaign.begin")
         self.message_label = configure(StatusLine(), "campaign.start-message")
-        self.existing_label = make_label("Or go on with one that is there", "running", wrap=False)
+        self.existing_label = make_label("Or open an existing one", "running", wrap=False)
         self.campaign_list = configure(QListWidget(), "campaign.list", accessibleName="campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
@@ -63,7 +63,7 @@ class CampaignStart(QWidget):
 
     def show_campaigns(self, paths: Sequence[Path], folder: Path, specimen: str, simulated: bool) -> None:
         """Show the existing campaigns and the folder of a new one."""
-        kind = "Simulated runs count, real ones do not" if simulated else "Real runs count, simulated ones do not"
+        kind = "Only simulated runs are part of it" if simulated else "Only real runs are part of it"
         self.location_label.setText(f"Stored with the runs in {folder.absolute()}. {kind}.")
         if not self.specimen_edit.isModified():
             self.specimen_edit.setText(specimen)

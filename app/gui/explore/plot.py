@@ -157,8 +157,7 @@ class ExplorePlot(PlotBase):
         peak = f"peak {1e6 * line.peak_to_peak[top]:.0f} µm at {line.frequency_hz[top]:.0f} Hz"
         last = float(line.frequency_hz[-1])
         bands = ", ".join(
-            f"{low:.0f} … {high:.0f} Hz" if high < last else f"{low:.0f} Hz and beyond"
-            for low, high in result.felt_bands
+            f"{low:.0f} … {high:.0f} Hz" if high < last else f"from {low:.0f} Hz" for low, high in result.felt_bands
         )
         self.corner_label.set_text(f"{peak};   " + (f"felt {bands}" if bands else "nowhere felt"))
 

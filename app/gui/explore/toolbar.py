@@ -58,10 +58,10 @@ class ExploreToolbar(QObject):
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.keep_button = make_choice("Keep curve", tooltip("explore.keep"))
+        self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
         self.overlay_button = make_choice("Overlay a run …", f"{tooltip('explore.overlay')}, or drop files here")
-        self.fit_button = make_choice("Fit these", tooltip("explore.fit"))
+        self.fit_button = make_choice("Fit to the runs", tooltip("explore.fit"))
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
         self.study_button = make_choice("Save study …", tooltip("explore.study"))
@@ -113,7 +113,7 @@ class ExploreToolbar(QObject):
 
     def show_fitting(self, fitting: bool) -> None:
         """Make the fit button cancel while a fit runs."""
-        self.fit_button.setText("Cancel the fit" if fitting else "Fit these")
+        self.fit_button.setText("Cancel the fit" if fitting else "Fit to the runs")
 
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):

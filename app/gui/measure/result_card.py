@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame
 
 from app.common import OUTCOME_SYMBOLS, format_quantity, outcome_severity
-from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, make_button, make_label, row
+from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, make_button, make_label, row, tooltip
 from app.session import WindowState
 from protocols.base import RunEnded, RunStatus
 
@@ -22,6 +22,7 @@ class ResultCard(QFrame):
     open_requested = Signal(object)
     explore_requested = Signal(object)
     continue_requested = Signal()
+    again_requested = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -53,6 +54,9 @@ class ResultCard(QFrame):
             "Lay the run over the model on the page Explore",
             "result.explore",
         )
+        self.again_button = make_button(
+            "Again", self.again_requested.emit, "choice", tooltip("run", "Measure what the form shows"), "result.again"
+        )
         self.continue_button = make_button(
             "Continue",
             self.continue_requested.emit,
@@ -69,7 +73,7 @@ class ResultCard(QFrame):
             self.more_label,
             self.note_label,
             self.file_label,
-            row(self.open_button, self.explore_button, self.continue_button, STRETCH, spacing=6),
+            row(self.open_button, self.again_button, self.explore_button, self.continue_button, STRETCH, spacing=6),
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=2,
@@ -84,7 +88,8 @@ class ResultCard(QFrame):
 
     def set_state(self, view: WindowState) -> None:
         """Show the outcome of the last run; hidden during a run and before the first."""
-        self.continue_button.setEnabled(view.can_run)
+        for button in (self.continue_button, self.again_button):
+            button.setEnabled(view.can_run)
         if view.outcome is not self._outcome:
             self._outcome = view.outcome
             if view.outcome is not None:

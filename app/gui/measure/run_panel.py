@@ -206,7 +206,7 @@ class RunPanel(QWidget):
         return (
             f"{entries}, {prompts}, about {format_bench_duration(rehearsal.duration_s, bench)}, "
             f"{format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)} on the specimen, "
-            f"file about {format_bytes(rehearsal.file_bytes)}. Closest to a limit: {rehearsal.worst}."
+            f"file about {format_bytes(rehearsal.file_bytes)}. Nearest limit of the drive: {rehearsal.worst}."
         ), False
 
     def _choose_folder(self) -> None:

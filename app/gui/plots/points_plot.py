@@ -20,6 +20,9 @@ from protocols.base import Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
+AXIS_NAMES = {"share": "loop width / stroke"}
+"""Names of axes that differ from the name of the column."""
+
 EMPTY_TEXT = "Points appear here as they are measured"
 
 
@@ -61,7 +64,7 @@ class PointsPlot(PlotBase):
         known = point_columns(kind.point_type)
         for side, name in zip(("bottom", "left"), kind.axes, strict=True):
             shown = display_unit(known[name][0])[1]
-            self.plot.setLabel(side, name.replace("_", " ") + (f" ({shown})" if shown else ""))
+            self.plot.setLabel(side, AXIS_NAMES.get(name, name.replace("_", " ")) + (f" ({shown})" if shown else ""))
         self._draw()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int], can_run: bool) -> None:

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QW
 
 from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, stable_range
 from app.gui.plots.model_curves import ModelCurveItems
-from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
+from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
 from app.gui.widgets import ElidedLabel, Menu, Theme, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
@@ -58,6 +58,8 @@ class EntrySelection:
             self._changed()
 
 
+STRIP_LABELS = {NOTHING: "no lower plot", RESIDUAL: "lower plot: residual", PHASE: "lower plot: phase"}
+
 HOLLOW_HINT = "hollow: not usable"
 HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
 
@@ -90,7 +92,7 @@ class ResponsePlot(PlotBase):
         self.hint_label = ElidedLabel()
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
         self.strip_box = QComboBox()
-        self.strip_box.addItems([f"below: {quantity}" for quantity in STRIP_QUANTITIES])
+        self.strip_box.addItems([STRIP_LABELS[quantity] for quantity in STRIP_QUANTITIES])
         self.strip_box.setToolTip("Lower plot: measured less model, or the phase")
         self.strip_box.currentIndexChanged.connect(self._select_strip)
         self.selection = EntrySelection(self._draw_points, self.repeat_requested.emit)
@@ -218,7 +220,7 @@ class ResponsePlot(PlotBase):
     def _fill_menu(self, menu: Menu) -> None:
         menu.addSeparator()
         for at, quantity in enumerate(STRIP_QUANTITIES):
-            action = menu.addAction(f"Below: {quantity}", partial(self.strip_box.setCurrentIndex, at))
+            action = menu.addAction(STRIP_LABELS[quantity].capitalize(), partial(self.strip_box.setCurrentIndex, at))
             action.setCheckable(True)
             action.setChecked(at == self.strip_box.currentIndex())
 

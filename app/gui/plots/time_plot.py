@@ -166,7 +166,7 @@ class TimePlot(TracePlotBase):
         short = self.span.shown_s < 1.0
         axis = self._drive_plot.getAxis("bottom")
         axis.setScale(1000.0 if short else 1.0)
-        since = "the drive's last rise" if self.span.triggered else "now"
+        since = "the drive's last rising edge" if self.span.triggered else "now"
         self._axis_label.setText(f"{'milliseconds' if short else 'seconds'} before {since}")
         self._displacement_plot.setXRange(-self.span.shown_s, 0, padding=0)
 

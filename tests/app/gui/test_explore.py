@@ -200,7 +200,7 @@ def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_pat
     page.toolbar.fit_button.click()
     until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
     assert page.status_line.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
-    assert page.toolbar.fit_button.text() == "Fit these"
+    assert page.toolbar.fit_button.text() == "Fit to the runs"
 
 
 @pytest.mark.deep
@@ -219,7 +219,7 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
     page.toolbar.fit_button.click()
     until(lambda: "cancelled" in page.status_line.text(), "for the end of it")
     assert page.setting == before
-    assert page.toolbar.fit_button.text() == "Fit these"
+    assert page.toolbar.fit_button.text() == "Fit to the runs"
 
 
 @pytest.mark.deep

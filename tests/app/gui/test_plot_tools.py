@@ -73,8 +73,8 @@ def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: S
     menu = plot.tools[0].make_menu()
     texts = [action.text() for action in menu.actions()]
     assert "Focused plot: marker to the highest point" in texts
-    assert "Below: residual" in texts
-    next(action for action in menu.actions() if action.text() == "Below: residual").trigger()
+    assert "Lower plot: residual" in texts
+    next(action for action in menu.actions() if action.text() == "Lower plot: residual").trigger()
     assert plot.residual_strip.isVisible()
     menu.popup(plot.canvas.mapToGlobal(QPoint(40, 40)))
     QTest.keyClick(menu, Qt.Key.Key_F12)

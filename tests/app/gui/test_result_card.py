@@ -35,7 +35,8 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     assert find(card, "result.file").text() == "one.h5"
     assert find(card, "result.simulated").isVisibleTo(card)
     assert not find(card, "result.continue").isVisibleTo(card), "nothing is missing"
-    stage.window.start_run()
+    find(card, "result.again").click()
+    assert len(stage.session.runs) == 2
     assert card.isHidden()
 
 
