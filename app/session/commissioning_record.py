@@ -13,7 +13,7 @@ from platformdirs import user_data_path
 
 from app.common import version, write_atomic
 from drivers import Identity
-from drivers.generators.assumptions import OutputCheck, assumptions_about
+from drivers.generators.assumptions import OutputCheck, assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 MAX_BYTES = 1_000_000
+
+CARD_MAKER = "NI"
+"""Maker in the identity of a card, as the source of a bench."""
 
 
 def records_folder() -> Path:
@@ -115,7 +118,10 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
                 "evidence": each.assumption.evidence,
                 "verdict": each.verdict,
             }
-            for each in checked_assumptions(assumptions_about(identity.model), found.checks)
+            for each in checked_assumptions(
+                (*assumptions_about(identity.model), *assumptions_about_card(plays=identity.maker == CARD_MAKER)),
+                found.checks,
+            )
         ],
         "times": {
             "stop_s": _finite(found.times.stop_s),

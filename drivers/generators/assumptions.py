@@ -23,6 +23,9 @@ MENLO = "Menlo Systems' DG1000Z driver"
 GUIDE_33220A = "33220A User's Guide"
 DG1000Z_GUIDE = "DG1000Z Programming Guide"
 
+CARD_INPUT, CARD_OUTPUT = "card", "card-output"
+"""Where the table names a driver: the card that measures, and the driver of its analogue output."""
+
 SUPPLY_MODELS = ("E36", "DP8", "SPD")
 """How the names of the supplies of drivers.supplies.dialects begin."""
 
@@ -94,7 +97,18 @@ def _is_supply(model: str, name: str) -> bool:
 def assumptions_about(model: str) -> tuple[Assumption, ...]:
     """Return the assumptions about a model of a function generator or supply; none about one without a driver of this package."""
     is_supply = model.upper().startswith(SUPPLY_MODELS)
-    return tuple(each for each in assumptions() if (each.driver == "dc-supply") == is_supply and each.is_about(model))
+    return tuple(
+        each
+        for each in assumptions()
+        if each.driver not in (CARD_INPUT, CARD_OUTPUT)
+        and (each.driver == "dc-supply") == is_supply
+        and each.is_about(model)
+    )
+
+
+def assumptions_about_card(*, plays: bool) -> tuple[Assumption, ...]:
+    """Return the assumptions about the card that measures, and about its output if that plays the drives."""
+    return (*CARD_INPUTS, *CARD_OUTPUTS) if plays else CARD_INPUTS
 
 
 def assumptions() -> Iterator[Assumption]:
@@ -107,6 +121,8 @@ def assumptions() -> Iterator[Assumption]:
     yield from SIGLENT
     yield from TEKTRONIX
     yield from SUPPLIES
+    yield from CARD_INPUTS
+    yield from CARD_OUTPUTS
 
 
 def _common_assumptions(
@@ -465,4 +481,45 @@ SUPPLIES = (
         "within `fall_time_s`, measured by its own voltmeter",
         checks=(OutputCheck.REST,),
     ),
+)
+
+NI_SKEW = "NI-DAQmx: AI Convert Clock, read from the task"
+
+CARD_INPUTS = (
+    Assumption(
+        CARD_INPUT,
+        "all",
+        "settling and ghosting",
+        "an input shows less than 1 % of the one converted before it",
+        "NI knowledge base kA03q000000YHy6CAG (ghosting of open inputs and of sources above 1 kOhm)",
+        (OutputCheck.CROSSTALK,),
+    ),
+    Assumption(CARD_INPUT, "all", "channel skew", "the conversion interval of the task", NI_SKEW),
+    Assumption(CARD_INPUT, "all", "time of the first scan", "that of the reply to the start, or by the count of scans"),
+    Assumption(CARD_INPUT, "all", "scaling", "the card's own coefficients", "NI-DAQmx: AI Device Scaling Coefficients"),
+)
+"""What cannot be seen: skew needs one signal on two inputs, the time of the first scan a common clock, the scaling a voltmeter."""
+
+CARD_OUTPUTS = (
+    Assumption(CARD_OUTPUT, "all", "level between drives", "the last sample", checks=(OutputCheck.REST,)),
+    Assumption(CARD_OUTPUT, "all", "level after a drive", "as before it", checks=(OutputCheck.AFTER,)),
+    Assumption(
+        CARD_OUTPUT,
+        "all",
+        "volts of the output",
+        "those of its scaling",
+        checks=(OutputCheck.OFFSET, OutputCheck.POLARITY, OutputCheck.SCALE, OutputCheck.UNEVEN, OutputCheck.SHAPE),
+    ),
+    Assumption(
+        CARD_OUTPUT, "all", "start route", "each drive starts, from its first sample", checks=(OutputCheck.START,)
+    ),
+    Assumption(CARD_OUTPUT, "all", "output while the next drive is written", "stays", checks=(OutputCheck.SETTINGS,)),
+    Assumption(
+        CARD_OUTPUT,
+        "all",
+        "output queue",
+        "what is in flight is accounted for: Stop joins it without a step",
+        checks=(OutputCheck.STOP,),
+    ),
+    Assumption(CARD_OUTPUT, "all", "lost connection in mid-drive", "the drive plays on", checks=(OutputCheck.WIRE,)),
 )

@@ -112,17 +112,28 @@ class Acquisition:
         return out
 
     def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, float]:
-        """Volts in a place of the scans at times `t`, and their noise; an open input shows the place before it."""
+        """Volts in a place of the scans at times `t`, and their noise; an open input shows the place before it.
+
+        A connected one, other than the drive, shows a share of it if it settles too slowly.
+        """
+        unsettled = self._card.parameters.unsettled_share
+        if unsettled and self.channels[slot] != DRIVE_CHANNEL and not self._card.is_open(self.channels[slot]):
+            own, sigma = self._place_voltage(slot, t)
+            previous, _ = self._place_voltage(slot - 1, t)
+            return own + unsettled * (previous - own), sigma
         share = 1.0
         for before in range(len(self.channels)):
             place = slot - before
             if not self._card.is_open(self.channels[place]):
-                # Of the scan before this one, if the list of channels has been gone through.
-                when = t + place * self.convert_s if place >= 0 else t - 1 / self.rate_hz
-                clean, sigma = self._card.channel_voltage(self.channels[place], np.maximum(when, 0.0))
+                clean, sigma = self._place_voltage(place, t)
                 return share * clean, sigma
             share *= GHOST_SHARE
         return np.zeros(t.size), self._card.parameters.noise_v
+
+    def _place_voltage(self, place: int, t: Array) -> tuple[Array, float]:
+        """Volts at the terminal of a place of the scans, and its noise; of the scan before this one, before the first place."""
+        when = t + place * self.convert_s if place >= 0 else t - 1 / self.rate_hz
+        return self._card.channel_voltage(self.channels[place], np.maximum(when, 0.0))
 
 
 class SimulatedCard:

@@ -146,6 +146,8 @@ class CardParameters:
         usb_adjustable: whether their size can be changed; None draws it.
         drive_open: whether the cable from the drive to ai0 is off: an open input shows what was converted before it (NI
             knowledge base kA03q000000YHy6CAG, "How do I eliminate ghosting").
+        unsettled_share: share of the volts converted before it that an input after the drive's still shows: one whose source has so
+            high an impedance that it settles too slowly. The drive's source has 50 ohms.
     """
 
     product: str = "USB-6341"
@@ -161,8 +163,11 @@ class CardParameters:
     usb_request_bytes: int = 0
     usb_adjustable: bool | None = None
     drive_open: bool = False
+    unsettled_share: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.unsettled_share < 1:
+            raise ValueError(f"card.unsettled_share must lie between 0 and 1, not {self.unsettled_share:g}")
         _positive("card", range_v=self.range_v, max_rate_hz=self.max_rate_hz, channels=self.channels)
         _not_negative("card", noise_v=self.noise_v, convert_s=self.convert_s, latency_s=self.latency_s)
         _not_negative("card", usb_requests=self.usb_requests, usb_request_bytes=self.usb_request_bytes)

@@ -8,7 +8,14 @@ import pytest
 from app.config.bench_file import BenchConfig
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from app.session.bench_connection import connect
-from drivers.generators.assumptions import Assumption, OutputCheck, assumptions, assumptions_about
+from drivers.generators.assumptions import (
+    CARD_INPUTS,
+    CARD_OUTPUTS,
+    Assumption,
+    OutputCheck,
+    assumptions,
+    assumptions_about,
+)
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.sequence import Commissioned, Commissioning
@@ -161,6 +168,37 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
 
 
 @pytest.mark.deep
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("model", ["33511B", "SDG1032X"])
+def test_an_input_that_settles_too_slowly_is_found_beside_the_deviations_of_the_source(model: str, seed: int) -> None:
+    """Drawn blind: whether and by how much, and what the source does otherwise."""
+    draw = random.Random(f"card {model} {seed}")
+    share = draw.choice((0.0, 0.02, 0.05))
+    chosen = draw_deviations(model, seed) if draw.random() < 0.5 else {}
+    traits = " ".join(f"{n}={o}" for n, o in chosen.items())
+    config = simulated(generator={"model": model, "traits": traits}, seed=seed, card={"unsettled_share": share})
+    expected = contradicted(model, chosen) | ({OutputCheck.CROSSTALK} if share else set())
+    found = commissioned_bench(config)
+    assert deviating(found) == expected, (share, chosen, found.checks)
+    rows = {row.assumption.quantity: row.verdict for row in checked_assumptions(CARD_INPUTS, found.checks)}
+    assert {name for name, verdict in rows.items() if verdict is OutputVerdict.HIDDEN} == {
+        "channel skew",
+        "time of the first scan",
+        "scaling",
+    }
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("seed", range(3))
+def test_the_output_of_a_card_passes_whatever_its_queue(seed: int) -> None:
+    config = simulated(seed=seed, source="ao0")
+    found = commissioned_bench(BenchConfig.model_validate({**config.model_dump(), "source": {"kind": "card-output"}}))
+    assert deviating(found) == set(), found.checks
+    rows = {row.assumption.quantity: row.verdict for row in checked_assumptions(CARD_OUTPUTS, found.checks)}
+    assert set(rows.values()) == {OutputVerdict.PASS}
+
+
+@pytest.mark.deep
 @pytest.mark.parametrize("late", [(0.05, 0.1), (0.9, 0.04)], ids=["seldom, up to 0.1 s", "nearly always, up to 40 ms"])
 @pytest.mark.parametrize(
     ("model", "traits"),
@@ -212,7 +250,9 @@ def test_the_table_is_about_every_model_by_its_own_driver() -> None:
         driver = next(n for n in BUILT_IN[SOURCES] if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
         assert {each.driver for each in assumptions_about(model)} == {driver}
     unused = [
-        a for a in assumptions() if a.driver != "dc-supply" and not any(a.is_about(m) for m in (*MODELS, "33522B"))
+        a
+        for a in assumptions()
+        if a.driver not in ("dc-supply", "card", "card-output") and not any(a.is_about(m) for m in (*MODELS, "33522B"))
     ]
     assert not unused
 
