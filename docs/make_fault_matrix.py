@@ -43,6 +43,8 @@ how the run ended; what its result is worth is the verdict, which is not in this
   that an earlier program left, and the card does not see rest.
 - **stopped**: an abort level with the action *ask* was exceeded (the laser was lost), the source returned to measured rest, and the
   simulated operator chose to stop the run.
+- **ramp**: on the way to a level that is held by the offset, as on a generator that is not commissioned. At the other moments a level is a waveform of the
+  generator, which ends at rest by itself.
 - **-**: the protocol has no such moment, for example because nothing is ramped.
 - **completed** after a fault during safe shutdown: everything was measured, and the card measured rest although the source no
   longer replied.

@@ -5,6 +5,7 @@
 tests/protocols/test_every_source.py fails if the page differs, and runs every cell on simulated hardware.
 """
 
+import math
 import sys
 from pathlib import Path
 
@@ -30,6 +31,14 @@ A number refers to the notes below.
 
 """
 
+UNATTENDED = """## When program and watchdog are dead
+After how many seconds the longest drive of each protocol is at rest by itself, at the latest, if program and watchdog die at the moment when it begins. A
+generator plays a held level as a finite waveform, whose ramps and margin are included. **stays**: the output stays where it is, and only the amplifier's
+own switch helps. **-**: the protocol is refused, or drives nothing. For a generator that is driven without a valid commissioning record
+(`--without-commissioning`) every held level *stays*, and so does every drive of a card in this computer without NI's gRPC server (docs/safety.md).
+
+"""
+
 
 def main() -> int:
     PAGE.write_text(page(), encoding="utf-8")
@@ -45,6 +54,9 @@ def page() -> str:
     lines = [f"| source | {' | '.join(names)} |", "|---|" + "---|" * len(names)]
     for source, row in found.items():
         lines.append(f"| {source} | {' | '.join(cell(row[name], notes) for name in names)} |")
+    lines += ["", *UNATTENDED.splitlines(), *lines[:2]]
+    for source, row in found.items():
+        lines.append(f"| {source} | {' | '.join(unattended(row[name]) for name in names)} |")
     lines += ["", "## Notes", "", *(f"{i}. {note}." for i, note in enumerate(notes, 1)), ""]
     return HEAD + "\n".join(lines)
 
@@ -54,6 +66,13 @@ def cell(outcome: Outcome, notes: list[str]) -> str:
     if not outcome.note:
         return "yes"
     return f"{'adapted' if outcome.runs else 'no'} ({notes.index(outcome.note) + 1})"
+
+
+def unattended(outcome: Outcome) -> str:
+    """Return the text of a cell: after how long the longest drive is at rest by itself."""
+    if not outcome.runs or not outcome.unattended_s:
+        return "-"
+    return f"{math.ceil(outcome.unattended_s)} s" if math.isfinite(outcome.unattended_s) else "**stays**"
 
 
 if __name__ == "__main__":

@@ -56,6 +56,7 @@ from .generators.tektronix_afg import TektronixAfg as TektronixAfg
 from .interfaces import Block as Block
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker
+from .interfaces import FiniteHolder as FiniteHolder
 from .interfaces import HoldRenewer as HoldRenewer
 from .interfaces import Identity as Identity
 from .interfaces import InputChannel as InputChannel
@@ -69,6 +70,7 @@ from .interfaces import Scale as Scale
 from .interfaces import Source as Source
 from .interfaces import Stream as Stream
 from .interfaces import UnattendedEnd as UnattendedEnd
+from .level_pulse import LevelPulse as LevelPulse
 from .nidaq.analog_input import NiDigitizer as NiDigitizer
 from .nidaq.analog_input import list_devices as list_devices
 from .nidaq.analog_output import NiAnalogOutput as NiAnalogOutput

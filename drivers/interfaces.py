@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.deprecated import renamed
-from drivers.drive import Drive
+from drivers.drive import Drive, Hold
+from drivers.level_pulse import LevelPulse
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,12 +222,43 @@ class HoldRenewer(Protocol):
 
 
 @runtime_checkable
+class FiniteHolder(Protocol):
+    """A source that plays a held level as a finite waveform, which returns to rest by itself and cannot be renewed."""
+
+    def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
+        """Return the waveform as which a level is held: for its duration and a margin, reached and left at this slope."""
+        ...
+
+    def reason_level_unsupported(self, pulse: LevelPulse) -> str:
+        """Return why this waveform cannot be played, with the remedy; empty if it can."""
+        ...
+
+    def start_level(self, pulse: LevelPulse) -> float:
+        """Start the waveform from rest and return immediately; return the earliest bench time at which it may have begun.
+
+        Raises:
+            InstrumentError: the source rejected it or does not answer.
+        """
+        ...
+
+    def end_level(self, duration_s: float) -> None:
+        """Bring a held level to rest in about this time, else like `Source.stop`."""
+
+
+@runtime_checkable
 class UnattendedEnd(Protocol):
     """A source that states what its output does when program and watchdog die at the same moment."""
 
     @property
     def unattended_end(self) -> str:
         """What a drive and a held level do then, as a clause for an operator."""
+        ...
+
+    def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
+        """Return how long after their death a drive is at rest at the latest, in seconds; infinite if it does not end.
+
+        Of a `Hold`: as `start_drive` plays it, at the idle level.
+        """
         ...
 
 

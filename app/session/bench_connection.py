@@ -143,6 +143,7 @@ def _gate(bench: Bench, without_commissioning: str = "") -> None:
     """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
     state = commissioning_state(bench.amplifier.identity, bench.simulated, without_commissioning)
     bench.amplifier.measured_stop_s = state.stop_s
+    bench.amplifier.holds_by_offset = state.holds_by_offset
     bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note
     bench.configuration = {**bench.configuration, "commissioning": state.stored}
 

@@ -25,6 +25,7 @@ class CommissioningState:
         stored: plain values for each run file.
         stop_s: measured duration of Stop; 0 if unknown.
         reply_s: longest measured time from a message to its reply; 0 if unknown.
+        holds_by_offset: whether a level is held by the offset, because the volts of an uneven waveform were not measured.
     """
 
     refusal: str
@@ -32,6 +33,7 @@ class CommissioningState:
     stored: dict[str, Any]
     stop_s: float = 0.0
     reply_s: float = 0.0
+    holds_by_offset: bool = False
 
 
 def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -> CommissioningState:
@@ -64,9 +66,12 @@ def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}
         return CommissioningState(
-            "", f"High voltage without a valid commissioning of the source: {reason}. {why}", stored
+            "",
+            f"High voltage without a valid commissioning of the source: {reason}. {why}",
+            stored,
+            holds_by_offset=True,
         )
-    return CommissioningState(f"{why}. {REMEDY}", "", {"status": "not commissioned", "why": why})
+    return CommissioningState(f"{why}. {REMEDY}", "", {"status": "not commissioned", "why": why}, holds_by_offset=True)
 
 
 def _describe_missing(identity: Identity, record: "CommissioningRecord | None") -> str:

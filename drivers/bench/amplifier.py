@@ -14,6 +14,7 @@ from drivers.drive import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
     DriveChecker,
+    FiniteHolder,
     HoldRenewer,
     Identity,
     LiveChecker,
@@ -22,9 +23,13 @@ from drivers.interfaces import (
     Source,
     UnattendedEnd,
 )
+from drivers.level_pulse import LevelPulse
 from model.amplifier_map import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
+
+LEVEL_REACHED_S = 0.01
+"""After the rise of a level that is played as a waveform: the duration of a point, and what the instrument needs to begin."""
 
 NOT_A_LEVEL_V = 1e6
 """Beyond this a level is none: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
@@ -77,6 +82,13 @@ class HvAmplifier:
         self.limits = limits
         self._clock = clock
         self._drive_end_s = 0.0
+        self._pulse: LevelPulse | None = None
+        """The waveform of the present level, where the source plays it as one."""
+        self._level_end_s = math.inf
+        """Earliest bench time at which that level is left by itself."""
+        self.holds_by_offset = False
+        """Whether a level is held at the idle level, also by a source that could play it as a finite waveform: where it is
+        not known from measurement that such waveforms have the volts that its driver assumes."""
         self.measured_stop_s = 0.0
         """Duration of Stop as measured when the source was commissioned; 0 if it was not."""
         self.on_failure: Callable[[BaseException], None] = lambda _: None
@@ -127,12 +139,29 @@ class HvAmplifier:
 
     def reason_unsupported(self, drive: Drive) -> str:
         """Return why the source cannot play a drive, with the remedy; empty if it can."""
+        if isinstance(self._source, FiniteHolder) and (pulse := self._level_pulse(drive)) is not None:
+            return self._source.reason_level_unsupported(pulse)
         return self._source.reason_unsupported(drive) if isinstance(self._source, DriveChecker) else ""
 
     @property
     def unattended_end(self) -> str:
         """What the source does when program and watchdog die; empty if its driver does not state it."""
-        return self._source.unattended_end if isinstance(self._source, UnattendedEnd) else ""
+        if not isinstance(self._source, UnattendedEnd):
+            return ""
+        if not isinstance(self._source, FiniteHolder):
+            return self._source.unattended_end
+        level = "stays" if self.holds_by_offset else "returns to rest by itself soon after its planned end"
+        return f"{self._source.unattended_end}; a held level {level}"
+
+    def unattended_rest_s(self, drive: Drive) -> float:
+        """Return how long after the death of program and watchdog a drive is at rest at the latest; infinite if it is not."""
+        if isinstance(drive, Hold) and abs(drive.level_v - self.map.rest_v) <= LEVEL_ROUNDING_V:
+            return 0.0
+        if (pulse := self._level_pulse(drive)) is not None:
+            return pulse.duration_s
+        if not isinstance(self._source, UnattendedEnd):
+            return math.inf
+        return self._source.unattended_rest_s(drive, self.map.rest_v)
 
     @property
     def plays_to_the_end(self) -> bool:
@@ -193,7 +222,7 @@ class HvAmplifier:
         return predicted_s
 
     def start_drive(self, drive: Drive) -> None:
-        """Check a drive and start it; a drive that still plays comes to rest first.
+        """Check a drive and start it; a drive that still plays comes to rest first. A level is reached when this returns.
 
         Raises:
             DriveRejectedError: nothing was sent to the source.
@@ -206,10 +235,33 @@ class HvAmplifier:
             self.return_to_rest()
             # Set before the command is sent: if the reply is lost, the drive must be assumed to play.
             self._drive_end_s = self._clock.now() + drive.duration_s
+            if isinstance(self._source, FiniteHolder) and (pulse := self._level_pulse(drive)) is not None:
+                self._start_level(self._source, pulse)
+                return
             if isinstance(drive, Hold):
                 self._drive_end_s = float("inf")
                 self._ramp(drive.level_v)
             self._source.start_drive(drive)
+
+    def _level_pulse(self, drive: Drive) -> LevelPulse | None:
+        """Return the finite waveform as which a drive is played; None if it is no level away from rest, or held otherwise."""
+        rest_v = self.map.rest_v
+        if (
+            self.holds_by_offset
+            or not isinstance(drive, Hold)
+            or abs(drive.level_v - rest_v) <= LEVEL_ROUNDING_V
+            or not isinstance(self._source, FiniteHolder)
+        ):
+            return None
+        return self._source.level_pulse(drive, rest_v, self.limits.ramp_v_per_s)
+
+    def _start_level(self, source: FiniteHolder, pulse: LevelPulse) -> None:
+        self._pulse = pulse
+        self._drive_end_s = self._clock.now() + pulse.duration_s
+        triggered_s = source.start_level(pulse)
+        self._drive_end_s = self._clock.now() + pulse.duration_s
+        self._level_end_s = triggered_s + pulse.rise_s + pulse.hold_s
+        self._clock.sleep(pulse.rise_s + LEVEL_REACHED_S)
 
     def renew_hold(self) -> None:
         """Renew a held level where the source needs it; else it returns to rest by itself.
@@ -224,6 +276,11 @@ class HvAmplifier:
     def remaining_s(self) -> float:
         """Remaining duration of the present drive (0 at rest, infinite for a held level)."""
         return max(self._drive_end_s - self._clock.now(), 0.0)
+
+    @property
+    def level_remaining_s(self) -> float:
+        """How long the present level is held at least before it returns to rest by itself; infinite if it does not."""
+        return max(self._level_end_s - self._clock.now(), 0.0)
 
     def return_to_rest(self) -> None:
         """Stop the drive and ramp to rest; return when the source reports that it idles there.
@@ -249,7 +306,7 @@ class HvAmplifier:
         """
         with self._watchdog.allow_silence():
             failure: BaseException | None = None
-            for way in (self._source.stop, self._ramp_to_rest):
+            for way in (self._stop, self._ramp_to_rest):
                 try:
                     way()
                 except BaseException as error:
@@ -263,6 +320,13 @@ class HvAmplifier:
             if failure is not None:
                 raise failure
             self._drive_end_s = 0.0
+            self._pulse, self._level_end_s = None, math.inf
+
+    def _stop(self) -> None:
+        if self._pulse is not None and isinstance(self._source, FiniteHolder):
+            self._source.end_level(self._pulse.rise_s)
+        else:
+            self._source.stop()
 
     def reconnect(self) -> None:
         """Connect to the source anew; changes no output setting. Raises InstrumentError if it does not answer."""

@@ -28,8 +28,11 @@ class BlockMonitor(Protocol):
     def drive_commanded(self) -> None:
         """Note that a drive is about to be started."""
 
-    def drive_changed(self, drive: Drive | None) -> None:
-        """Note that a drive was started, or that the source returned to rest (None)."""
+    def drive_changed(self, drive: Drive | None, level_remaining_s: float = math.inf) -> None:
+        """Note that a drive was started, or that the source returned to rest (None).
+
+        A level is held for `level_remaining_s` at least, and may return to rest by itself then.
+        """
 
     def block_read(self, block: Block) -> None:
         """Evaluate a block."""
@@ -78,7 +81,7 @@ class ArmedBench:
             self.monitor.drive_commanded()
         self.amplifier.start_drive(drive)
         if self.monitor is not None:
-            self.monitor.drive_changed(drive)
+            self.monitor.drive_changed(drive, self.amplifier.level_remaining_s)
 
     def return_to_verified_rest(self) -> RestMeasurement:
         """Return to rest and verify it by measurement.

@@ -92,8 +92,10 @@ class SafeShutdown:
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
             trouble = self.command_rest(self.amplifier.return_to_rest)
             remaining_s = self.amplifier.remaining_s
-            # A held level does not end by itself: waiting for it would only delay the report.
-            left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if trouble and math.isfinite(remaining_s) else 0.0
+            # A held level that lasts longer, or does not end by itself: waiting for it would only delay the report.
+            lasts = math.isfinite(self.amplifier.level_remaining_s) and remaining_s > MAX_DRIVE_WAIT_S
+            waits = trouble and math.isfinite(remaining_s) and not lasts
+            left_s = min(remaining_s, MAX_DRIVE_WAIT_S) if waits else 0.0
             rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
                 # The source obeyed, or had nothing to do, but the card measures otherwise: the assumed state is wrong.

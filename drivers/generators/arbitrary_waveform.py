@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.drive import LinearSweep, PeriodicSweep, SquareWave, Steps
+from drivers.level_pulse import LevelPulse
 
 Points = NDArray[np.float64]
 """Values between -1 and 1; 0 is the level where the source idles, and the first value."""
 
-ArbitraryDrive = LinearSweep | PeriodicSweep | Steps | SquareWave
+ArbitraryDrive = LinearSweep | PeriodicSweep | Steps | SquareWave | LevelPulse
 """Drives that no generator has built in."""
 
 MIN_POINTS = 256
@@ -29,6 +30,12 @@ def reason_memory_too_small(drive: ArbitraryDrive, max_points: int, max_step_v: 
     needed = required_points(drive, max_step_v)
     if needed <= max_points:
         return ""
+    if isinstance(drive, LevelPulse):
+        return (
+            f"a level of {drive.level_v:g} V held for {drive.hold_s:g} s is a waveform of {needed} points, which ends at rest by itself, "
+            f"and the instrument holds {max_points}; shorten the hold, raise amplifier.step_v in the bench file, or use the "
+            "card's analogue output. Nothing was sent"
+        )
     return (
         f"this {drive.kind} needs {needed} points to move by no more than {max_step_v:g} V at a time, and the "
         f"instrument holds {max_points}; shorten it, lower its amplitude or its top frequency, lengthen its rise, or raise "

@@ -3,8 +3,8 @@
 A change of function, load or range can drop an instrument's output to 0 V, which is -500 V on the specimen. So all of them
 are set once, before the output comes up. The function is always the arbitrary waveform: its first point is the idle level,
 which is the offset (33220A guide p. 227); a sine is one cycle of it repeated, a sweep or a series of steps is a waveform
-played once, and a held level is an idle burst at another offset. Every drive is a finite burst: it returns to the offset by
-itself if this computer fails.
+played once, and so is a held level with its ramps from and to rest. Every drive is a finite burst: it returns to the offset
+by itself if this computer fails. The offset itself moves on the way to rest only, and while an instrument is commissioned.
 
 Instruments differ in one respect that matters. Those that can freeze the range of their attenuator set a drive's amplitude
 as the amplitude, and are stopped by reducing it in small steps. Those that cannot would switch a relay on the way: they
@@ -30,6 +30,7 @@ from drivers.errors import InstrumentError, LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, reason_memory_too_small, render_waveform
 from drivers.generators.expected_setting import ExpectedSetting
 from drivers.interfaces import Identity
+from drivers.level_pulse import LevelPulse
 from drivers.transport.safe_ramp_down import RampDown
 from drivers.transport.scpi import Link, ScpiSession
 
@@ -45,6 +46,12 @@ SLOW_WIRE_ROUND_TRIPS = 7
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
 """Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
+
+HOLD_MARGIN_S, MIN_HOLD_MARGIN_S = 2.0, 1.0
+"""How much longer than planned a level is held, so that its recording ends before it: late replies, a busy computer. The smaller
+margin is that of an instrument whose drives cannot be ended early."""
+
+SHORTEST_RISE_S = 0.01
 
 BURST_END_MARGIN_S = 0.1
 """How much later than by the computer's clock a burst may end."""
@@ -196,6 +203,34 @@ class BurstGenerator(ABC):
                 raise InstrumentError(f"{self._scpi.instrument}: its output did not come on; look at its front panel")
         self._burst_end_s = self._clock.now()
 
+    def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
+        rise_s = max(abs(level.level_v - rest_v) / ramp_v_per_s, SHORTEST_RISE_S)
+        speed = max(float(getattr(self._clock, "speed", 1.0)), 1.0)
+        margin_s = HOLD_MARGIN_S * speed
+        if not self.CAN_FREEZE_RANGE:  # what is left of it has to be waited for
+            left_s = MAX_UNSTOPPABLE_DRIVE_S - level.duration_s - 2 * rise_s
+            margin_s = max(min(MIN_HOLD_MARGIN_S * speed, left_s), MIN_HOLD_MARGIN_S)
+        return LevelPulse(rest_v, level.level_v, level.duration_s + margin_s, rise_s)
+
+    def reason_level_unsupported(self, pulse: LevelPulse) -> str:
+        name = self._scpi.instrument
+        if not self.CAN_FREEZE_RANGE and pulse.duration_s > MAX_UNSTOPPABLE_DRIVE_S:
+            longest_s = MAX_UNSTOPPABLE_DRIVE_S - 2 * pulse.rise_s - MIN_HOLD_MARGIN_S
+            return (
+                f"{name} cannot hold its range, so that a held level can only be left by waiting for its end; {pulse.level_v:g} V can "
+                f"be held for {max(longest_s, 0):.3g} s at most, not {pulse.hold_s - MIN_HOLD_MARGIN_S:.3g} s. Shorten the hold, or use a "
+                "generator that holds its range or the card's analogue output. Nothing was sent"
+            )
+        if why := reason_memory_too_small(pulse, self._max_points(), self._step_v):
+            return f"{name}: {why}"
+        return self._reason_too_small(pulse.high_v - pulse.low_v)
+
+    def start_level(self, pulse: LevelPulse) -> float:
+        if why := self.reason_level_unsupported(pulse):
+            raise InstrumentError(why)
+        points, full_v = render_waveform(pulse, self._max_points(), self._step_v)
+        return self._start_burst(points, full_v, 1 / pulse.duration_s, 1, pulse.rest_v)
+
     def start_drive(self, drive: Drive) -> None:
         if why := self.reason_unsupported(drive):
             raise InstrumentError(why)
@@ -232,11 +267,8 @@ class BurstGenerator(ABC):
         )
         if cycles > self.MAX_BURST_CYCLES:
             return f"{name} plays {self.MAX_BURST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
-        if not isinstance(drive, Hold | Ramp) and drive.high_v - drive.low_v < self.MIN_AMPLITUDE_VPP * (1 - 1e-9):
-            return (
-                f"{name} cannot play less than {1e3 * self.MIN_AMPLITUDE_VPP:g} mV peak to peak, not "
-                f"{1e3 * (drive.high_v - drive.low_v):.3g} mV; raise the drive's amplitude. Nothing was sent"
-            )
+        if not isinstance(drive, Hold | Ramp) and (why := self._reason_too_small(drive.high_v - drive.low_v)):
+            return why
         if (
             not self.CAN_FREEZE_RANGE
             and not isinstance(drive, Hold | Ramp)
@@ -247,6 +279,14 @@ class BurstGenerator(ABC):
                 f"lasts {drive.duration_s:.3g} s (limit {MAX_UNSTOPPABLE_DRIVE_S:g} s). Shorten it. Nothing was sent"
             )
         return ""
+
+    def _reason_too_small(self, span_v: float) -> str:
+        if span_v >= self.MIN_AMPLITUDE_VPP * (1 - 1e-9):
+            return ""
+        return (
+            f"{self._scpi.instrument} cannot play less than {1e3 * self.MIN_AMPLITUDE_VPP:g} mV peak to peak, not "
+            f"{1e3 * span_v:.3g} mV; raise the drive's amplitude. Nothing was sent"
+        )
 
     def _max_step_v(self, drive: Drive) -> float:
         return (
@@ -262,10 +302,21 @@ class BurstGenerator(ABC):
 
     @property
     def unattended_end(self) -> str:
-        limit = "" if self.CAN_FREEZE_RANGE else f", within {MAX_UNSTOPPABLE_DRIVE_S:g} s"
-        return f"a drive plays to its end and is at rest{limit}; a held level stays"
+        limit = "" if self.CAN_FREEZE_RANGE else f" within {MAX_UNSTOPPABLE_DRIVE_S:g} s"
+        return f"a drive plays to its end and is at rest{limit}"
+
+    def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
+        del rest_v
+        return math.inf if isinstance(drive, Hold) else drive.duration_s
+
+    def end_level(self, duration_s: float) -> None:
+        self._stop_within(0.0 if self._burst_has_ended() else duration_s)
 
     def stop(self) -> None:
+        self._stop_within(0.0)
+
+    def _stop_within(self, duration_s: float) -> None:
+        """Reduce the amplitude in steps, in about `duration_s` or as fast as the steps may follow each other, and abort."""
         if not self.CAN_FREEZE_RANGE:
             self._wait_for_burst_end()
             return
@@ -288,7 +339,7 @@ class BurstGenerator(ABC):
         for i in range(1, steps + 1):
             self._last_amplitude_vpp = vpp = amplitude + (self.IDLE_AMPLITUDE_VPP - amplitude) * i / steps
             way.step(self._amplitude_command(vpp), partial(self._set_amplitude, vpp))
-            self._clock.sleep(self._step_interval_s)
+            self._clock.sleep(max(self._step_interval_s, duration_s / steps))
         for command in self._abort_commands():
             way.step(command, partial(self._send, command))
         way.flush()
@@ -391,8 +442,11 @@ class BurstGenerator(ABC):
         self._last_amplitude_vpp = vpp
         self._set_amplitude(vpp)
 
-    def _start_burst(self, points: Points, full_v: float, rate_hz: float, cycles: int, idle_v: float) -> None:
-        """Play `cycles` periods of the waveform at `rate_hz` periods a second, a full-scale point being `full_v`."""
+    def _start_burst(self, points: Points, full_v: float, rate_hz: float, cycles: int, idle_v: float) -> float:
+        """Play `cycles` periods of the waveform at `rate_hz` periods a second, a full-scale point being `full_v`.
+
+        Returns the bench time just before the trigger was sent.
+        """
         name, seconds = self._scpi.instrument, cycles / rate_hz
         self._check_idle_level(idle_v)
         if not self.CAN_FREEZE_RANGE:
@@ -413,11 +467,11 @@ class BurstGenerator(ABC):
             self._check_readback(
                 self._query_amplitude(), expected, LEVEL_TOLERANCE_V, "the amplitude in volts peak to peak"
             )
-        self._burst_end_s = (
-            self._clock.now() + seconds
-        )  # before it is sent: if the reply is lost, the burst must be assumed to play
+        triggered_s = self._clock.now()
+        self._burst_end_s = triggered_s + seconds  # before it is sent: if the reply is lost, it must be assumed to play
         self._trigger()
         self._burst_end_s = self._clock.now() + seconds
+        return triggered_s
 
     def _load_waveform(self, points: Points) -> None:
         expected = hashlib.sha256(points.tobytes()).hexdigest()

@@ -160,6 +160,13 @@ class NiAnalogOutput:
             return f"a drive plays to its end and is at rest; a held level returns to rest {rest}"
         return "the output stays at the sample that was converted last"
 
+    def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
+        if not self._server:
+            return math.inf
+        if not isinstance(drive, Hold):
+            return drive.duration_s
+        return self.lease_s + abs(drive.level_v - rest_v) / RETURN_V_PER_S
+
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
         replies_s = (STOP_ROUND_TRIPS + RAMP_ROUND_TRIPS) * self._reply_s
         return self._margin_s + self._queue_limit_s() + FADE_S + RELEASE_S + distance_v / ramp_v_per_s + replies_s

@@ -175,6 +175,10 @@ class DcSupply:
 
     unattended_end = "the output stays at the level that was reached"
 
+    def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
+        del drive, rest_v
+        return math.inf
+
     def stop(self) -> None:
         self._stop_staircase()
         RampDown(self._output.link).query(self._output.clear_error_queue)

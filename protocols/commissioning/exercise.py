@@ -89,8 +89,11 @@ class Exerciser:
         self._read_until(self._clock.now() + LEAD_S)
         self._messages.separated = SEPARATED_AT_START
         error = ""
+        amplifier = self._bench.amplifier
+        # A level is held by the offset here, whose volts are measured so; as a waveform it would have those of the amplitude.
+        amplifier.holds_by_offset = True
         try:
-            self._bench.amplifier.start_drive(drive)
+            amplifier.start_drive(drive)
         except DriveRejectedError:
             return None
         except InstrumentError as refused:

@@ -186,6 +186,7 @@ class StepExecutor:
     def _play_and_wait(self, armed: ArmedBench, step: Play) -> SettlingResult:
         self._start_drive(armed, step.drive)
         wait_s = max(step.wait_s, BLOCK_LATENCY_S)
+        self._check_level_lasts(armed, wait_s)
         last = self._acquisition.scan_index(armed, wait_s)
         block = self._acquisition.read_block(armed)
         while block.stop < last:
@@ -208,6 +209,7 @@ class StepExecutor:
             self._start_drive(armed, step.drive)
             # The card continued while the source was started; those samples are the rest before the drive.
             scans += max(self._acquisition.scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
+        self._check_level_lasts(armed, step.duration_s)
         while buffer.scans < scans:
             buffer.add(self._acquisition.read_block(armed))
         samples, quality = buffer.finish(scans)
@@ -240,6 +242,15 @@ class StepExecutor:
     def _start_drive(self, armed: ArmedBench, drive: Drive) -> None:
         armed.start_drive(drive)
         self._recorder.publish(DriveStarted(drive))
+
+    def _check_level_lasts(self, armed: ArmedBench, needed_s: float) -> None:
+        """Refuse to record or wait beyond the end of a level that returns to rest by itself."""
+        left_s = armed.amplifier.level_remaining_s
+        if left_s < needed_s + BLOCK_LATENCY_S:
+            raise BenchError(
+                f"the held level returns to rest by itself in {left_s:.1f} s, and {needed_s:g} s are to be recorded or waited under it; "
+                "give its Hold a longer duration_s in the protocol, or close other programs if they held this one up"
+            )
 
     def _check_drive_readback(self, drive: Drive, block: Block) -> None:
         seen_v = float(self._acquisition.channels[DRIVE_CHANNEL].to_si(block.raw[DRIVE_CHANNEL]).mean())

@@ -146,7 +146,7 @@ class LevelMonitor:
         if self._confirmed_s:
             self._starting_s = self._clock.now()
 
-    def drive_changed(self, drive: Drive | None) -> None:
+    def drive_changed(self, drive: Drive | None, level_remaining_s: float = math.inf) -> None:
         """Note that a drive was started, or that the source returned to rest (None)."""
         now_s = self._clock.now()
         scan = round((now_s - self._start_time_s) * self._rate_hz)
@@ -166,6 +166,7 @@ class LevelMonitor:
                 self._settings.drive_tolerance,
                 previous,
                 early_s,
+                level_remaining_s,
             )
 
     def block_read(self, block: Block) -> None:

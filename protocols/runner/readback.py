@@ -51,6 +51,7 @@ class DriveReadback:
         relative_tolerance: of the drive's amplitude, or of a level's distance from rest.
         previous: the drive before, if there was one.
         early_s: by how much the drive may have started before `start_scan`, because replies were late.
+        held_s: how long a level is held from `start_scan` on; then it may return to rest by itself.
     """
 
     drive: Drive
@@ -61,6 +62,7 @@ class DriveReadback:
     relative_tolerance: float
     previous: Drive | None = None
     early_s: float = 0.0
+    held_s: float = math.inf
     compared: bool = field(default=False, init=False)
     """Whether the last block was compared with the drive; not before `fresh_scan` or where it has too little of a cycle."""
     _sine_scans: list[Array] = field(default_factory=list)
@@ -83,8 +85,9 @@ class DriveReadback:
         shortest = MIN_CHECKED_S * self.rate_hz
         if split > shortest and (found := self._check_transition(raw[:split], to_volts)):
             return found
-        end_scan = self.start_scan + math.floor((self.drive.duration_s - self._late_s) * self.rate_hz)
-        stop = raw.size if isinstance(self.drive, Hold) else min(end_scan - start, raw.size)
+        played_s = self.held_s if isinstance(self.drive, Hold) else self.drive.duration_s
+        left = (self.start_scan - start) + (played_s - self._late_s) * self.rate_hz
+        stop = raw.size if left >= raw.size else math.floor(left)
         if stop - split <= shortest:
             return None
         self.compared = True

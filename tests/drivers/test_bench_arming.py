@@ -3,6 +3,7 @@
 # ruff: noqa: PT012 - what a live bench does is asked within its `with`
 
 import contextlib
+import math
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -74,7 +75,8 @@ class Journal(NoWatchdog):
     # the monitor
     def drive_commanded(self) -> None: ...
 
-    def drive_changed(self, drive: Drive | None) -> None:
+    def drive_changed(self, drive: Drive | None, level_remaining_s: float = math.inf) -> None:
+        del level_remaining_s
         self.note(f"drive: {drive.kind if drive else 'rest'}")
 
     def block_read(self, block: Block) -> None:
@@ -432,15 +434,17 @@ def test_blocks_of_the_shutdown_are_stored_until_the_disk_is_full(lab: BenchConn
 
 def test_a_quiet_run_sends_nothing_to_the_source_at_its_end(lab: BenchConnection, journal: Journal) -> None:
     source = lab.bench.amplifier._source
-    stops: list[None] = []
-    stop = source.stop
+    stops: list[str] = []
+    stop, end_level = source.stop, source.end_level
+    source.stop = lambda: stops.append("stop") or stop()  # type: ignore[method-assign, func-returns-value]
+    source.end_level = lambda s: stops.append("end") or end_level(s)  # type: ignore[method-assign, func-returns-value]
     with armed_bench(lab, journal):
-        source.stop = lambda: stops.append(None) or stop()  # type: ignore[method-assign, func-returns-value]
+        pass
     assert stops == []
     with armed_bench(lab, journal) as armed:
         armed.start_drive(Hold(3.0, 9.0))
-    assert len(stops) == 1
-    source.stop = stop  # type: ignore[method-assign]
+    assert stops == ["end"]
+    source.stop, source.end_level = stop, end_level  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize(
@@ -473,10 +477,11 @@ def test_an_interrupted_shutdown_leaves_the_watchdog_armed(lab: BenchConnection,
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), armed_bench(lab, journal) as armed:
-        armed.start_drive(Hold(3.0, 9.0))
+        armed.start_drive(Sine(100.0, 1.0, 2.5, 900))
         source.stop = interrupted  # type: ignore[method-assign]
     assert "watchdog: disarmed" not in journal.lines
     source.stop = stop  # type: ignore[method-assign]
+    source.stop()
     source.ramp_to(2.5, 0.2)
 
 

@@ -305,6 +305,8 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
     try:
         with opening() as (bench, world, operator):
             bench.watchdog.set_log_folder(folder)
+            # As on a generator that is not commissioned: a level played as a waveform is ramped by the instrument itself.
+            bench.amplifier.holds_by_offset = moment == "ramp"
             breaker = _Breaker(world, fault, moment, moments_of(name))
             events: list[Event] = []
             cancel = threading.Event()

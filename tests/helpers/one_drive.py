@@ -10,8 +10,8 @@ from drivers import Hold, LinearSweep, Sine, Steps
 from protocols import EstimatedQuantity, PlanEntry, Play, Protocol, Record, Recording
 
 DRIVES = {
-    "level": lambda _: Hold(4.0, 600.0),
-    "ramp": lambda _: Hold(4.6, 600.0),
+    "level": lambda s: Hold(4.0, s - 1.0),
+    "ramp": lambda s: Hold(4.6, s - 1.0),
     "full": lambda s: Sine(160.0, 2.5, 2.5, int(160 * s)),
     "sine": lambda s: Sine(20.0, 1.5, 2.5, int(20 * s)),
     "sweep": lambda s: LinearSweep.with_whole_cycles(10.0, 30.0, s, 1.5, 2.5),
@@ -37,7 +37,7 @@ class OneDrive(Protocol):
     axes = ("level", "highest")
 
     drive: Annotated[Literal["level", "ramp", "full", "sine", "sweep", "arbitrary"], "what is played"] = "level"
-    drive_s: Annotated[float, Unit("s"), Interval(gt=1, le=600), "how long"] = 60.0
+    drive_s: Annotated[float, Unit("s"), Interval(gt=2, le=600), "how long"] = 60.0
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=5000), "scans per second"] = 1000.0
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
@@ -45,7 +45,7 @@ class OneDrive(Protocol):
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Any, Any, None]:
         yield Play(entry.drives[0], 0.1)
-        yield Record(self.drive_s)
+        yield Record(self.drive_s - 1.5)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Volts:
         drive_v = recordings[-1].drive_v

@@ -6,7 +6,7 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig
 from drivers.errors import BenchError
-from protocols.adaptation import adapt_to_source
+from protocols.adaptation import adapt_to_source, longest_unattended_s
 from protocols.base import Protocol
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -60,10 +60,12 @@ class Outcome:
     Attributes:
         runs: whether it is played there.
         note: what is adapted, or why it is refused; empty where it runs as it is.
+        unattended_s: after how long its longest drive is at rest by itself, program and watchdog dead.
     """
 
     runs: bool
     note: str = ""
+    unattended_s: float = 0.0
 
 
 def rehearsed(protocol: Protocol, lab: Any, source: str) -> Outcome:
@@ -73,7 +75,8 @@ def rehearsed(protocol: Protocol, lab: Any, source: str) -> Outcome:
         rehearse(protocol, amplifier)
     except BenchError as refusal:
         return Outcome(False, _anonymous(str(refusal), source))
-    return Outcome(True, _anonymous(adapt_to_source(protocol, amplifier).message, source))
+    note = _anonymous(adapt_to_source(protocol, amplifier).message, source)
+    return Outcome(True, note, longest_unattended_s(protocol, amplifier))
 
 
 def outcomes() -> dict[str, dict[str, Outcome]]:

@@ -1,4 +1,4 @@
-"""A level held by the card's analogue output returns to rest by itself when every process of the program is killed."""
+"""A held level and a staircase return to rest by themselves when every process of the program is killed."""
 
 import time
 from pathlib import Path
@@ -7,10 +7,17 @@ import numpy as np
 import psutil
 import pytest
 
+from app.session.commissioning_record import save_record
+from drivers import ScpiSession, VisaLink
 from drivers.clock import WallClock
+from drivers.generators.assumptions import OutputCheck
+from protocols.commissioning.sequence import Commissioned
+from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
-from tests.helpers.program import start
+from sim_hardware.testing.safe_volts import STEP_V
+from tests.helpers import one_drive
+from tests.helpers.program import Program, start
 from tests.helpers.simulated_bench import simulated
 
 LEASE_S, RETURN_S = 5.0, 2.0 / 5.0
@@ -22,6 +29,69 @@ def wait_until(condition) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.1)
+
+
+def note_as_commissioned(resource: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Store a commissioning record of the instrument: without one, a level is held by the offset."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(folder / "data"))
+    link = VisaLink(resource)
+    identity = ScpiSession(link, "generator").identify()
+    link.close()
+    passed = Commissioned(
+        (CheckedOutput(OutputCheck.UNEVEN, 1.0, "1", 0.97, 1.03),), MeasuredTimes(0.2, 0.0, 0.0), (), ()
+    )
+    save_record(identity, simulated=False, rate_hz=1e5, found=passed)
+
+
+def kill_every_process(running: Program) -> None:
+    for process in (*psutil.Process(running.process.pid).children(recursive=True), running.process):
+        process.kill()
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("drive", ["level", "arbitrary"])
+@pytest.mark.parametrize(("model", "margin_s"), [("33511B", 2.0), ("DG1032Z", 2.0), ("SDG1032X", 1.0)])
+def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_watchdog(
+    model: str, margin_s: float, drive: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within the time that `unattended_rest_s` states, without a jump, killed in the middle of a level or a staircase."""
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(1.0))
+    planned = one_drive.DRIVES[drive](8.0)
+    stated_s = planned.duration_s + (margin_s + 2 * 1.5 / 5.0 if drive == "level" else 0.0)
+    with ServedBench(bench) as served:
+        resource = f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"
+        note_as_commissioned(resource, tmp_path, monkeypatch)
+        (tmp_path / "bench.toml").write_text(
+            'name = "bench under test"\n[levels]\nlaser_lost = "warning"\nstroke = "warning"\n'
+            f'[generator]\nresource = "{resource}"\n[card]\nserver = "{served.card.address}"\n'
+            "[sensor]\ndelay_s = 1e-4\n"
+        )
+        running = start(bench, tmp_path, f"drive={drive}", "drive_s=8", protocol=one_drive.__file__)
+        try:
+            running.arm()
+            wait_until(lambda: bench.report().end_v > 3.95)  # the level, or the second step of the staircase
+            assert "was commissioned with this firmware" in running.text
+            assert any(
+                "drivers.watchdog.process" in p.cmdline() for p in psutil.Process(running.process.pid).children()
+            )
+            kill_every_process(running)
+            killed_s = bench.clock.now()
+            held_v = bench.report().end_v
+            wait_until(lambda: bench.clock.now() > killed_s + stated_s + 0.5)
+            report = bench.report()
+            t = np.arange(killed_s - 2.0, bench.clock.now() - 0.05, 1e-3)
+            volts = bench.history.volts(t)
+            last_s = t[np.abs(volts - 2.5) > 0.01][-1]
+        finally:
+            running.close()
+    assert abs(held_v - 2.5) > 0.3
+    if drive == "level":
+        assert held_v == pytest.approx(4.0, abs=2e-3)
+    assert last_s > killed_s + 1.0  # nobody ended it
+    assert last_s - killed_s < stated_s
+    assert volts[-1] == pytest.approx(2.5, abs=1e-3)
+    assert report.ends_at_rest
+    assert report.largest_jump_v <= STEP_V + 1e-6
 
 
 @pytest.mark.deep
@@ -39,8 +109,7 @@ def test_after_the_death_of_every_process_a_held_level_returns_to_rest_by_itself
             held_s = bench.clock.now()
             wait_until(lambda: bench.clock.now() > held_s + LEASE_S + RETURN_S + 1.0)
             assert bench.report().end_v == pytest.approx(4.5, abs=1e-3)  # renewed, or it would be at rest by now
-            for process in (*psutil.Process(running.process.pid).children(recursive=True), running.process):
-                process.kill()
+            kill_every_process(running)
             killed_s = bench.clock.now()
             wait_until(lambda: bench.clock.now() > killed_s + LEASE_S + RETURN_S + 0.5)
             t = np.arange(held_s, bench.clock.now() - 0.05, 1e-3)
