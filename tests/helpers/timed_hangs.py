@@ -22,6 +22,9 @@ from pathlib import Path
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers.double_faults import NotLiveError, open_scene, rest_since, wait_until
 
+BUSY = "import os; parent = os.getppid()\nwhile os.getppid() == parent: pass"
+"""Program that computes without a pause as long as its parent lives."""
+
 PATIENCE_S = 60.0
 """Longest wait for the watchdog's report."""
 
@@ -61,7 +64,7 @@ def hang(drive: str, folder: Path) -> Hang:
 @contextmanager
 def busy(count: int) -> Iterator[None]:
     """Run processes that compute without a pause."""
-    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    processes = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]
     try:
         yield
     finally:
