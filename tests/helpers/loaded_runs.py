@@ -38,7 +38,7 @@ from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import simulated
 from tests.helpers.timed_hangs import busy
 
-RUNS_PER_BENCH = 5
+RUNS_PER_BENCH = 10
 """Runs after which bench and watchdog are started again, at another speed."""
 
 PLANS: tuple[tuple[str, dict[str, object]], ...] = (

@@ -10,26 +10,26 @@ import pytest
 
 from drivers.watchdog.client import WatchdogClient
 from tests.helpers import loaded_runs
-from tests.helpers.loaded_runs import Batch, LoadedRun, Silence, summary
+from tests.helpers.loaded_runs import RUNS_PER_BENCH, Batch, LoadedRun, Silence, summary
 
-RUN = LoadedRun(5, "sweep", 2.0, 6.0, 3.0, "completed", "good", "", True, "", "", 0, ("stroke",), 0.2)
+RUN = LoadedRun(RUNS_PER_BENCH, "sweep", 2.0, 6.0, 3.0, "completed", "good", "", True, "", "", 0, ("stroke",), 0.2)
 
 
 @pytest.mark.deep
 def test_a_batch_continues_with_the_benches_that_are_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(loaded_runs, "code_state", lambda: "here")
-    (tmp_path / "runs.jsonl").write_text("".join(json.dumps(asdict(RUN)) + "\n" for _ in range(5)))
-    batch = Batch(10, 1.0, tmp_path)
+    (tmp_path / "runs.jsonl").write_text("".join(json.dumps(asdict(RUN)) + "\n" for _ in range(3)))
+    batch = Batch(2 * RUNS_PER_BENCH, 1.0, tmp_path)
     batch.resume()
-    assert batch.ran == [RUN] * 5
+    assert batch.ran == [RUN] * 3
     assert [index for index in range(2) if index not in batch.made] == [0]
     assert "longest silence of a run thread: 0.20 s" in summary(batch.ran)
-    Batch(10, 1.0, tmp_path).resume()
+    Batch(2 * RUNS_PER_BENCH, 1.0, tmp_path).resume()
     with pytest.raises(ValueError, match="seed 2"):
-        Batch(10, 1.0, tmp_path, seed=2).resume()
+        Batch(2 * RUNS_PER_BENCH, 1.0, tmp_path, seed=2).resume()
     monkeypatch.setattr(loaded_runs, "code_state", lambda: "elsewhere")
     with pytest.raises(ValueError, match="choose another folder"):
-        Batch(10, 1.0, tmp_path).resume()
+        Batch(2 * RUNS_PER_BENCH, 1.0, tmp_path).resume()
 
 
 @pytest.mark.deep
