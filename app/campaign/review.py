@@ -162,8 +162,9 @@ def _compare(estimate: EstimatedQuantity, earlier: EstimatedQuantity | None) -> 
 
 
 def _percent(value: float, reference: float) -> str:
-    """Return the deviation from a reference: `+1.2 %`."""
-    return f"{100 * (value / reference - 1):+.2g} %".replace("-", "−")
+    """Return the deviation from a reference: `+1.25 %`, `0.00 %`."""
+    percent = round(100 * (value / reference - 1), 2)
+    return f"{percent:+.2f} %".replace("-", "−") if percent else "0.00 %"
 
 
 def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> str:

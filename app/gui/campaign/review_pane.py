@@ -28,7 +28,7 @@ TOOLTIPS = {
     "other specimens": "Their newest results by the same protocol in this folder",
 }
 MAX_INDICATORS = 5
-MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT = 110, 104
+MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT, RESIDUAL_HEIGHT = 110, 84, 64
 MAX_COLUMN_WIDTH = 230
 RESIDUAL_INDEX = 1
 """Of the choice of the plot below the response."""
@@ -46,6 +46,7 @@ class ReviewPane(QWidget):
         self.review: ResultReview | None = None
         self.plots = ResultPlots(theme)
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
+        self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
         self.plots.setMinimumHeight(MIN_PLOT_HEIGHT)
         self.verdict_label = make_label(kind="running", wrap=False, name="review.verdict")
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
@@ -81,7 +82,9 @@ class ReviewPane(QWidget):
         runs_label.setBuddy(self.run_box)
         head = row(self.verdict_label, STRETCH, runs_label, self.run_box, spacing=8)
         indicators = row(*self.indicator_labels, STRETCH, spacing=16)
-        parts = make_splitter("campaign/review", (self.plots, 3), (self.table, 2), orientation=Qt.Orientation.Vertical)
+        parts = make_splitter(
+            "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]
+        )
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
 
     def set_theme(self, theme: Theme) -> None:
