@@ -103,6 +103,10 @@ class ReceptanceSolver:
         down = -1 / np.where(found, g_omega, 1.0)[:, None]
         return omega, Factors(*(np.where(found[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
 
+    def peak_slope(self, a: Factors, omega: Array) -> tuple[Array, Array]:
+        """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, and its own slope over omega."""
+        return self._peak_condition(a, omega)[:2]
+
     def _peak_condition(self, a: Factors, omega: Array) -> tuple[Array, Array, Factors]:
         """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, and its slopes to the factors M, C, K."""
         Z, x, y = self._solve(a, omega)
