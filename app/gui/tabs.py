@@ -309,6 +309,7 @@ class MainTabs(QTabWidget):
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._first_theme, fit_runs)
+        page.folder = lambda: self.folder
         page.restore_state(self._settings)
         return page
 

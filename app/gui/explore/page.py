@@ -57,6 +57,8 @@ class ExplorePage(QSplitter):
     def __init__(self, theme: Theme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self.session = ExploreSession()
+        self.folder: Callable[[], Path] = Path
+        """Returns the folder in which dialogs begin."""
         self.result: ExploreResult | None = None
         self.shown_request: ExploreRequest | None = None
         """The request whose complete result is displayed."""
@@ -261,11 +263,11 @@ class ExplorePage(QSplitter):
         self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
 
     def _choose_runs(self) -> None:
-        choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", mode=Mode.ExistingFiles)
+        choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", str(self.folder()), Mode.ExistingFiles)
 
     def _choose_study_file(self) -> None:
         choose_files(
-            self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", "study.h5",
+            self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
             Mode.AnyFile,
         )  # fmt: skip
 

@@ -3,10 +3,11 @@
 from html import escape
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from app.common import Severity
-from app.gui.widgets.layouts import configure
+from app.gui.widgets.layouts import configure, make_button
 from app.gui.widgets.theme import Theme
 from app.session import LogLine, WindowState
 
@@ -29,6 +30,30 @@ class LogPane(QPlainTextEdit):
             accessibleName="log",
             placeholderText="What happens is written here.",
         )
+        self.newest_button = make_button("↓ newest", self.show_newest, "choice", "Follow the log again", "log.newest")
+        self.newest_button.setParent(self)
+        self.newest_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.newest_button.hide()
+        bar = self.verticalScrollBar()
+        bar.valueChanged.connect(lambda _: self._place_button())
+        bar.rangeChanged.connect(lambda *_: self._place_button())
+
+    def show_newest(self) -> None:
+        """Scroll to the newest message, and follow the log again."""
+        bar = self.verticalScrollBar()
+        bar.setValue(bar.maximum())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._place_button()
+
+    def _place_button(self) -> None:
+        """Show the button in the lower right corner while newer messages are below."""
+        bar, button = self.verticalScrollBar(), self.newest_button
+        button.setVisible(bar.value() < bar.maximum() - 2)
+        button.adjustSize()
+        area = self.viewport().geometry()
+        button.move(area.right() - button.width() - 4, area.bottom() - button.height() - 2)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme, also to the lines that are already written."""
