@@ -92,6 +92,8 @@ STEP_TIME_S = 1.0
 """From a weight, or a level, to its reading, where a run does not state it."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
+TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
+"""By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from annotated_types import Interval
 
 from model import C_S, CONTACT_LENGTH, K_S, Membrane, ParameterError, ParameterSpec, Tactor, parameter_specs, skin
-from model.identification.nonidealities import NONIDEALITIES
+from model.identification.nonidealities import NONIDEALITIES, TYPICAL_SIZES
 from model.identification.observations import (
     SHARED_ERROR_UNITS,
     DecayPoleObservation,
@@ -119,6 +119,8 @@ def typical_size(name: str, start: float) -> float:
     """A typical size, positive: what "one hundred percent" means for this parameter."""
     if start:
         return abs(start)
+    if name in NONIDEALITIES:
+        return TYPICAL_SIZES[NONIDEALITIES[name].unit]
     own = SPECIMEN_PARAMETERS.get(name)
     if own is not None and own.default:
         return abs(own.default)

@@ -31,7 +31,8 @@ class Nonidealities:
         hysteresis_width: width of the displacement's loop against the voltage, as a share of the whole stroke.
         drift_m_per_s: how fast the sensor's reading wanders.
         clamp_gives_m_per_n: what the clamps give for good under the largest weight so far.
-        side_difference: bending stiffness of plate and MFC, MFC up against aluminium up, as a share of their mean.
+        side_difference: bending stiffness of plate and MFC under a load, MFC up against aluminium up, as a share of their
+            mean. Without a load it is the mean: a vibration bends it both ways, whichever side is up.
         weight_error: relative standard deviation of the weights' masses about their nominal ones.
         mass_share: share of a mass in the cylinder that moves with the centre.
         membrane_slip: share of an elongation that the membrane's clamps lose.

@@ -194,7 +194,8 @@ class Plant:
 
     def _stepper_for(self, state: SetupState) -> Stepper:
         tactor, difference = self._parameters.tactor, self._parameters.beyond.side_difference
-        k2 = tactor.k2 * (1 + state.side * difference / 2)
+        # A load bends it one way, towards the side that is down; what a voltage drives bends both ways, with the mean.
+        k2 = tactor.k2 * (1 + state.side * difference / 2) if state.weights_kg else tactor.k2
         key = (state.mass_kg, state.skin, k2)
         if key not in self._steppers:
             there = replace(tactor, m_add=state.mass_kg, k2=k2)

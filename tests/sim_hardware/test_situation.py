@@ -255,6 +255,15 @@ def test_a_clamp_gives_for_good_sides_differ_and_weights_err() -> None:
     assert level(bench) == pytest.approx(want, rel=1e-3)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_without_a_load_the_specimen_has_the_mean_stiffness_of_both_sides(side: int) -> None:
+    bench = bench_of(beyond=Nonidealities(side_difference=0.1))
+    bench.perform_action("turn-side", {"side": side})
+    bench.enable_hv()
+    bench.history.append(0.0, ConstantSegment(5.0))
+    assert level(bench) == pytest.approx(side * 1500.0 * voltage_gain(TACTOR), rel=1e-3)
+
+
 def test_the_simulated_operator_places_a_weight_and_presses_the_key_only_later() -> None:
     bench = bench_of()
     operator = SimulatedOperator(bench, patience_s=10.0)

@@ -4,6 +4,7 @@ The campaigns are made by finite elements, which share nothing with the fit.
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,18 @@ def test_slopes_of_the_nonidealities_are_those_of_their_differences() -> None:
         step[i] = 1e-4 * abs(problem.start[i])
         up, down = (problem.evaluate(problem.start + side * step)[0] for side in (1, -1))
         np.testing.assert_allclose(J[:, i], (down - up) / (2 * step[i]), atol=1e-5 * abs(J[:, i]).max(), err_msg=name)
+
+
+@pytest.mark.deep
+def test_a_delay_leaves_the_others_identifiable_in_precise_runs() -> None:
+    """The delay is known to nanoseconds, k2 with the ruler to per cents: neither is rounding against the other."""
+    loading, _, _, _, dwell, *_ = measure(Laboratory(), 1).runs
+    dwell = replace(dwell, errors_m=2e-6 * np.abs(dwell.fundamental_m), phase_errors_rad=None)
+    ruler = {"L1": (8e-3, 0.3e-3), "h_Al": (0.2e-3, 0.01e-3)}
+    fit = joint_fit(
+        ObservationSet((loading, dwell)), FitOptions(n=20, also=("delay",), priors=ruler), max_starts=1, time_limit_s=5
+    )
+    assert fit.unidentified_combinations == ()
 
 
 @pytest.mark.deep
