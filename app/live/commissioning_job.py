@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 STOPPED = "stopped by the operator; the source was brought to rest, and no record is stored"
+STOPPED_BEFORE = (
+    "stopped by the operator before anything was commanded; the source is as it was, and no record is stored"
+)
 
 
 class _StoppedError(BenchError):
@@ -78,10 +81,10 @@ class CommissioningJob:
         from app.session.commissioning import commission
 
         try:
-            self._check_stop()
+            self._check_stop(STOPPED_BEFORE)
             self.result = commission(self._config, self._speed, self._wait_for_operator, self._begin_exercise)
-        except _StoppedError:
-            self.error = STOPPED
+        except _StoppedError as stopped:
+            self.error = str(stopped)
         except (BenchError, OSError) as error:
             self.error = f"not commissioned, and no record is stored: {error}"
         except Exception as error:  # the bench is connected again whatever happened
@@ -94,12 +97,12 @@ class CommissioningJob:
         self.asks_for_high_voltage_off = True
         self._confirmed.wait()
         self.asks_for_high_voltage_off = False
-        self._check_stop()
+        self._check_stop(STOPPED_BEFORE)
 
     def _begin_exercise(self, name: str) -> None:
-        self._check_stop()
+        self._check_stop(STOPPED)
         self.exercises = (*self.exercises, name)
 
-    def _check_stop(self) -> None:
+    def _check_stop(self, text: str) -> None:
         if self._stop.is_set():
-            raise _StoppedError(STOPPED)
+            raise _StoppedError(text)

@@ -14,6 +14,7 @@ from app.config.discovery import FoundDevice
 from app.gui import application
 from app.gui.main_window import MainWindow
 from app.gui.tabs import BENCH, MEASURE
+from app.live.commissioning_job import CommissioningJob
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
 
@@ -330,3 +331,12 @@ def test_a_level_beyond_the_amplifier_is_refused_and_nothing_moves(window: MainW
     find(window, "bench.hand.hold").click()
     assert "levels_v" in find(window, "bench.hand.message").text()
     assert not window.state.busy
+
+
+def test_a_commissioning_stopped_before_its_first_message_claims_no_rest(config: BenchConfig) -> None:
+    job = CommissioningJob(config, None)
+    job.stop()
+    job.start()
+    until(lambda: job.ended, "for the job")
+    assert "before anything was commanded" in job.error
+    assert job.result is None
