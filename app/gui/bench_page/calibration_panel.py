@@ -65,7 +65,8 @@ class CalibrationPanel(QWidget):
         self.move_button = make_button(
             "Move the simulated target there", self.move_target, name="bench.calibration.move"
         )
-        self.move_button.setVisible(move_target is not None)
+        if move_target is None:  # showing it before it has a parent would open a window
+            self.move_button.hide()
         self.remove_button = make_button("Remove point", self.remove_point, name="bench.calibration.remove")
         self.apply_button = make_button("Use this calibration", self.apply, "go", name="bench.calibration.apply")
         self.message_label = configure(StatusLine(), "bench.calibration.message")

@@ -111,7 +111,8 @@ class BenchPage(QSplitter):
         self.simulation_button = configure(
             make_choice("Speed, prompts and faults of the simulated bench   (F9)"), "bench.simulation"
         )
-        self.simulation_button.setVisible(config.simulated)
+        if not config.simulated:  # showing it before it has a parent would open a window
+            self.simulation_button.hide()
         self.simulation_button.clicked.connect(self._toggle_simulation)
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
         self.live.hide()
