@@ -43,7 +43,14 @@ def test_kinds_in_files_never_change_and_every_event_has_its_own() -> None:
 
 def test_every_event_of_a_session_has_a_kind_of_its_own() -> None:
     kinds = [event.kind for event in get_args(SessionEvent)]
-    assert set(kinds) == IN_FILES | {"BenchOpened", "BenchFailed", "Refused"}
+    assert set(kinds) == IN_FILES | {
+        "BenchOpened",
+        "BenchFailed",
+        "Refused",
+        "MonitorStarted",
+        "BlockMonitored",
+        "MonitorFailed",
+    }
     assert len(kinds) == len(set(kinds))
 
 
