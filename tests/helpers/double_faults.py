@@ -255,14 +255,8 @@ class Scene:
             if self.program.process.poll() is not None:
                 raise NotLiveError(self.program.text[-300:])
             time.sleep(0.02)
-        self.watchdog = next(
-            (
-                p
-                for p in psutil.Process(self.program.process.pid).children()
-                if "drivers.watchdog.process" in p.cmdline()
-            ),
-            None,
-        )
+        children = psutil.Process(self.program.process.pid).children()
+        self.watchdog = next((p for p in children if "drivers.watchdog.process" in command_line(p)), None)
 
     def _is_under_way(self) -> bool:
         report = self.bench.report()
@@ -307,6 +301,14 @@ class Scene:
         with contextlib.suppress(psutil.Error):
             if self.watchdog is not None:
                 self.watchdog.resume()
+
+
+def command_line(process: psutil.Process) -> list[str]:
+    """Arguments of a process; none of one that has ended meanwhile."""
+    try:
+        return process.cmdline()
+    except psutil.Error:
+        return []
 
 
 def wait_until(until: Callable[[], object], seconds: float) -> bool:
