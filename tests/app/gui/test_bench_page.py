@@ -198,10 +198,16 @@ def test_a_card_that_fails_between_runs_is_told_with_its_reason_and_is_tried_aga
 def take(window: MainWindow, position: str) -> None:
     page = window.tabs.bench
     type_into(window, "bench.calibration.position", position)
+    until(lambda: page.calibration._reading is not None, "for a reading")  # there is none after each restart
     volts = page.calibration._reading.sensor_v
     find(page, "bench.calibration.move").click()
     if position != "0":
-        until(lambda: abs(page.calibration._reading.sensor_v - volts) > 0.5, "for the target to have moved")
+
+        def moved() -> bool:
+            reading = page.calibration._reading
+            return reading is not None and abs(reading.sensor_v - volts) > 0.5
+
+        until(moved, "for the target to have moved")
     window.adapter.feed.restart_reading()
     until(lambda: (r := window.adapter.feed.reading) is not None and r.blocks == 20, "for a second of volts")
     window.tick()

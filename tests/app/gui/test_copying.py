@@ -63,7 +63,6 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 @pytest.mark.deep
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
     window, plot = stage.window, stage.window.measure_page.response
-    QTest.mouseMove(find(window, "measure.specimen"))  # the pointer may rest on the plot since another test
     find(window, "measure.specimen").setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()
@@ -71,6 +70,7 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
     assert edge == window.theme.accent
     assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
+    plot.canvas.setAttribute(Qt.WidgetAttribute.WA_UnderMouse, False)  # the pointer may rest on it since another test
     find(window, "measure.specimen").setFocus()
     assert not plot.copy_buttons[0].isVisible()
 
