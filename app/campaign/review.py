@@ -35,7 +35,7 @@ class ReviewRow:
 
 @dataclass(frozen=True, slots=True)
 class QualityIndicator:
-    """One property of a run that tells whether its result can be trusted."""
+    """A quality indicator of a run: usable points, flags, checks or coherence."""
 
     text: str
     severity: Severity
@@ -105,7 +105,7 @@ def review_rows(
 
 
 def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:
-    """Return what tells whether a run can be trusted: usable points, flags, checks, coherence."""
+    """Return the quality indicators of a run: usable points, flags, checks, coherence."""
     flags = [Quality(point.quality) for point in run.points]
     usable = sum(flag.usable for flag in flags)
     severity = Severity.SUCCESS if usable == len(flags) else Severity.WARNING if usable else Severity.ERROR

@@ -20,9 +20,9 @@ from .driver_registry import load_driver as load_driver
 from .driver_registry import open_generator as open_generator
 from .level_tables import LevelsTable as LevelsTable
 from .level_tables import SpecimenTable as SpecimenTable
-from .sensor_calibration import CalibrationError as CalibrationError
 from .sensor_calibration import CalibrationPoint as CalibrationPoint
 from .sensor_calibration import SensorCalibration as SensorCalibration
+from .sensor_calibration import SensorCalibrationError as SensorCalibrationError
 from .sensor_calibration import calibrate_sensor as calibrate_sensor
 from .tables import AmplifierTable as AmplifierTable
 from .tables import CardTable as CardTable

@@ -10,7 +10,7 @@ MIN_VOLTS_OVER_NOISE = 10.0
 """Least span of the volts, in standard errors of one reading, through which a line is drawn."""
 
 
-class CalibrationError(ValueError):
+class SensorCalibrationError(ValueError):
     """No line can be drawn; the message names the reason and the remedy."""
 
 
@@ -63,18 +63,20 @@ def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
     """Fit a line to positions and volts, weighted with their uncertainties.
 
     Raises:
-        CalibrationError: there are fewer than two points, or their positions or volts do not differ.
+        SensorCalibrationError: there are fewer than two points, or their positions or volts do not differ.
     """
     if len(points) < 2:
-        raise CalibrationError(f"a line needs two points, and there {'is one' if points else 'are none'}; take another")
+        raise SensorCalibrationError(
+            f"a line needs two points, and there {'is one' if points else 'are none'}; take another"
+        )
     x = np.array([p.position_m for p in points])
     v = np.array([p.volts for p in points])
     noise_v = np.array([p.volts_error for p in points])
     gauge_m = np.array([p.position_uncertainty_m for p in points])
     if np.ptp(x) == 0:
-        raise CalibrationError("all points have the same position; move the target and take another")
+        raise SensorCalibrationError("all points have the same position; move the target and take another")
     if np.ptp(v) <= max(MIN_VOLTS_OVER_NOISE * noise_v.max(), 1e-6):
-        raise CalibrationError(
+        raise SensorCalibrationError(
             f"the volts of all points agree within {np.ptp(v):.2g} V; move the target further, and look whether the sensor is in "
             "range and its output reaches the card"
         )
@@ -89,7 +91,9 @@ def calibrate_sensor(points: Sequence[CalibrationPoint]) -> SensorCalibration:
         if stated:
             weights = 1 / (gauge_m**2 + (gain * noise_v) ** 2)
     if gain == 0:
-        raise CalibrationError("the line is flat: the volts do not follow the positions; check the order of the points")
+        raise SensorCalibrationError(
+            "the line is flat: the volts do not follow the positions; check the order of the points"
+        )
     residuals = x - x_mean - gain * (v - v_mean)
     chi2, freedom = float(np.sum(weights * residuals**2)), len(points) - 2
     scatter = chi2 / freedom if freedom else 0.0

@@ -3,7 +3,7 @@ from .estimates import EstimateUpdate as EstimateUpdate
 from .estimates import LiveEstimator as LiveEstimator
 from .feed import SPANS as SPANS
 from .feed import LiveFeed as LiveFeed
-from .feed import Reading as Reading
+from .feed import LiveValues as LiveValues
 from .feed import TimeSpan as TimeSpan
 from .latest_only import LatestOnlyWorker as LatestOnlyWorker
 from .model_curve import CurveCache as CurveCache

@@ -36,7 +36,7 @@ READING_BLOCKS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class LiveValues:
     """Mean volts of the last second while the card is watched between runs.
 
     Attributes:
@@ -131,7 +131,7 @@ class LiveFeed:
             self._monitored.clear()
 
     @property
-    def reading(self) -> Reading | None:
+    def reading(self) -> LiveValues | None:
         """Mean of the last second while the card is watched between runs; None without one."""
         with self._lock:
             if not self._monitored or not self._channels:
@@ -146,7 +146,7 @@ class LiveFeed:
             if sensor is not None and not sensor.is_valid(np.array([sensor_v])).all():
                 metres = math.nan
             age_s = time.monotonic() - self._monitored_at_s
-            return Reading(float(drive_v), float(sensor_v), error_v, 1e6 * float(metres), blocks, age_s)
+            return LiveValues(float(drive_v), float(sensor_v), error_v, 1e6 * float(metres), blocks, age_s)
 
     @property
     def latest_um(self) -> float | None:

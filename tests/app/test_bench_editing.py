@@ -7,7 +7,7 @@ import pytest
 
 from app.config.bench_editing import BenchDraft, bench_files, benches_folder, changed_text
 from app.config.bench_file import SIMULATED_BENCHES, ConfigError, load_bench, read_bench
-from app.config.sensor_calibration import CalibrationError, CalibrationPoint, calibrate_sensor
+from app.config.sensor_calibration import CalibrationPoint, SensorCalibrationError, calibrate_sensor
 from app.config.tables import CardTable, SensorTable
 
 
@@ -120,7 +120,7 @@ def test_the_stated_uncertainty_is_that_of_repeated_calibrations() -> None:
     ],
 )
 def test_points_without_a_line_are_refused_with_a_remedy(positions: list[float], volts: list[float], says: str) -> None:
-    with pytest.raises(CalibrationError, match=says):
+    with pytest.raises(SensorCalibrationError, match=says):
         calibrate_sensor(points(positions, volts))
 
 

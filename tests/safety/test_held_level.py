@@ -87,7 +87,7 @@ def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_wa
     assert abs(held_v - 2.5) > 0.3
     if drive == "level":
         assert held_v == pytest.approx(4.0, abs=2e-3)
-    assert last_s > killed_s + 1.0  # nobody ended it
+    assert last_s > killed_s + 1.0  # no process ended it
     assert last_s - killed_s < stated_s
     assert volts[-1] == pytest.approx(2.5, abs=1e-3)
     assert report.ends_at_rest

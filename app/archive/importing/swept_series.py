@@ -30,7 +30,7 @@ LINEAR_TOLERANCE = 0.05
 
 
 def sweep_frequencies(drive: Array, rate_hz: float) -> tuple[Array, Array] | None:
-    """Return times (s) and frequencies (Hz) of a drive that is one sweep, from its zero crossings; None if it is none."""
+    """Return times (s) and frequencies (Hz) of a single sweep from its zero crossings; None for another drive."""
     centred = drive - 0.5 * (drive.max() + drive.min())
     at = np.flatnonzero(np.diff(np.signbit(centred)))
     if at.size < MIN_CROSSINGS:

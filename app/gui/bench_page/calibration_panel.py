@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QWidget
 
 from app.common import UnitError, to_number
-from app.config import CalibrationError, CalibrationPoint, SensorCalibration, calibrate_sensor
+from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
 from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
     STRETCH,
@@ -22,7 +22,7 @@ from app.gui.widgets import (
     make_panel,
     row,
 )
-from app.live import Reading
+from app.live import LiveValues
 from protocols.base import format_with_uncertainty
 
 VALID_FOR = timedelta(days=365)
@@ -51,7 +51,7 @@ class CalibrationPanel(QWidget):
     def __init__(self, theme: Theme, move_target: Callable[[float], object] | None) -> None:
         super().__init__()
         self._move_target, self._moved_m = move_target, 0.0
-        self._reading: Reading | None = None
+        self._reading: LiveValues | None = None
         self.points: list[CalibrationPoint] = []
         self.result: SensorCalibration | None = None
         self.volts_label = make_label("no live volts", "value", wrap=False, name="bench.calibration.volts")
@@ -99,7 +99,7 @@ class CalibrationPanel(QWidget):
     def set_theme(self, theme: Theme) -> None:
         self.plot.set_theme(theme)
 
-    def show_reading(self, reading: Reading | None) -> None:
+    def show_reading(self, reading: LiveValues | None) -> None:
         """Show the live volts; None where the bench is not open, or a run has the card."""
         self._reading = reading
         if reading is None:
@@ -192,7 +192,7 @@ class CalibrationPanel(QWidget):
         text = ""
         try:
             self.result = calibrate_sensor(self.points)
-        except CalibrationError as error:
+        except SensorCalibrationError as error:
             self.result = None
             text = str(error) if len(self.points) > 1 else HELP_TEXT
         else:

@@ -20,7 +20,7 @@ from app.gui.widgets import (
     make_progress_bar,
     row,
 )
-from app.live import LiveFeed, Reading
+from app.live import LiveFeed, LiveValues
 from app.session import build_protocol
 from model import AmplifierMap
 from protocols.base import Protocol
@@ -108,7 +108,7 @@ class LivePanel(QWidget):
         self.level_button.setEnabled(enabled)
         self.tone_button.setEnabled(enabled)
 
-    def show_reading(self, reading: Reading | None, sensor: SensorTable) -> None:
+    def show_reading(self, reading: LiveValues | None, sensor: SensorTable) -> None:
         """Show where in its range the sensor sees the target."""
         if reading is None:
             self.range_label.setText("no live volts")

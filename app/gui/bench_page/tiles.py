@@ -20,7 +20,7 @@ from app.config import (
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
 from app.gui.widgets import STRETCH, Item, Theme, column, configure, make_label, row
-from app.live import Reading
+from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp
 
 LAMP_MARKS = {Lamp.READY: "●", Lamp.WAITING: "○", Lamp.SUSPECT: "▲", Lamp.MISSING: "✕"}
@@ -67,8 +67,8 @@ class Tile(QFrame):
         )
 
     def use(self, device: FoundDevice) -> None:
-        """Fill in a found instrument."""
-        raise NotImplementedError
+        """Fill in a found instrument; a scan finds none for tiles that leave this as it is."""
+        del device
 
     def set_status(self, status: InstrumentStatus | None, problem: str) -> None:
         """Show identity and state of the instrument of the open bench; None for a bench that is not open."""
@@ -149,7 +149,7 @@ class AmplifierTile(Tile):
         self.form.set_record(config.amplifier)
         self.plot.show_map(config.amplifier.amplifier_map)
 
-    def show_reading(self, reading: Reading | None) -> None:
+    def show_reading(self, reading: LiveValues | None) -> None:
         self.plot.show_input(None if reading is None else reading.drive_v)
         if reading is None:
             self.live_label.setText("")
@@ -187,7 +187,7 @@ class CardTile(Tile):
         self.form.set_record(self.form.record.model_copy(update=update))
         self.changed.emit()
 
-    def show_reading(self, reading: Reading | None) -> None:
+    def show_reading(self, reading: LiveValues | None) -> None:
         if reading is None:
             self.live_label.setText("")
             return
@@ -225,7 +225,7 @@ class SensorTile(Tile):
     def set_config(self, config: BenchConfig) -> None:
         self.form.set_record(config.sensor)
 
-    def show_reading(self, reading: Reading | None) -> None:
+    def show_reading(self, reading: LiveValues | None) -> None:
         if reading is None:
             text = ""
         elif math.isnan(reading.displacement_um):

@@ -119,7 +119,7 @@ class CampaignController(QObject):
         self.modify(lambda _: None)
 
     def modify(self, action: Callable[[Campaign], object], done: str = "") -> None:
-        """Apply a change to the campaign and refresh; `done` tells it when it is done."""
+        """Apply a change to the campaign and refresh; `done` is the message afterwards."""
         if self._campaign is None:
             return
 

@@ -34,7 +34,7 @@ class Toast(QFrame):
         self.hide()
 
     def show_message(self, text: str, undo: Callable[[], object] | None = None) -> None:
-        """Show a message; `undo` takes back what it tells. An empty text hides the toast."""
+        """Show a message; `undo` reverses the change that it reports. An empty text hides the toast."""
         self._undo = undo
         self.label.setText(text)
         self.undo_button.setVisible(undo is not None)
