@@ -484,6 +484,7 @@ SUPPLIES = (
 )
 
 NI_SKEW = "NI-DAQmx: AI Convert Clock, read from the task"
+NI_LAST_SAMPLE = "NI-DAQmx help, Running to Committed State ('typically'); AllenInstitute/MIES issue 1774"
 
 CARD_INPUTS = (
     Assumption(
@@ -501,8 +502,8 @@ CARD_INPUTS = (
 """What cannot be seen: skew needs one signal on two inputs, the time of the first scan a common clock, the scaling a voltmeter."""
 
 CARD_OUTPUTS = (
-    Assumption(CARD_OUTPUT, "all", "level between drives", "the last sample", checks=(OutputCheck.REST,)),
-    Assumption(CARD_OUTPUT, "all", "level after a drive", "as before it", checks=(OutputCheck.AFTER,)),
+    Assumption(CARD_OUTPUT, "all", "level between drives", "the last sample", NI_LAST_SAMPLE, (OutputCheck.REST,)),
+    Assumption(CARD_OUTPUT, "all", "level after a drive", "as before it", NI_LAST_SAMPLE, (OutputCheck.AFTER,)),
     Assumption(
         CARD_OUTPUT,
         "all",
@@ -519,6 +520,13 @@ CARD_OUTPUTS = (
         "all",
         "output queue",
         "what is in flight is accounted for: Stop joins it without a step",
+        checks=(OutputCheck.STOP,),
+    ),
+    Assumption(
+        CARD_OUTPUT,
+        "all",
+        "rewriting of a playing drive",
+        "replaces samples not yet on their way, and is not held back by NI's protection against glitches",
         checks=(OutputCheck.STOP,),
     ),
     Assumption(CARD_OUTPUT, "all", "lost connection in mid-drive", "the drive plays on", checks=(OutputCheck.WIRE,)),

@@ -55,7 +55,7 @@ class SlowLibrary(NiLibrary):
 
     reply_s = 0.0
 
-    def _function(self, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def _function(self, name: str, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         def delayed(*values: Any) -> Any:
             self.device.clock.sleep(self.reply_s / 2)
             try:
@@ -63,7 +63,7 @@ class SlowLibrary(NiLibrary):
             finally:
                 self.device.clock.sleep(self.reply_s / 2)
 
-        return super()._function(delayed, arguments)
+        return super()._function(name, delayed, arguments)
 
 
 @contextmanager

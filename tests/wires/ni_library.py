@@ -108,13 +108,15 @@ class NiLibrary:
                 (_TASK, _INT, _ANY, _UINT),
             )
         for name, (call, arguments) in table.items():
-            setattr(self, f"DAQmx{name}", self._function(call, arguments))
+            setattr(self, f"DAQmx{name}", self._function(name, call, arguments))
 
     def end_process(self) -> None:
         """Stop all tasks, as NI does when the program ends; outputs keep their level."""
         self._tasks.stop_all()
 
-    def _function(self, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def _function(self, _name: str, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Return a C function; subclasses that record or delay calls need its name."""
+
         def run(*values: Any) -> int:
             try:
                 return int(call(*values) or 0)
