@@ -10,14 +10,13 @@ Quote ratios; absolute times belong to the machine and to who else uses it. CPU 
 
 import argparse
 import tempfile
-import time
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 from scipy.signal import csd, welch
+from timing import peak_mb, timed
 
 from drivers.drive import LinearSweep
 from drivers.interfaces import Block, Scale
@@ -77,20 +76,6 @@ def scipys(drive: np.ndarray, moved: np.ndarray) -> np.ndarray:
     _, s_xx = welch(drive, RATE, nperseg=length)
     welch(moved, RATE, nperseg=length)
     return csd(drive, moved, RATE, nperseg=length)[1] / s_xx
-
-
-def timed(call: Callable[[], object]) -> tuple[float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    call()
-    return time.perf_counter() - wall, time.process_time() - cpu
-
-
-def peak_mb(call: Callable[[], object]) -> float:
-    tracemalloc.start()
-    call()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak / 1e6
 
 
 def main() -> None:

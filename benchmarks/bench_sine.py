@@ -8,12 +8,11 @@ equations summed over pieces of the basis, and the misfit in a second pass. Quot
 """
 
 import argparse
-import time
-import tracemalloc
 from collections.abc import Callable
 from statistics import median
 
 import numpy as np
+from timing import peak_mb, timed
 
 from protocols.signals import estimate_max_min, fit_frequency, fit_sine
 
@@ -51,20 +50,6 @@ def analysis(drive: np.ndarray, moved: np.ndarray, rate_hz: float) -> None:
     fit_sine(drive, rate_hz, frequency)
     fit_sine(moved, rate_hz, frequency, ORDERS)
     estimate_max_min(moved, rate_hz, frequency)
-
-
-def timed(call: Callable[[], object]) -> tuple[float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    call()
-    return time.perf_counter() - wall, time.process_time() - cpu
-
-
-def peak_mb(call: Callable[[], object]) -> float:
-    tracemalloc.start()
-    call()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return peak / 1e6
 
 
 def main() -> None:

@@ -2,8 +2,9 @@
 
 import argparse
 import json
+import tracemalloc
 from collections.abc import Callable, Sequence
-from time import perf_counter
+from time import perf_counter, process_time
 
 
 def seconds(call: Callable[[], object], repeats: int) -> list[float]:
@@ -14,6 +15,22 @@ def seconds(call: Callable[[], object], repeats: int) -> list[float]:
         call()
         times.append(perf_counter() - start)
     return times
+
+
+def timed(call: Callable[[], object]) -> tuple[float, float]:
+    """Seconds of wall clock and of processor that a call took."""
+    wall, cpu = perf_counter(), process_time()
+    call()
+    return perf_counter() - wall, process_time() - cpu
+
+
+def peak_mb(call: Callable[[], object]) -> float:
+    """Most memory that a call held at a time, in MB."""
+    tracemalloc.start()
+    call()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak / 1e6
 
 
 def tell(words: str, measure: Callable[[], dict[str, float]], goals: Sequence[tuple[str, str, float]]) -> None:
