@@ -30,6 +30,7 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
 )
 from tests.helpers.generators import IMPATIENT_S, impatient_while_broken
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
+from tests.helpers.waiting import report_at_rest
 from tests.wires.hislip_server import HislipServer
 from tests.wires.scpi_pty import ScpiPty
 from tests.wires.threaded_server import ThreadedServer
@@ -172,4 +173,4 @@ def test_a_supply_holds_and_rests_over_it(kind: type) -> None:
         source.ramp_to(2.5, 0.3)
         assert source.is_at_rest(2.5, 0.0, 5.0)
         bench.clock.sleep(0.5)
-        assert_safe_voltage(bench.report())
+        assert_safe_voltage(report_at_rest(bench.report))

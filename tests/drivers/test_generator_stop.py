@@ -18,6 +18,7 @@ from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES, truth
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
+from tests.helpers.waiting import report_at_rest
 
 
 @contextmanager
@@ -94,7 +95,7 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
-        assert_safe_voltage(bench.report())  # constant at rest, reached in small steps
+        assert_safe_voltage(report_at_rest(bench.report))  # constant at rest, reached in small steps
         bench.clear(fault)
         bench.clock.sleep(0.1)
         source.reconnect()

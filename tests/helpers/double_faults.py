@@ -9,7 +9,7 @@ import math
 import resource
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +26,7 @@ from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers import one_drive
 from tests.helpers.program import Program, start
 from tests.helpers.simulated_bench import simulated
+from tests.helpers.waiting import wait_until
 from tests.wires.tcp_proxy import TcpProxy
 
 SLOW_WIRE_S = 0.3
@@ -309,15 +310,6 @@ def command_line(process: psutil.Process) -> list[str]:
         return process.cmdline()
     except psutil.Error:
         return []
-
-
-def wait_until(until: Callable[[], object], seconds: float) -> bool:
-    deadline = time.monotonic() + seconds
-    while not until():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
 
 
 ATTEMPTS = 3

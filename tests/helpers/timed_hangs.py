@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim_hardware.testing.safe_volts import STEP_V
-from tests.helpers.double_faults import NotLiveError, open_scene, rest_since, wait_until
+from tests.helpers.double_faults import NotLiveError, open_scene, rest_since
+from tests.helpers.waiting import wait_until
 
 BUSY = "import os; parent = os.getppid()\nwhile os.getppid() == parent: pass"
 """Program that computes without a pause as long as its parent lives."""

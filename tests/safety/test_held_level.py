@@ -1,6 +1,5 @@
 """A held level and a staircase return to rest by themselves when every process of the program is killed."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +18,10 @@ from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers import one_drive
 from tests.helpers.program import Program, start
 from tests.helpers.simulated_bench import simulated
+from tests.helpers.waiting import wait_until
 
 LEASE_S, RETURN_S = 5.0, 2.0 / 5.0
 SETTINGS = ("levels_v=4.5", "repeats=1", "rest_s=0.5", "hold_s=100")
-
-
-def wait_until(condition) -> None:
-    deadline = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 def note_as_commissioned(resource: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +62,7 @@ def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_wa
         running = start(bench, tmp_path, f"drive={drive}", "drive_s=8", protocol=one_drive.__file__)
         try:
             running.arm()
-            wait_until(lambda: bench.report().end_v > 3.95)  # the level, or the second step of the staircase
+            assert wait_until(lambda: bench.report().end_v > 3.95)  # the level, or the second step of the staircase
             assert "was commissioned with this firmware" in running.text
             assert any(
                 "drivers.watchdog.process" in p.cmdline() for p in psutil.Process(running.process.pid).children()
@@ -77,7 +70,7 @@ def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_wa
             kill_every_process(running)
             killed_s = bench.clock.now()
             held_v = bench.report().end_v
-            wait_until(lambda: bench.clock.now() > killed_s + stated_s + 0.5)
+            assert wait_until(lambda: bench.clock.now() > killed_s + stated_s + 0.5)
             report = bench.report()
             t = np.arange(killed_s - 2.0, bench.clock.now() - 0.05, 1e-3)
             volts = bench.history.volts(t)
@@ -105,13 +98,13 @@ def test_after_the_death_of_every_process_a_held_level_returns_to_rest_by_itself
         running = start(bench, tmp_path, *SETTINGS, protocol="voltage-steps")
         try:
             running.answer("must be ON now", bench.enable_hv, "on")
-            wait_until(lambda: abs(bench.report().end_v - 4.5) < 1e-3)
+            assert wait_until(lambda: abs(bench.report().end_v - 4.5) < 1e-3)
             held_s = bench.clock.now()
-            wait_until(lambda: bench.clock.now() > held_s + LEASE_S + RETURN_S + 1.0)
+            assert wait_until(lambda: bench.clock.now() > held_s + LEASE_S + RETURN_S + 1.0)
             assert bench.report().end_v == pytest.approx(4.5, abs=1e-3)  # renewed, or it would be at rest by now
             kill_every_process(running)
             killed_s = bench.clock.now()
-            wait_until(lambda: bench.clock.now() > killed_s + LEASE_S + RETURN_S + 0.5)
+            assert wait_until(lambda: bench.clock.now() > killed_s + LEASE_S + RETURN_S + 0.5)
             t = np.arange(held_s, bench.clock.now() - 0.05, 1e-3)
             volts = bench.history.volts(t)
             assert np.abs(volts[t < killed_s] - 4.5).max() < 1e-3
