@@ -57,7 +57,7 @@ def laboratory(seed: int) -> dict[str, dict[str, float]]:
     of_tactor, of_membrane = ({k: truth[k] for k in asdict(kind)} for kind in (Tactor(), Membrane()))
     world = World(Tactor(**of_tactor), Membrane(**of_membrane), elongations_m=ELONGATIONS_M)
     measured, _ = resample(thinned(perfect(world, Noise(), SHARED)), rng)
-    fit = joint_fit(measured, sheet.fit_options(FitOptions(n=N), measured), time_limit_s=600)
+    fit = joint_fit(measured, sheet.fit_options(FitOptions(n=N), measured), max_evaluations=800)
     budget = uncertainty_budget(fit)
     out = {
         e.name: {"deviation": e.value - truth[e.name], "total": e.standard_error, "statistical": float(statistical), "truth": truth[e.name]}

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 FREE_PARAMETERS = ("m_add", "c0", "mu")
 """The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
 
-TIME_LIMIT_S = 20.0
-
 
 @dataclass(frozen=True, slots=True)
 class ExploreFit:
@@ -51,7 +49,7 @@ def fit_runs(
     options = FitOptions(
         tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start
     )
-    fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled, time_limit_s=TIME_LIMIT_S)
+    fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
         if not np.isfinite(found[name]):

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from model import EstimatedQuantity
     from model.identification import LiveFit
 
-BUDGET_S = 0.2
-"""Time limit of a fit: points seldom arrive faster than one per second."""
-
 
 @dataclass(frozen=True, slots=True)
 class EstimateUpdate:
@@ -91,7 +88,6 @@ class LiveEstimator:
             min(float(points[0].drive_amplitude), margin_v),
             offset_v,
             None if np.isnan(elongation) else elongation,
-            BUDGET_S,
         )
 
     def _store(self, _request: object, result: EstimateUpdate | Exception) -> None:

@@ -38,7 +38,7 @@ class LiveFit:
     drive_amplitude_v: float = 2.5
     drive_offset_v: float = 2.5
     elongation_m: float | None = None
-    time_budget_s: float = 0.05
+    max_evaluations: int = 20
     _points: list[tuple[float, complex, float]] = field(default_factory=list)
     _last_fit: JointFit | None = None
 
@@ -53,7 +53,7 @@ class LiveFit:
             self.options = replace(self.options, free=free)
 
     def add_point(self, frequency_hz: float, fundamental_m: complex, error_m: float) -> LiveFitResult:
-        """Add one usable point and fit again within the time budget; never raises for a bad point."""
+        """Add one usable point and fit again, from where the last fit ended; never raises for a bad point."""
         began = perf_counter()
         self._points.append((frequency_hz, complex(fundamental_m), error_m))
         f, F, error = (np.array(column) for column in zip(*self._points, strict=True))
@@ -68,7 +68,7 @@ class LiveFit:
                 else dict(zip(self._last_fit.names, self._last_fit.theta.tolist(), strict=True))
             )
             setting = replace(self.options, start={**self.options.start, **start})
-            fit = joint_fit(ObservationSet((run,)), setting, time_limit_s=self.time_budget_s / 2, max_starts=1)
+            fit = joint_fit(ObservationSet((run,)), setting, max_evaluations=self.max_evaluations, max_starts=1)
         except (ParameterError, IdentificationError) as reason:
             if not (np.isfinite(F[-1]) and error_m > 0 and frequency_hz > 0):
                 self._points.pop()

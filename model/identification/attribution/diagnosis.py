@@ -36,7 +36,6 @@ MAX_EXPLANATIONS = 5
 """Explanations that are kept."""
 MAX_SHIFTS = 4
 """Parameters of the fit whose change with a cause is stated."""
-REFIT_TIME_S = 10.0
 REFIT_TOLERANCE = 1e-5
 """Of chi-square: causes are compared by differences of some units."""
 
@@ -127,7 +126,7 @@ def _explain(fit: JointFit, screened: Screened, known: Mapping[Cause, Array]) ->
     if cause in known and cause.kind != "prior":
         options = replace(options, start=_linear_start(fit, cause, known[cause], options.start))
     try:
-        found = joint_fit(observations, options, time_limit_s=REFIT_TIME_S, max_starts=1, tolerance=REFIT_TOLERANCE)
+        found = joint_fit(observations, options, max_starts=1, tolerance=REFIT_TOLERANCE)
     except (ParameterError, IdentificationError):
         return None
     freedom, size, error = 1, float("nan"), float("nan")
