@@ -53,6 +53,7 @@ from .generators.rigol_dg import RigolDg as RigolDg
 from .generators.scpi_burst_generator import ScpiBurstGenerator as ScpiBurstGenerator
 from .generators.siglent_sdg import SiglentSdg as SiglentSdg
 from .generators.tektronix_afg import TektronixAfg as TektronixAfg
+from .generators.unsuitable import reason_unsuitable as reason_unsuitable
 from .interfaces import Block as Block
 from .interfaces import Digitizer as Digitizer
 from .interfaces import DriveChecker as DriveChecker

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
-from drivers import SUPPLY_DIALECTS, BenchError, Identity
+from app.config.driver_registry import BUILT_IN, SOURCES, load_driver, supports_model
+from drivers import SUPPLY_DIALECTS, BenchError, Identity, reason_unsuitable
 
 LAN_PORTS = (5025, 5555)
 """Ports of function generators: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
@@ -39,7 +39,9 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
         if resource.startswith("ASRL"):
             continue  # a query at the wrong baud rate can disturb the device; the ports are listed below
         try:
-            found.append(_query_instrument(resource))
+            device, warning = _query_instrument(resource)
+            found.append(device)
+            notes += [warning] if warning else []
         except BenchError as error:
             notes.append(str(error))
     try:
@@ -50,20 +52,24 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
     return found, notes
 
 
-def _query_instrument(resource: str) -> FoundDevice:
+def _query_instrument(resource: str) -> tuple[FoundDevice, str]:
+    """Return the instrument, and a warning if it is one that is advised against."""
     from drivers import ScpiSession, VisaLink
 
     with closing(VisaLink(resource, QUERY_TIMEOUT_S)) as link:
         seen = ScpiSession(link, f"instrument at {resource}").identify()
     role, name = _role_of(seen)
-    return FoundDevice(role, resource, str(seen), seen.serial, name)
+    why = reason_unsuitable(seen) if role == "instrument" else ""
+    return FoundDevice(
+        role, resource, str(seen), seen.serial, name
+    ), f"{resource} answered as '{seen}'; {why}" if why else ""
 
 
 def _role_of(identity: Identity) -> tuple[str, str]:
     """Return an instrument's possible role on a bench, and its driver."""
     model = identity.model.upper()
     for name in BUILT_IN[SOURCES]:
-        if model.startswith(tuple(getattr(load_driver(SOURCES, name), "MODELS", ())) or ("\0",)):
+        if supports_model(load_driver(SOURCES, name), model):
             return "generator", name
     if any(re.match(dialect.model_pattern, model, re.IGNORECASE) for dialect in SUPPLY_DIALECTS):
         return "supply", ""

@@ -11,7 +11,17 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from drivers import BenchError, Clock, Digitizer, InstrumentError, Link, ScpiSession, Source, deprecated
+from drivers import (
+    BenchError,
+    Clock,
+    Digitizer,
+    InstrumentError,
+    Link,
+    ScpiSession,
+    Source,
+    deprecated,
+    reason_unsuitable,
+)
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
@@ -102,15 +112,18 @@ def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source
 def _detect_driver(link: Link) -> Callable[..., Source]:
     seen = ScpiSession(link, f"function generator at {link.name}").identify()
     for candidate in _source_drivers():
-        if _supports_model(candidate, seen.model):
+        if supports_model(candidate, seen.model):
             return candidate
+    if why := reason_unsuitable(seen):
+        raise InstrumentError(f"{link.name} answered as '{seen}'; {why}")
     raise InstrumentError(
         f"{link.name} answered as '{seen}', a model for which there is no driver; name one in the bench file "
         f"(generator.driver: {', '.join(driver_names(SOURCES)[1:])}), or install a package that brings one"
     )
 
 
-def _supports_model(driver: Any, model: str) -> bool:
+def supports_model(driver: Any, model: str) -> bool:
+    """Return whether a driver is for a model, by its own method or by its prefixes."""
     if supports := getattr(driver, "supports_model", None):
         return bool(supports(model))
     return model.upper().startswith(tuple(getattr(driver, "MODELS", ())) or ("\0",))

@@ -29,6 +29,7 @@ from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, S
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, reason_memory_too_small, render_waveform
 from drivers.generators.expected_setting import ExpectedSetting
+from drivers.generators.unsuitable import reason_unsuitable
 from drivers.interfaces import Identity
 from drivers.level_pulse import LevelPulse
 from drivers.transport.safe_ramp_down import RampDown
@@ -136,9 +137,9 @@ class BurstGenerator(ABC):
         self.identity: Identity = self._scpi.identify()
         if not self.supports_model(self.identity.model):
             link.close()
+            remedy = reason_unsuitable(self.identity) or "Correct the driver or the resource in the bench file"
             raise InstrumentError(
-                f"{link.name} answered as '{self.identity}'; this driver is for {self.PRODUCT_NAMES}. "
-                "Correct the driver or the resource in the bench file"
+                f"{link.name} answered as '{self.identity}'; this driver is for {self.PRODUCT_NAMES}. {remedy[0].upper()}{remedy[1:]}"
             )
         self._scpi.instrument = f"function generator {self.identity.model}"
         self._stored_waveform: str | None = None  # digest of the downloaded waveform; unknown at first

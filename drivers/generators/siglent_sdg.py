@@ -51,6 +51,7 @@ class SiglentSdg(BurstGenerator):
     """A `Source` that keeps one amplitude and carries every drive in the points of its waveform."""
 
     MODELS = ("SDG1", "SDG2", "T3AFG")
+    MODEL_PATTERN = r"SDG|T3AFG(?!(5|10)$)"
     PRODUCT_NAMES = "Siglent SDG1000X and SDG2000X"
     CAN_FREEZE_RANGE = False
     SINGLE_SESSION = True

@@ -23,6 +23,7 @@ from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from sim_hardware.service.served_bench import ServedBench
+from tests.drivers.test_generator_models import NamedLink
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.wires.usbtmc_bus import PRODUCT, SERIAL, VENDOR, UsbTmcBus
 
@@ -151,6 +152,14 @@ def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
     assert main(["devices", *addresses]) == ExitCode.DONE
     told = capsys.readouterr().err
     assert f"Next: tactor-bench bench new bench1.toml {' '.join(addresses)}, then tactor-bench commission" in told
+
+
+def test_devices_warns_of_a_generator_that_must_not_drive_the_amplifier(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.list_resources", lambda: (["GPIB0::10::INSTR"], []))
+    monkeypatch.setattr("drivers.VisaLink", lambda *_: NamedLink("HEWLETT-PACKARD,33120A,0,8.0-5.0-1.0"))
+    (found, *_), notes = find_devices()
+    assert (found.role, found.driver) == ("instrument", "")
+    assert any("it is advised against (Agilent/HP 33120A): its output cannot be switched off" in note for note in notes)
 
 
 def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], capsys: Any) -> None:

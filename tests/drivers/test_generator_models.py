@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from app.config.discovery import _role_of
+from app.config.driver_registry import BUILT_IN, SOURCES, load_driver, open_generator
 from drivers.drive import LinearSweep, Sine
 from drivers.errors import InstrumentError
 from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.unsuitable import reason_unsuitable
+from drivers.interfaces import Identity
+from sim_hardware.clock import VirtualClock
 from tests.drivers.test_generator_foreign_settings import opened
 from tests.helpers.simulated_bench import assert_safe_voltage
 
@@ -35,6 +39,60 @@ RELATIVES = ("33509B", "33510B", "33519B", "33520B", "DG1022", "DG1022U", "DG102
 """Without arbitrary waveforms, or with another command set: named like supported models, but none of them."""
 
 
+UNSUITABLE = {
+    "HEWLETT-PACKARD,33120A,0,8.0-5.0-1.0": r"Agilent/HP 33120A\): its output cannot be switched off",
+    "Agilent Technologies,33120A,0,10.0-5.0-1.0": r"33120A\): its output cannot be switched off",
+    "*IDN SDG,SDG805,SDG00003140697,5.01.01.12": r"SDG830\) and Teledyne T3AFG5, T3AFG10\): it has a USB port only",
+    "Teledyne,T3AFG10,1,1": r"T3AFG10\): it has a USB port only",
+    "TEKTRONIX,AFG31252,C013019,SCPI:99.0 FV:1.6.1": r"its open output ends at 5 V",
+    "GW INSTEK,AFG-2225,SN:1,V1.0": r"at which level its output waits",
+    "owon,XDG2035,1,V1": r"at which level its output waits",
+}
+"""Identities of generators that are advised against, and what is said of them."""
+
+
+class NamedLink:
+    """A link to an instrument that answers with its identity; it records what was sent."""
+
+    name = "TCPIP::192.0.2.7::5025::SOCKET"
+
+    def __init__(self, identity: str) -> None:
+        self._identity = identity
+        self.sent: list[str] = []
+
+    def write(self, message: str) -> None:
+        self.sent.append(message)
+
+    def read(self) -> str:
+        return self._identity
+
+    def clear(self) -> None: ...
+
+    def reopen(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize("identity", UNSUITABLE)
+def test_a_generator_whose_idle_level_nothing_guarantees_is_advised_against_before_anything_is_set(
+    identity: str,
+) -> None:
+    for driver in ("auto", "keysight-33200"):
+        link = NamedLink(identity)
+        with pytest.raises(
+            InstrumentError, match=rf"(?i)it is advised against \(.*{UNSUITABLE[identity]}.*Nothing was set"
+        ):
+            open_generator(driver, link, VirtualClock(), 0.05)
+        assert link.sent == ["*IDN?"]
+    assert drivers_for(identity.split(",")[1]) == []
+
+
+def test_relatives_of_an_unsuitable_model_are_not_advised_against() -> None:
+    assert not reason_unsuitable(Identity("Agilent Technologies", "33220A"))
+    assert not reason_unsuitable(Identity("Siglent Technologies", "SDG810X"))
+    assert not reason_unsuitable(Identity("TEKTRONIX", "AFG31052"))
+
+
 def drivers_for(model: str) -> list[str]:
     return [name for name in BUILT_IN[SOURCES] if load_driver(SOURCES, name).supports_model(model)]  # type: ignore[attr-defined]
 
@@ -42,6 +100,11 @@ def drivers_for(model: str) -> list[str]:
 @pytest.mark.parametrize("model", SUPPORTED)
 def test_each_supported_model_has_one_driver(model: str) -> None:
     assert drivers_for(model) == [SUPPORTED[model]]
+
+
+@pytest.mark.parametrize("model", RELATIVES)
+def test_devices_names_no_driver_for_a_relative(model: str) -> None:
+    assert _role_of(Identity("", model)) == ("instrument", "")
 
 
 @pytest.mark.parametrize("model", RELATIVES)
