@@ -273,6 +273,7 @@ class MainTabs(QTabWidget):
         """Stop background threads."""
         self._worker.close()
         self.overlay.close()
+        self._adapter.feed.running_response.close()
         for page in self._pages_with("shutdown"):
             page.shutdown()
 

@@ -9,7 +9,7 @@ from app.gui.widgets import Theme
 from app.live import LiveFeed, OverlayCurve
 from app.session import WindowState
 from model import AmplifierMap
-from protocols.base import Protocol
+from protocols.base import Protocol, ResultCurve
 from protocols.registry import PROTOCOLS
 
 MIN_PLOT_HEIGHT = 56
@@ -28,6 +28,9 @@ class LivePane(QSplitter):
         self.add_widget(self.plots, 5)
         self.add_widget(self.time_plot, 4)
         self.setChildrenCollapsible(False)
+        self._feed = feed
+        self._state: tuple[WindowState, type[Protocol]] | None = None
+        self._running: ResultCurve | None = None
 
     def add_widget(self, widget: QWidget, share: int) -> None:
         """Add a widget at the bottom."""
@@ -42,10 +45,10 @@ class LivePane(QSplitter):
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`."""
+        self._state, self._running = (view, otherwise), self._feed.running_response.latest if view.busy else None
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
-        self.plots.show_results(
-            kind, view.points, view.curves, view.outcome, view.simulated, view.entries, view.can_run
-        )
+        curves = view.curves if self._running is None else (*view.curves, self._running)
+        self.plots.show_results(kind, view.points, curves, view.outcome, view.simulated, view.entries, view.can_run)
         self.time_plot.show_simulated(view.simulated)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
@@ -53,5 +56,7 @@ class LivePane(QSplitter):
         self.plots.show_model_curve(curve)
 
     def tick(self) -> None:
-        """Redraw the live traces; called at every tick of the window."""
+        """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
+        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_response.latest:
+            self.set_state(*self._state)
         self.time_plot.tick()

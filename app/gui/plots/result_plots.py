@@ -17,6 +17,7 @@ from app.gui.widgets import Theme
 from app.live import OverlayCurve
 from protocols.base import Protocol, ResultCurve, RunEnded
 from protocols.measurements.wiring_check import WiringCheck
+from protocols.runfile.schema import point_columns
 
 
 class ResultPlots(QStackedWidget):
@@ -91,7 +92,7 @@ class ResultPlots(QStackedWidget):
             self.response.show_points(())  # of the run before
         plot.show_points(points, entries, can_run)
         if curves or "curves" in vars(self):
-            self.curves.show_curves(curves, bare_tactor=not any(hasattr(point, "mass") for point in points))
+            self.curves.show_curves(curves, bare_tactor="mass" not in point_columns(kind.point_type))
         for each in self._plots:
             each.show_simulated(simulated)
             each.show_estimates(outcome)
