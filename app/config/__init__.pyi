@@ -24,6 +24,10 @@ from .sensor_calibration import CalibrationPoint as CalibrationPoint
 from .sensor_calibration import SensorCalibration as SensorCalibration
 from .sensor_calibration import SensorCalibrationError as SensorCalibrationError
 from .sensor_calibration import calibrate_sensor as calibrate_sensor
+from .simulation_tables import SimulationTable as SimulationTable
+from .simulation_tables import simulation_tables as simulation_tables
+from .simulation_tables import table_at as table_at
+from .simulation_tables import with_simulation_tables as with_simulation_tables
 from .tables import AmplifierTable as AmplifierTable
 from .tables import CardTable as CardTable
 from .tables import GeneratorTable as GeneratorTable

@@ -64,8 +64,26 @@ def _write_changes(table: Any, before: BaseModel, after: BaseModel) -> None:
             table.pop(name, None)
             if new:
                 table[name] = {key: _new_table(each) for key, each in new.items()}
+        elif isinstance(old, Mapping) and isinstance(new, Mapping):
+            _write_record(table, name, old, new)
         else:
             _write_value(table, name, _plain(new), description_of(type(after), name))
+
+
+def _write_record(table: Any, name: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+    """Write the changes of a table that has no type of its own, such as [simulation]."""
+    if name not in table:
+        table[name] = tomlkit.table()
+    part = table[name]
+    for key in before.keys() - after.keys():
+        part.pop(key, None)
+    for key, new in after.items():
+        old = before.get(key)
+        if isinstance(new, Mapping):
+            if old != new:
+                _write_record(part, key, old or {}, new)
+        elif old != new or key not in before:
+            part[key] = new
 
 
 def _new_table(record: BaseModel) -> Table:

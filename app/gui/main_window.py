@@ -82,7 +82,11 @@ class MainWindow(QMainWindow):
         self.theme = theme_for(self.appearance)
         self.status_bar = BenchStatusBar(self.theme, self.controller)
         self.notices = NoticeArea(self.controller, self)
-        controls = SimulationControls(adapter.simulation, self.controller) if adapter.simulation is not None else None
+        controls = (
+            SimulationControls(adapter.simulation, self.controller.change_speed)
+            if adapter.simulation is not None
+            else None
+        )
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
         self.tabs = MainTabs(protocol, adapter, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
@@ -309,6 +313,7 @@ class MainWindow(QMainWindow):
         self.tabs.bench_run_requested.connect(self.start_bench_run)
         self.tabs.commissioning_requested.connect(self.controller.commission)
         self.tabs.stop_requested.connect(self.controller.stop)
+        self.tabs.speed_requested.connect(self.controller.change_speed)
         self.menus = MainMenus(
             self, self.tabs, self.set_appearance, self.central.show_welcome, self.central.show_settings
         )

@@ -72,6 +72,8 @@ class MainTabs(QTabWidget):
     commissioning_requested = Signal(object)
     """A `CommissioningJob`."""
     stop_requested = Signal()
+    speed_requested = Signal(object)
+    """Speed of the simulated bench; None is the virtual clock."""
 
     def __init__(
         self,
@@ -330,6 +332,7 @@ class MainTabs(QTabWidget):
         page.run_requested.connect(self.bench_run_requested)
         page.commissioning_requested.connect(self.commissioning_requested)
         page.stop_requested.connect(self.stop_requested)
+        page.speed_requested.connect(self.speed_requested)
         return page
 
     def open_run(self, path: Path) -> None:

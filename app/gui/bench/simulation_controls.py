@@ -1,8 +1,10 @@
 """Controls of the simulated bench: its speed, and who answers its prompts."""
 
+from collections.abc import Callable
+
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QButtonGroup, QComboBox, QLabel, QWidget
 
-from app.gui.session_controller import SessionController
 from app.gui.widgets import STRETCH, configure, make_choice, row
 from app.session import AnsweredBy, SimulationSettings, WindowState
 
@@ -10,15 +12,23 @@ SPEEDS: tuple[float | None, ...] = (1.0, 5.0, 20.0, None)
 
 
 class SimulationControls(QWidget):
-    """A row of speeds, and a list of who answers prompts."""
+    """A row of speeds, and a list of who answers prompts.
 
-    def __init__(self, settings: SimulationSettings, controller: SessionController) -> None:
+    Args:
+        settings: shown and changed; there may be several rows.
+        change_speed: connects the bench at another speed; None is the virtual clock.
+        name: beginning of the object names.
+    """
+
+    def __init__(
+        self, settings: SimulationSettings, change_speed: Callable[[float | None], object], name: str = "simulation"
+    ) -> None:
         super().__init__()
         self._settings = settings
         self.speed_buttons = {
             speed: configure(
                 make_choice("max" if speed is None else f"{speed:g}×", _speed_tip(speed), checkable=True),
-                f"simulation.speed-{'max' if speed is None else format(speed, 'g')}",
+                f"{name}.speed-{'max' if speed is None else format(speed, 'g')}",
                 accessibleName="virtual clock" if speed is None else f"{speed:g} times real speed",
             )
             for speed in SPEEDS
@@ -26,17 +36,16 @@ class SimulationControls(QWidget):
         group = QButtonGroup(self)
         for speed, button in self.speed_buttons.items():
             group.addButton(button)
-            button.setChecked(speed == settings.speed)
-            button.clicked.connect(lambda _=False, speed=speed: controller.change_speed(speed))
+            button.clicked.connect(lambda _=False, speed=speed: change_speed(speed))
         self.answered_by_box = configure(
             QComboBox(),
-            "simulation.answered-by",
+            f"{name}.answered-by",
             accessibleName="who answers prompts",
             toolTip="Practise what a prompt asks for: an answer does it on the simulated bench",
         )
         for each in AnsweredBy:
             self.answered_by_box.addItem(each, each)
-        self.answered_by_box.setCurrentIndex(self.answered_by_box.findData(settings.answered_by))
+        self._show_settings()
         self.answered_by_box.currentIndexChanged.connect(self._on_answered_by)
         row(
             QLabel("Speed"),
@@ -54,6 +63,13 @@ class SimulationControls(QWidget):
         for button in self.speed_buttons.values():
             button.setEnabled(view.can_run)
         self.answered_by_box.setEnabled(self._settings.speed is not None)
+        self._show_settings()
+
+    def _show_settings(self) -> None:
+        for speed, button in self.speed_buttons.items():
+            button.setChecked(speed == self._settings.speed)
+        with QSignalBlocker(self.answered_by_box):
+            self.answered_by_box.setCurrentIndex(self.answered_by_box.findData(self._settings.answered_by))
 
     def _on_answered_by(self) -> None:
         self._settings.answered_by = AnsweredBy(self.answered_by_box.currentData())

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QLineEdit, QTableWidgetItem, QWidget
 
 from app.common import UnitError, to_number
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
@@ -20,6 +20,7 @@ from app.gui.widgets import (
     make_button,
     make_label,
     make_panel,
+    make_read_only_table,
     row,
 )
 from app.live import LiveValues
@@ -78,19 +79,15 @@ class CalibrationPanel(QWidget):
         self.expires_edit = _edit(
             "bench.calibration.expires", "calibration due on", "YYYY-MM-DD", (today + VALID_FOR).isoformat()
         )
-        self.table = configure(
-            QTableWidget(0, len(COLUMNS)),
+        self.table = make_read_only_table(
+            COLUMNS,
             "bench.calibration.points",
-            accessibleName="points of the calibration",
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            tabKeyNavigation=False,
+            "points of the calibration",
+            stretched="all",
+            showGrid=True,
             minimumHeight=120,
             maximumHeight=300,
         )
-        self.table.setHorizontalHeaderLabels(COLUMNS)
-        self.table.verticalHeader().hide()
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.plot = CalibrationPlot(theme)
         self.plot.show_simulated(move_target is not None)
         self._build()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QPixmap, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QLabel, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QLabel, QTableWidgetItem, QWidget
 
 from app.gui.widgets import (
     STRETCH,
@@ -16,6 +16,7 @@ from app.gui.widgets import (
     make_button,
     make_label,
     make_panel,
+    make_read_only_table,
     row,
 )
 from app.live import CommissioningJob
@@ -65,21 +66,9 @@ class CommissioningPanel(QWidget):
         )
         self.message_label = configure(StatusLine(), "bench.commission.message")
         self.verdict_label = make_label(kind="caption", name="bench.commission.verdict")
-        self.table = configure(
-            QTableWidget(0, len(COLUMNS)),
-            "bench.commission.table",
-            accessibleName="checks of the commissioning",
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
-            showGrid=False,
-            wordWrap=True,
-            tabKeyNavigation=False,
-            minimumHeight=260,
+        self.table = make_read_only_table(
+            COLUMNS, "bench.commission.table", "checks of the commissioning", minimumHeight=260
         )
-        self.table.setHorizontalHeaderLabels(COLUMNS)
-        self.table.verticalHeader().hide()
-        header = self.table.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
         self.picture_label = configure(QLabel(), "bench.commission.traces", accessibleName="page of traces")
         panel = make_panel(
             make_label("Commission the source", "heading", wrap=False),

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, QUrl, Signal
-from PySide6.QtGui import QAction, QDesktopServices, QHideEvent
-from PySide6.QtWidgets import QLineEdit, QSplitter, QWidget
+from PySide6.QtGui import QDesktopServices, QHideEvent
+from PySide6.QtWidgets import QSplitter, QWidget
 
-from app.config import BenchConfig, BenchDraft, ConfigError, FoundDevice, bench_files, find_devices
+from app.config import BenchConfig, BenchDraft, bench_files
+from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench_page.bench_list import BenchList
 from app.gui.bench_page.calibration_panel import CalibrationPanel
 from app.gui.bench_page.commissioning_panel import CommissioningPanel
-from app.gui.bench_page.further_tables import FurtherTables
+from app.gui.bench_page.editor import BenchEditor
 from app.gui.bench_page.live_panel import LivePanel
-from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile, TileGrid
 from app.gui.bench_page.wiring_panel import WiringPanel
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
-    StatusLine,
     Theme,
     column,
     configure,
@@ -56,6 +54,8 @@ class BenchPage(QSplitter):
     commissioning_requested = Signal(object)
     """A `CommissioningJob` for the open bench."""
     stop_requested = Signal()
+    speed_requested = Signal(object)
+    """Speed of the simulated bench; None is the virtual clock."""
 
     def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: Theme) -> None:
         super().__init__(Qt.Orientation.Horizontal)
@@ -63,25 +63,7 @@ class BenchPage(QSplitter):
         self._worker = BackgroundWorker("bench page", self)
         self._state: WindowState | None = None
         self._watching = False
-        self.draft: BenchDraft | None = None
         self.benches = BenchList()
-        self.name_edit = configure(QLineEdit(), "bench.name", accessibleName="name of the bench")
-        self.hosts_edit = configure(
-            QLineEdit(),
-            "bench.hosts",
-            accessibleName="LAN addresses of instruments",
-            placeholderText="LAN: 192.0.2.7, 192.0.2.8:5025",
-            toolTip="Instruments on a LAN socket cannot be discovered, only queried: their addresses, host or host:port",
-        )
-        self.server_edit = configure(
-            QLineEdit(),
-            "bench.server",
-            accessibleName="NI gRPC device server",
-            placeholderText="NI server: host:port",
-            toolTip="NI's gRPC device server, for the card of another computer; empty for a card in this one",
-        )
-        self.scan_button = make_button("Scan", self.scan, tip="Look for instruments; nothing is set", name="bench.scan")
-        self.message_label = configure(StatusLine(), "bench.message")
         self.connect_button = make_button(
             "Save and connect",
             self.save_and_connect,
@@ -97,29 +79,22 @@ class BenchPage(QSplitter):
         self.file_label = make_label(
             kind="note", name="bench.file", textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse
         )
-        self.source, self.amplifier = SourceTile(), AmplifierTile(theme)
-        self.card = CardTile(lambda: self.server_edit.text().strip())
         self.calibration = CalibrationPanel(theme, self._move_target if config.simulated else None)
         self.calibration.hide()
         self.calibrate_button = configure(
             make_choice("Calibrate …", "Two or more positions with their volts", checkable=True), "bench.calibrate"
         )
-        self.sensor = SensorTile(self.calibrate_button)
+        controls = None
+        if adapter.simulation is not None:
+            controls = SimulationControls(adapter.simulation, self.speed_requested.emit, "bench.simulation")
+        self.editor = BenchEditor(self._worker, theme, controls, self.calibrate_button)
         self.live_button = configure(
             make_choice("Live view, level and tone by hand", "Traces, to align the laser", checkable=True), "bench.live"
         )
-        self.simulation_button = configure(
-            make_choice("Speed, prompts and faults of the simulated bench   (F9)"), "bench.simulation"
-        )
-        if not config.simulated:  # showing it before it has a parent would open a window
-            self.simulation_button.hide()
-        self.simulation_button.clicked.connect(self._toggle_simulation)
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
         self.live.hide()
         self.wiring = WiringPanel(theme)
         self.commissioning = CommissioningPanel(self._worker, theme)
-        self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
-        self.further = FurtherTables()
         self._build()
         self.set_theme(theme)
         self.show_bench(open_bench)
@@ -132,15 +107,14 @@ class BenchPage(QSplitter):
             self._watching = False
         self._state = view
         by_role = {status.role: status for status in view.instruments} if self.is_open else {}
-        for tile in self.tiles:
+        for tile in self.editor.tiles:
             tile.set_status(by_role.get(tile.role), view.problem)
-        self.wiring.set_state(view, self._can_run)
-        self.commissioning.set_enabled(self._can_run)
-        self.live.set_enabled(self._can_run)
+        if self.editor.simulation.controls is not None:
+            self.editor.simulation.controls.set_state(view)
         self._update_buttons()
 
     def set_theme(self, theme: Theme) -> None:
-        self.amplifier.plot.set_theme(theme)
+        self.editor.set_theme(theme)
         self.live.set_theme(theme)
         self.calibration.set_theme(theme)
         self.wiring.set_theme(theme)
@@ -157,7 +131,7 @@ class BenchPage(QSplitter):
         reading = self._adapter.feed.reading if self.is_open else None
         if reading is not None and reading.age_s > STALE_S:
             reading = None
-        for tile in (self.amplifier, self.card, self.sensor):
+        for tile in (self.editor.amplifier, self.editor.card, self.editor.sensor):
             tile.show_reading(reading)
         self.calibration.show_reading(reading)
         if self.live.isVisible():
@@ -177,7 +151,12 @@ class BenchPage(QSplitter):
 
     def show_message(self, text: str) -> None:
         """Show why the bench cannot be opened."""
-        self.message_label.show_message(text, is_error=True)
+        self.editor.show_problem(text)
+
+    @property
+    def draft(self) -> BenchDraft | None:
+        """The bench that is shown, as it is edited."""
+        return self.editor.draft
 
     @property
     def is_open(self) -> bool:
@@ -194,24 +173,16 @@ class BenchPage(QSplitter):
 
         self._worker.submit(load, lambda loaded: self._show_draft(*loaded), self._on_error, latest_only="load")
 
-    def scan(self) -> None:
-        """Look for instruments in the background."""
-        hosts = [part for part in self.hosts_edit.text().replace(",", " ").split() if part]
-        server = self.server_edit.text().strip()
-        self.scan_button.setEnabled(False)
-        self.message_label.show_message("Scanning: USB, LAN, serial ports and cards …", persistent=True)
-        self._worker.submit(lambda: find_devices(hosts, server), lambda found: self._show_found(*found), self._on_error)
-
     def save(self, connect: bool = False) -> None:
         """Write the bench file."""
         draft = self.draft
-        if draft is None or self._has_faults:
+        if draft is None or self.editor.has_faults:
             self.show_message("A value is at fault: correct it first, it is marked in red.")
             return
 
         def saved(result: tuple[BenchDraft, list[Path]]) -> None:
             self._show_draft(*result)
-            self.message_label.show_message(f"Saved: {result[0].name}")
+            self.editor.message_label.show_message(f"Saved: {result[0].name}")
             if connect:
                 self.bench_chosen.emit(result[0].name)
 
@@ -249,62 +220,14 @@ class BenchPage(QSplitter):
     def _move_target(self, by_m: float) -> None:
         self._worker.submit(lambda: self._adapter.faults.move_target(by_m), on_error=self._on_error)
 
-    def _use_calibration(self, values: dict[str, Any]) -> None:
-        """Put the values of a calibration into the sensor's tile; a preset must not look like their source."""
-        record = self.sensor.form.record
-        self.sensor.form.set_record(record.model_copy(update=values))
-        self._on_edited()
-
-    @property
-    def _has_faults(self) -> bool:
-        return any(form.has_faults for form in self._forms)
-
     def _show_draft(self, draft: BenchDraft, files: list[Path]) -> None:
-        self.draft = draft
         self.benches.show_benches(files, draft.name, self._open_bench)
-        self.name_edit.setText(draft.config.name)
-        self.server_edit.setText(draft.config.card.server)
-        for tile in (self.source, self.amplifier, self.card, self.sensor):
-            tile.found_box.hide()
-            tile.set_config(draft.config)
-        self.further.set_config(draft.config)
-        self.message_label.show_message("")
+        self.editor.show_draft(draft, draft.name == self._open_bench)
         if self._state is not None:
             self.set_state(self._state)
         self._update_buttons()
 
-    def _show_found(self, devices: list[FoundDevice], notes: list[str]) -> None:
-        self.scan_button.setEnabled(True)
-        self.source.show_found([device for device in devices if device.role in ("generator", "supply")])
-        self.card.show_found([device for device in devices if device.role == "card"])
-        found = [device for device in devices if device.role in ("generator", "supply", "card")]
-        have = ", ".join(f"{device.role} {device.identity}" for device in found) or "nothing was found"
-        text = "\n".join((f"Scan: {have}.", *notes))
-        self.message_label.show_message(text, is_error=not found, persistent=True)
-
-    def _on_edited(self) -> None:
-        if self.draft is None:
-            return
-        tables: dict[str, Any] = {
-            "name": self.name_edit.text().strip() or "bench",
-            "source": self.source.source_form.record,
-            "generator": self.source.generator_form.record,
-            "supply": self.source.supply_form.record,
-            "amplifier": self.amplifier.form.record,
-            "card": self.card.form.record,
-            "sensor": self.sensor.form.record,
-            **self.further.tables,
-        }
-        try:
-            self.draft = self.draft.with_tables(**tables)
-        except ConfigError as error:
-            self.show_message(str(error))
-        else:
-            self.message_label.show_message("")
-        self._update_buttons()
-
     def _on_error(self, error: Exception) -> None:
-        self.scan_button.setEnabled(True)
         self.show_message(str(error))
 
     def _update_buttons(self) -> None:
@@ -324,10 +247,6 @@ class BenchPage(QSplitter):
         where = draft.name if draft.has_file else "comes with the program" if draft.name else "not saved yet"
         self.file_label.setText(f"{where}{', edited' if edited and draft.name else ''}")
 
-    def _toggle_simulation(self) -> None:
-        if (action := self.window().findChild(QAction, "faults.toggle")) is not None:
-            action.trigger()
-
     def _show_calibration(self, shown: bool) -> None:
         self.calibration.setVisible(shown)
         if shown:
@@ -338,13 +257,8 @@ class BenchPage(QSplitter):
         configure(self, "bench/columns", childrenCollapsible=False)
         content, area = QWidget(), make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
         column(
-            row(make_label("Name", wrap=False), (self.name_edit, 1)),
             row(self.connect_button, self.save_button, self.show_button, (self.file_label, 1)),
-            row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
-            self.message_label,
-            TileGrid(self.tiles),
-            self.further,
-            self.simulation_button,
+            self.editor,
             self.live_button,
             self.live,
             self.calibration,
@@ -367,22 +281,10 @@ class BenchPage(QSplitter):
         self.calibrate_button.toggled.connect(self._show_calibration)
         self.live_button.toggled.connect(self.live.setVisible)
         self.live.run_requested.connect(self.run_requested)
-        self.calibration.applied.connect(self._use_calibration)
+        self.calibration.applied.connect(self.editor.use_calibration)
         self.commissioning.start_pressed.connect(self.commission)
         self.commissioning.stop_pressed.connect(self.stop_requested)
         self.wiring.start_pressed.connect(lambda: self.run_requested.emit(WiringCheck()))
         self.benches.selected.connect(self.show_bench)
         self.benches.new_pressed.connect(lambda: self.show_bench(""))
-        self.name_edit.textEdited.connect(lambda _: self._on_edited())
-        self._forms = (
-            self.source.source_form,
-            self.source.generator_form,
-            self.source.supply_form,
-            self.amplifier.form,
-            self.card.form,
-            self.sensor.form,
-            *self.further.forms,
-        )
-        for tile in self.tiles:
-            tile.changed.connect(self._on_edited)
-        self.further.changed.connect(self._on_edited)
+        self.editor.changed.connect(self._update_buttons)

@@ -7,8 +7,9 @@ from pydantic import ValidationError
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QSizePolicy, QWidget
 
+from app.common import UnitError, read_value
 from app.config import ConfigTable
-from app.gui.widgets import FieldRow, column, field_error, grid, make_choice, make_field
+from app.gui.widgets import FieldRow, bench_fields, column, field_error, grid, make_choice
 
 
 class TableForm(QWidget):
@@ -27,7 +28,8 @@ class TableForm(QWidget):
         self, table: str, kind: type[ConfigTable], main: Sequence[str] = (), hidden: Collection[str] = ()
     ) -> None:
         super().__init__()
-        self._kind, self._record = kind, kind.model_construct()
+        self.kind, self._record = kind, kind.model_construct()
+        self._fields = {field.name: field for field in bench_fields(kind)}
         names = [name for name in kind.model_fields if name not in hidden]
         shown = [name for name in (main or names) if name in names]
         others = [name for name in names if name not in shown]
@@ -70,7 +72,7 @@ class TableForm(QWidget):
         return any(not row.note_label.isHidden() for row in self.rows.values())
 
     def _make_row(self, table: str, name: str) -> FieldRow:
-        row = FieldRow(make_field(self._kind, name), self._kind.model_fields[name].get_default())
+        row = FieldRow(self._fields[name], self.kind.model_fields[name].get_default())
         row.editor.setObjectName(f"bench.{table}.{name}")
         row.editor.setAccessibleName(f"{table} {row.editor.accessibleName()}".strip())
         row.editor.setMinimumWidth(70)
@@ -82,14 +84,19 @@ class TableForm(QWidget):
 
     def _on_edited(self) -> None:
         faults: dict[str, str] = {}
-        values = self._record.model_dump() | {name: row.text for name, row in self.rows.items()}
+        values = self._record.model_dump()
+        for name, row in self.rows.items():
+            try:
+                values[name] = read_value(self.kind, name, row.text, (row.field.factor, row.field.unit))
+            except UnitError as error:
+                faults[name] = str(error)
         try:
-            record = self._kind.model_validate(values)
+            record = self.kind.model_validate(values)
         except ValidationError as error:
             for fault in error.errors():
-                faults.setdefault(*field_error(self._kind, fault))
+                faults.setdefault(*field_error(self.kind, fault, self._fields))
         else:
-            self._record = record
+            self._record = self._record if faults else record
         if (general := faults.pop("", "")) and self.rows:
             faults.setdefault(next(iter(self.rows)), general)
         for name, row in self.rows.items():

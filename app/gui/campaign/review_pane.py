@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QAbstractItemView, QComboBox, QHeaderView, QLabel, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 
 from app.common import OUTCOME_SYMBOLS, outcome_severity
 from app.gui.plots import ResultPlots
-from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_splitter, row
+from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
 from app.live import OverlayCurve
 from protocols.base import RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
@@ -59,25 +59,14 @@ class ReviewPane(QWidget):
             minimumContentsLength=24,
         )
         self.run_box.activated.connect(lambda _: self.run_selected.emit(self.run_box.currentData()))
-        self.table = configure(
-            QTableWidget(0, len(COLUMNS)),
-            "review.table",
-            accessibleName="values",
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            showGrid=False,
-            wordWrap=False,
-            tabKeyNavigation=False,
-            minimumHeight=MIN_TABLE_HEIGHT,
+        self.table = make_read_only_table(
+            COLUMNS, "review.table", "values", stretched="none", minimumHeight=MIN_TABLE_HEIGHT
         )
         for at, name in enumerate(COLUMNS):
-            self.table.setHorizontalHeaderItem(at, cell := QTableWidgetItem(name))
-            cell.setToolTip(TOOLTIPS.get(name, ""))
-        configure(self.table.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 6)
-        header = self.table.horizontalHeader()
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setMaximumSectionSize(MAX_COLUMN_WIDTH)
+            if (title := self.table.horizontalHeaderItem(at)) is not None:
+                title.setToolTip(TOOLTIPS.get(name, ""))
+        self.table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
+        self.table.horizontalHeader().setMaximumSectionSize(MAX_COLUMN_WIDTH)
         runs_label = QLabel("run")
         runs_label.setBuddy(self.run_box)
         head = row(self.verdict_label, STRETCH, runs_label, self.run_box, spacing=8)

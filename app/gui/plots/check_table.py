@@ -2,10 +2,10 @@
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QTableWidgetItem, QWidget
 
 from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
-from app.gui.widgets import Theme, column, configure, make_label
+from app.gui.widgets import Theme, column, make_label, make_read_only_table
 from protocols.base import Outcome, Verdict
 
 COLUMNS = ("", "what", "figure", "limits", "unit", "what to do")
@@ -19,22 +19,7 @@ class CheckTable(QWidget):
         super().__init__(parent)
         self._theme, self._verdict = theme, Verdict()
         self.caption = make_label(kind="caption", name="checks.caption")
-        self.table = configure(
-            QTableWidget(0, len(COLUMNS)),
-            "checks.table",
-            accessibleName="checks",
-            editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
-            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
-            showGrid=False,
-            wordWrap=True,
-            tabKeyNavigation=False,
-        )
-        self.table.setHorizontalHeaderLabels(COLUMNS)
-        self.table.verticalHeader().hide()
-        header = self.table.horizontalHeader()
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
+        self.table = make_read_only_table(COLUMNS, "checks.table", "checks")
         column(self.caption, (self.table, 1), parent=self, margins=(4, 2, 4, 0), spacing=4)
 
     def set_theme(self, theme: Theme) -> None:

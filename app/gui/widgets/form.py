@@ -50,15 +50,19 @@ def protocol_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
     return tuple(make_field(kind, name) for name in names)
 
 
+def bench_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
+    """Return the fields of a form in the units in which people at a bench think of them."""
+    return tuple(_in_bench_unit(kind, field) for field in protocol_fields(kind))
+
+
 def form_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
-    """Return the fields of a form; descriptions refer to other fields by their labels."""
+    """Return the fields of a form in bench units; descriptions refer to other fields by their labels."""
 
     def label(name: re.Match[str]) -> str:
         return f"'{_field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
 
     return tuple(
-        replace(_in_bench_unit(kind, field), description=re.sub(r"\w+_\w+", label, field.description))
-        for field in protocol_fields(kind)
+        replace(field, description=re.sub(r"\w+_\w+", label, field.description)) for field in bench_fields(kind)
     )
 
 
@@ -66,6 +70,10 @@ BENCH_UNITS = {
     "kg": ((1e3, "g"), (1e6, "mg")),
     "m": ((1e3, "mm"), (1e6, "µm")),
     "m/V": ((1e6, "µm/V"),),
+    "m/N": ((1e6, "µm/N"),),
+    "kg/m": ((1e3, "g/m"),),
+    "Pa": ((1e-9, "GPa"), (1e-6, "MPa")),
+    "F": ((1e9, "nF"),),
 }
 """Factor and unit in which a form shows values of an SI unit, the larger unit first."""
 
@@ -184,7 +192,8 @@ def field_error(kind: type[BaseModel], error: Any, shown: Mapping[str, FormField
     """Return the field of a validation error, and the message."""
     place, message = error["loc"], error["msg"].removeprefix("Value error, ")
     if not place:  # fields that contradict each other: the message begins with the one to change
-        return next((name for name in kind.model_fields if message.startswith(name)), ""), message
+        first = re.match(r"\w*", message)
+        return first[0] if first is not None and first[0] in kind.model_fields else "", message
     name = str(place[0])
     field = (shown or {}).get(name) or make_field(kind, name)
     value = error["input"]

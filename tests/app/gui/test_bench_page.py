@@ -57,10 +57,42 @@ def test_the_open_bench_has_identity_state_and_live_values(window: MainWindow) -
 
 
 def test_speed_prompts_and_faults_of_the_simulated_bench_are_at_hand(window: MainWindow) -> None:
-    find(window, "bench.simulation").click()
+    find(window, "bench.faults").click()
     assert window.faults.list.isVisible()
-    find(window, "bench.simulation").click()
+    find(window, "bench.faults").click()
     assert not window.faults.list.isVisible()
+
+
+def test_the_true_parameters_of_a_simulated_bench_are_a_form_in_bench_units(window: MainWindow) -> None:
+    page = window.tabs.bench
+    find(page, "bench.simulation.open").click()
+    assert (find(page, "bench.simulation.tactor.L").text(), find(page, "bench.simulation.sensor.noise_m").text()) == (
+        "22",
+        "0.5",
+    )  # mm, µm
+    type_into(window, "bench.simulation.tactor.L1", "16 mm")
+    assert "must be less than L2" in find(page, "bench.simulation.tactor.L1.fault").text()
+    type_into(window, "bench.simulation.tactor.L1", "9")
+    type_into(window, "bench.simulation.speed", "5")
+    type_into(window, "bench.simulation.noise_seed", "77")
+    find(page, "bench.simulation.card.usb_adjustable").setCurrentText("no")
+    find(page, "bench.save").click()
+    until(bench_files, "for the file")
+    until(lambda: page.draft.has_file, "for the page")
+    saved = load_bench(str(bench_files()[0])).simulation_parameters
+    assert (saved.tactor.L1, saved.speed, saved.noise_seed, saved.card.usb_adjustable) == (0.009, 5.0, 77, False)
+    assert saved.tactor.L2 == 0.015
+    text = bench_files()[0].read_text("utf-8")
+    assert "speed = 5.0             # bench seconds per wall second" in text
+    assert "[simulation.skin]" not in text
+
+
+def test_a_real_bench_has_no_simulation_panel(window: MainWindow) -> None:
+    page = window.tabs.bench
+    assert page.editor.simulation.isVisible()
+    find(page, "bench.new").click()
+    until(lambda: page.draft.name == "", "for the new bench")
+    assert not page.editor.simulation.isVisible()
 
 
 def test_a_run_takes_the_card_from_the_live_values_and_gives_it_back(window: MainWindow) -> None:
@@ -80,7 +112,7 @@ def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
 ) -> None:
     asked: list[object] = []
     monkeypatch.setattr(
-        "app.gui.bench_page.page.find_devices", lambda *given: asked.append(given) or (FOUND, ["no VISA library"])
+        "app.gui.bench_page.editor.find_devices", lambda *given: asked.append(given) or (FOUND, ["no VISA library"])
     )
     page = window.tabs.bench
     find(page, "bench.new").click()
@@ -119,7 +151,7 @@ def test_a_fault_is_written_below_its_field_and_is_not_saved(window: MainWindow)
     assert not bench_files()
     type_into(window, "bench.amplifier.slope_above", "500")
     assert not fault.isVisible()
-    assert window.tabs.bench.amplifier.plot._curve.getData()[1][-1] == 1250
+    assert window.tabs.bench.editor.amplifier.plot._curve.getData()[1][-1] == 1250
 
 
 def test_every_widget_for_input_has_a_name_and_a_text_for_screen_readers(window: MainWindow) -> None:
@@ -230,7 +262,7 @@ def test_three_positions_calibrate_the_sensor_and_are_saved(window: MainWindow) 
     assert 0 < found.gain_relative_uncertainty < 0.01
     assert "±" in find(page, "bench.calibration.result").text()
     find(page, "bench.calibration.apply").click()
-    assert find(page, "bench.sensor.gain_m_per_v").text().startswith(("0.0001", "9.9", "0.000099"))
+    assert find(page, "bench.sensor.gain_m_per_v").text().startswith(("100", "99"))  # µm/V
     find(page, "bench.save").click()
     until(bench_files, "for the file")
     until(lambda: page.draft.has_file, "for the page")

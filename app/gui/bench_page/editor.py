@@ -1,0 +1,165 @@
+"""Editor of a bench file: its name, scan for instruments, tiles of the instruments and the other tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.config import BenchDraft, ConfigError, FoundDevice, find_devices
+from app.gui.bench.simulation_controls import SimulationControls
+from app.gui.bench_page.further_tables import FurtherTables
+from app.gui.bench_page.simulation_panel import SimulationPanel
+from app.gui.bench_page.tile_grid import TileGrid
+from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile
+from app.gui.widgets import (
+    BackgroundWorker,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_button,
+    make_label,
+    row,
+)
+
+
+class BenchEditor(QWidget):
+    """Shows a draft and changes it with every edit.
+
+    Args:
+        worker: scans.
+        theme: at the beginning.
+        controls: of the simulated bench that the window has opened; None for a real one.
+        sensor_items: shown below the sensor's table.
+    """
+
+    changed = Signal()
+    """A value was edited, or a fault in one was made or mended."""
+
+    def __init__(
+        self, worker: BackgroundWorker, theme: Theme, controls: SimulationControls | None, *sensor_items: QWidget
+    ) -> None:
+        super().__init__()
+        self._worker = worker
+        self.draft: BenchDraft | None = None
+        self.name_edit = configure(QLineEdit(), "bench.name", accessibleName="name of the bench")
+        self.hosts_edit = configure(
+            QLineEdit(),
+            "bench.hosts",
+            accessibleName="LAN addresses of instruments",
+            placeholderText="LAN: 192.0.2.7, 192.0.2.8:5025",
+            toolTip="Instruments on a LAN socket cannot be discovered, only queried: their addresses, host or host:port",
+        )
+        self.server_edit = configure(
+            QLineEdit(),
+            "bench.server",
+            accessibleName="NI gRPC device server",
+            placeholderText="NI server: host:port",
+            toolTip="NI's gRPC device server, for the card of another computer; empty for a card in this one",
+        )
+        self.scan_button = make_button("Scan", self.scan, tip="Look for instruments; nothing is set", name="bench.scan")
+        self.message_label = configure(StatusLine(), "bench.message")
+        self.source, self.amplifier = SourceTile(), AmplifierTile(theme)
+        self.card = CardTile(lambda: self.server_edit.text().strip())
+        self.sensor = SensorTile(*sensor_items)
+        self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
+        self.further, self.simulation = FurtherTables(), SimulationPanel(controls)
+        self._forms = (
+            self.source.source_form,
+            self.source.generator_form,
+            self.source.supply_form,
+            self.amplifier.form,
+            self.card.form,
+            self.sensor.form,
+        )
+        column(
+            row(make_label("Name", wrap=False), (self.name_edit, 1)),
+            row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
+            self.message_label,
+            TileGrid(self.tiles),
+            self.further,
+            self.simulation,
+            parent=self,
+            margins=(0, 0, 0, 0),
+            spacing=6,
+        )
+        self.name_edit.textEdited.connect(lambda _: self._on_edited())
+        for part in (*self.tiles, self.further, self.simulation):
+            part.changed.connect(self._on_edited)
+
+    @property
+    def has_faults(self) -> bool:
+        """Whether a value is at fault, which is written below its field."""
+        return any(form.has_faults for form in (*self._forms, *self.further.forms, *self.simulation.forms.values()))
+
+    def show_draft(self, draft: BenchDraft, is_open: bool) -> None:
+        """Show a bench; `is_open`: the window has opened it."""
+        self.draft = draft
+        self.name_edit.setText(draft.config.name)
+        self.server_edit.setText(draft.config.card.server)
+        for tile in (self.source, self.amplifier, self.card, self.sensor):
+            tile.found_box.hide()
+            tile.set_config(draft.config)
+        self.further.set_config(draft.config)
+        self.simulation.set_config(draft.config, is_open)
+        self.message_label.show_message("")
+
+    def set_theme(self, theme: Theme) -> None:
+        self.amplifier.plot.set_theme(theme)
+
+    def scan(self) -> None:
+        """Look for instruments in the background."""
+        hosts = [part for part in self.hosts_edit.text().replace(",", " ").split() if part]
+        server = self.server_edit.text().strip()
+        self.scan_button.setEnabled(False)
+        self.message_label.show_message("Scanning: USB, LAN, serial ports and cards …", persistent=True)
+        self._worker.submit(
+            lambda: find_devices(hosts, server), lambda found: self._show_found(*found), self._on_scan_error
+        )
+
+    def show_problem(self, text: str) -> None:
+        """Show what is wrong."""
+        self.message_label.show_message(text, is_error=True)
+
+    def use_calibration(self, values: dict[str, Any]) -> None:
+        """Put the values of a calibration into the sensor's tile; a preset must not look like their source."""
+        record = self.sensor.form.record
+        self.sensor.form.set_record(record.model_copy(update=values))
+        self._on_edited()
+
+    def _show_found(self, devices: list[FoundDevice], notes: list[str]) -> None:
+        self.scan_button.setEnabled(True)
+        self.source.show_found([device for device in devices if device.role in ("generator", "supply")])
+        self.card.show_found([device for device in devices if device.role == "card"])
+        found = [device for device in devices if device.role in ("generator", "supply", "card")]
+        have = ", ".join(f"{device.role} {device.identity}" for device in found) or "nothing was found"
+        text = "\n".join((f"Scan: {have}.", *notes))
+        self.message_label.show_message(text, is_error=not found, persistent=True)
+
+    def _on_scan_error(self, error: Exception) -> None:
+        self.scan_button.setEnabled(True)
+        self.show_problem(str(error))
+
+    def _on_edited(self) -> None:
+        if self.draft is None:
+            return
+        tables: dict[str, Any] = {
+            "name": self.name_edit.text().strip() or "bench",
+            "source": self.source.source_form.record,
+            "generator": self.source.generator_form.record,
+            "supply": self.source.supply_form.record,
+            "amplifier": self.amplifier.form.record,
+            "card": self.card.form.record,
+            "sensor": self.sensor.form.record,
+            "simulation": self.simulation.table,
+            **self.further.tables,
+        }
+        try:
+            self.draft = self.draft.with_tables(**tables)
+        except ConfigError as error:
+            self.show_problem(str(error))
+        else:
+            self.message_label.show_message("")
+        self.changed.emit()

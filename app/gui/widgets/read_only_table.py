@@ -1,0 +1,46 @@
+"""Table widgets that show values: not editable, rows selected whole, left-aligned header."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget
+
+from app.gui.widgets.layouts import configure
+
+
+def make_read_only_table(
+    columns: Sequence[str],
+    name: str,
+    accessible_name: str,
+    stretched: Literal["last", "all", "none"] = "last",
+    **properties: object,
+) -> QTableWidget:
+    """Return an empty table; Tab leaves it.
+
+    Args:
+        columns: their titles.
+        name: object name.
+        accessible_name: for screen readers.
+        stretched: columns that share the free width; the others are as wide as their contents.
+        properties: further Qt properties.
+    """
+    shown: dict[str, object] = {"showGrid": False, "wordWrap": stretched == "last", **properties}
+    table = configure(
+        QTableWidget(0, len(columns)),
+        name,
+        accessibleName=accessible_name,
+        editTriggers=QAbstractItemView.EditTrigger.NoEditTriggers,
+        selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+        tabKeyNavigation=False,
+        **shown,
+    )
+    table.setHorizontalHeaderLabels(columns)
+    table.verticalHeader().hide()
+    header = table.horizontalHeader()
+    header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    mode = QHeaderView.ResizeMode
+    header.setSectionResizeMode(mode.Stretch if stretched == "all" else mode.ResizeToContents)
+    if stretched == "last":
+        header.setSectionResizeMode(len(columns) - 1, mode.Stretch)
+    return table
