@@ -15,6 +15,7 @@ from annotated_types import Interval
 from app.cli.options import FileOptions, option, repeated, switch
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common import MAX_TOML_BYTES, PEAK_TO_PEAK, UnitError, UsageError, parse_toml, read_number, to_number
+from app.identification import USUAL_RANGES
 from model import (
     GRAVITY,
     PRE_STRETCH,
@@ -42,14 +43,6 @@ SET_HELP = (
     "a parameter with its value, with or without a unit, e.g. 'L=22 mm'; may be repeated. "
     "'tactor-bench model parameters' lists them. @FILE reads several from a TOML or JSON file, as the Explore page copies them"
 )
-
-USUAL_RANGES: dict[str, tuple[float, float]] = {
-    "L": (2e-3, 0.2), "L1": (5e-4, 0.2), "L2": (1e-3, 0.2), "b_Al": (2e-3, 0.2), "h_Al": (1e-5, 5e-3),
-    "rho1": (1e-4, 1.0), "rho2": (1e-4, 1.0), "E_Al": (1e9, 1e12), "k2": (1e-5, 10.0), "mu": (1e-8, 1e-2),
-    "c0": (0.1, 1e5), "m_add": (1e-5, 0.2), "L_m": (1e-2, 1.0), "b_m": (1e-3, 1.0), "h_m": (1e-5, 2e-2),
-    "E_m": (1e3, 1e10), "delta": (0.0, 0.5), "contact_length": (1e-4, 0.2),
-}  # fmt: skip
-"""Sizes outside which a value of the model most likely has the wrong unit; 0 is never questioned."""
 
 NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
 

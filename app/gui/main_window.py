@@ -240,6 +240,7 @@ class MainWindow(QMainWindow):
             self._timer.stop()
             self._save()
             self.tabs.shutdown()
+            self.central.shutdown()
             if self.faults is not None:
                 self.faults.shutdown()
             event.accept()

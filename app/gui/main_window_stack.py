@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import Signal
@@ -19,8 +20,9 @@ from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_grou
 if TYPE_CHECKING:
     from app.gui.help.palette import CommandPalette, PaletteEntry
     from app.gui.help.settings_page import Setting, SettingsPage
+    from app.gui.specimen.page import SpecimenPage
 
-C = TypeVar("C", "CommandPalette", "SettingsPage")
+C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage")
 
 
 class CentralStack(QWidget):
@@ -40,6 +42,7 @@ class CentralStack(QWidget):
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         column(self.hint, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
+        tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.shown_specimen))
         self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
         self.welcome.closed.connect(self.show_pages)
@@ -52,7 +55,12 @@ class CentralStack(QWidget):
         """Returns the settings; called once."""
         add_actions(
             self,
-            {"shortcuts": self.toggle_shortcuts, "palette": self.toggle_palette, "settings": self.toggle_settings},
+            {
+                "shortcuts": self.toggle_shortcuts,
+                "palette": self.toggle_palette,
+                "settings": self.toggle_settings,
+                "specimen": self.toggle_specimen,
+            },
         )
 
     @cached_property
@@ -68,6 +76,32 @@ class CentralStack(QWidget):
         from app.gui.help.settings_page import SettingsPage
 
         return self._add_cover(SettingsPage(self.settings()))
+
+    @cached_property
+    def specimen_page(self) -> SpecimenPage:
+        """The page with the sheet of a specimen; created when first used."""
+        from app.gui.specimen.page import SpecimenPage
+
+        page = self._add_cover(SpecimenPage())
+        page.saved.connect(self.tabs.sheets.update)
+        return page
+
+    def toggle_specimen(self) -> None:
+        """Show the sheet of the specimen of the visible page, or the pages again."""
+        if "specimen_page" in self.__dict__ and self.stack.currentWidget() is self.specimen_page:
+            self.show_pages()
+        else:
+            self.show_specimen(*self.tabs.shown_specimen)
+
+    def show_specimen(self, folder: Path, specimen: str) -> None:
+        """Show the sheet of a specimen."""
+        self._show_cover(self.specimen_page)
+        self.specimen_page.show_specimen(folder, specimen)
+
+    def shutdown(self) -> None:
+        """Wait for what is being written."""
+        if "specimen_page" in self.__dict__:
+            self.specimen_page.shutdown()
 
     def _add_cover(self, cover: C) -> C:
         cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
@@ -106,7 +140,8 @@ class CentralStack(QWidget):
         if self.stack.currentWidget() is self.shortcut_sheet:
             self.show_pages()
             return
-        title = self.tabs.tabText(self.tabs.currentIndex())
+        shown = self.stack.currentWidget()
+        title = getattr(shown, "title", "") or self.tabs.tabText(self.tabs.currentIndex())
         self._show_cover(self.shortcut_sheet)
         self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [title]))
 

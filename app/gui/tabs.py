@@ -15,6 +15,7 @@ from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
+from app.gui.specimen.indicators import SheetIndicators
 from app.gui.widgets import (
     ACTIONS,
     BackgroundWorker,
@@ -123,7 +124,12 @@ class MainTabs(QTabWidget):
             self.setTabToolTip(index, ACTIONS[action_id].shortcut)
             add_actions(self, {action_id: partial(self.select_page, index)})
         self.page(MEASURE)
+        self.sheets = SheetIndicators(self._worker, self)
+        self.sheets.add(self.measure.run_panel.sheet_button, lambda: (self.folder, self.specimen))
+        for edit in (self.measure.run_panel.specimen_edit, self.measure.run_panel.folder_edit):
+            edit.textChanged.connect(self.sheets.update)
         self.currentChanged.connect(lambda index: self.page(index).activate())
+        self.currentChanged.connect(self.sheets.update)
 
     def select_page(self, index: int) -> None:
         """Select a page and give it the focus."""
@@ -217,6 +223,12 @@ class MainTabs(QTabWidget):
     def specimen(self) -> str:
         return self.measure.run_panel.specimen_edit.text().strip()
 
+    @property
+    def shown_specimen(self) -> tuple[Path, str]:
+        """Folder and name of the specimen that the visible page is about."""
+        on_campaign = self.currentIndex() == CAMPAIGN and CAMPAIGN in self._created
+        return self._specimen_of(self.campaign.controller) if on_campaign else (self.folder, self.specimen)
+
     # -- interface to the main window ---------------------------------------------------------------------------------
 
     def preload_pages(self) -> None:
@@ -227,6 +239,7 @@ class MainTabs(QTabWidget):
                 importlib.import_module(f"app.gui.{name}.page")
 
         def make(_: object) -> None:
+            self.sheets.start()
             for at in sorted(range(self.count()), key=lambda at: at != self.currentIndex()):  # the selected page first
                 QTimer.singleShot(0, self, partial(self._preload_page, at))
 
@@ -289,6 +302,10 @@ class MainTabs(QTabWidget):
         if awaited:
             page.activate()
 
+    def _specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
+        summary = controller.summary
+        return (self.folder, self.specimen) if summary is None else (summary.path.parent, summary.specimen)
+
     def _pages_with(self, method: str) -> Iterator[Any]:
         return (page for page in self.created_pages.values() if hasattr(page, method))
 
@@ -305,6 +322,8 @@ class MainTabs(QTabWidget):
         page.run_open_requested.connect(self.open_run)
         page.explore_requested.connect(lambda path: self._overlay_runs([path]))
         page.restore_state(self._settings)
+        self.sheets.add(page.board.header.sheet_button, lambda: self._specimen_of(controller))
+        controller.changed.connect(self.sheets.update_changed)
         return page
 
     def _make_explore(self) -> ExplorePage:
@@ -313,6 +332,7 @@ class MainTabs(QTabWidget):
 
         page = ExplorePage(self._first_theme, fit_runs)
         page.folder = lambda: self.folder
+        self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
         page.restore_state(self._settings)
         return page
 

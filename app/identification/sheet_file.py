@@ -1,13 +1,13 @@
 """Specimen sheet files: TOML with comments, beside the runs, read and edited line by line."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 from app.common import MAX_TOML_BYTES, UnitError, parse_toml, to_number, truncate_text, write_atomic
-from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, sheet_unit
+from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
 from model.identification import parameter_spec
@@ -124,6 +124,7 @@ def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
         raise SheetError(f"{where}: a value needs its uncertainty: {example}")
     if unknown := sorted(set(given) - set(ENTRY_KEYS)):
         raise SheetError(f"{where}: unknown {truncate_text(', '.join(unknown))}; an entry has {', '.join(ENTRY_KEYS)}")
+    weighed = None
     try:
         spec = parameter_spec(name)
         if "mass" in given:
@@ -135,8 +136,8 @@ def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
             )  # fmt: skip
             if not (mass > 0 and length > 0):
                 raise SheetError(f"{where}: mass and length must be greater than 0")
-            value = mass / length
-            uncertainty = value * ((u_mass / mass) ** 2 + (u_length / length) ** 2) ** 0.5
+            weighed = Weighing(mass, u_mass, length, u_length)
+            value, uncertainty = weighed.density
         else:
             value = _number(where, "value", given, spec.unit)
             uncertainty = _number(where, "uncertainty", given, spec.unit, abs(value))
@@ -145,7 +146,8 @@ def _read_entry(where: str, name: str, given: Any) -> SheetEntry:
         raise SheetError(f"{where}: {error}") from None
     if not 0 < uncertainty < float("inf"):
         raise SheetError(f"{where}: the uncertainty must be greater than 0; no instrument is exact")
-    return SheetEntry(name, value, uncertainty, _text(where, "instrument", given), _date(where, given))
+    instrument, day = _text(where, "instrument", given), _date(where, given)
+    return SheetEntry(name, value, uncertainty, instrument, day, weighed=weighed)
 
 
 def _number(where: str, key: str, given: Mapping[str, Any], unit: str, whole: float | None = None) -> float:
@@ -206,9 +208,17 @@ def sheet_template(specimen: str) -> str:
 def format_entry(entry: SheetEntry) -> str:
     """Format an entry as a line of the file."""
     factor, unit = sheet_unit(entry.name)
-    value, uncertainty = (f"{factor * x:.9g} {unit}".strip() for x in (entry.value, entry.uncertainty))
+    quantities = {"value": (factor * entry.value, unit), "uncertainty": (factor * entry.uncertainty, unit)}
+    if (weighed := entry.weighed) is not None:
+        quantities = {
+            "mass": (1e3 * weighed.mass, "g"),
+            "mass_uncertainty": (1e3 * weighed.mass_uncertainty, "g"),
+            "length": (1e3 * weighed.length, "mm"),
+            "length_uncertainty": (1e3 * weighed.length_uncertainty, "mm"),
+        }
+    stated = ", ".join(f"{key} = {_quote(f'{x:.9g} {shown}'.strip())}" for key, (x, shown) in quantities.items())
     day = f", date = {entry.date}" if entry.date else ""
-    return f"{entry.name} = {{ value = {_quote(value)}, uncertainty = {_quote(uncertainty)}, instrument = {_quote(entry.instrument)}{day} }}"
+    return f"{entry.name} = {{ {stated}, instrument = {_quote(entry.instrument)}{day} }}"
 
 
 def _quote(text: str) -> str:
@@ -216,23 +226,40 @@ def _quote(text: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
 
 
-def edit_sheet(path: Path, entries: Mapping[str, SheetEntry], texts: Mapping[str, str]) -> SpecimenSheet:
-    """Set entries and texts in a sheet, which keeps its other lines and comments, and return it.
+def edit_sheet(
+    path: Path,
+    entries: Mapping[str, SheetEntry],
+    texts: Mapping[str, str],
+    removed: Collection[str] = (),
+    descriptions: Mapping[str, str] | None = None,
+) -> SpecimenSheet:
+    """Set entries, texts and descriptions in a sheet, which keeps its other lines and comments, and return it.
+
+    Entries that are `removed` become comments: the fits take Table I there.
 
     Raises:
         SheetError: the file cannot be read or written, or a line cannot be replaced.
     """
-    before = read_sheet(path)
+    before, descriptions = read_sheet(path), dict(descriptions or {})
     text = path.read_text("utf-8")
     for name, value in texts.items():
         text = _replace_line(text, "", name, f"{name} = {_quote(value)}")
+    for group, value in descriptions.items():
+        text = _replace_line(text, group, "description", f"description = {_quote(value)}", only_in_table=True)
     for entry in entries.values():
         text = _replace_line(text, group_of(entry.name), entry.name, format_entry(entry))
+    for name in before.entries.keys() & set(removed):
+        text = _replace_line(text, group_of(name), name, f"#{format_entry(before.entries[name])}")
     after = parse_sheet(text, path)
-    expected = {**before.entries, **entries}
+    expected = {name: each for name, each in {**before.entries, **entries}.items() if name not in removed}
     got = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in after.entries.values()}
     wanted = {e.name: (f"{e.value:.6g}", f"{e.uncertainty:.6g}", e.instrument, e.date) for e in expected.values()}
-    if got != wanted or any(getattr(after, name) != value for name, value in texts.items()):
+    described = {**before.descriptions, **descriptions}
+    if (
+        got != wanted
+        or any(getattr(after, name) != value for name, value in texts.items())
+        or any(after.descriptions.get(group, "") != value for group, value in described.items())
+    ):
         raise SheetError(f"{path} is written in a way that cannot be edited by command; edit it by hand")
     try:
         write_atomic(path, text)
@@ -241,14 +268,35 @@ def edit_sheet(path: Path, entries: Mapping[str, SheetEntry], texts: Mapping[str
     return after
 
 
+def create_sheet(folder: Path, specimen: str) -> SpecimenSheet:
+    """Write the commented sheet of a specimen, with no value in use, and return it.
+
+    Raises:
+        SheetError: it is there already, or cannot be written.
+    """
+    path = sheet_path(folder, specimen)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(sheet_template(specimen))
+    except FileExistsError:
+        raise SheetError(f"{path} is there already and is not overwritten; 'specimen set' changes it") from None
+    except OSError as error:
+        raise SheetError(f"{path} cannot be written: {error.strerror or error}") from None
+    return read_sheet(path)
+
+
 def group_of(name: str) -> str:
     """Return the table of a sheet that a value belongs to."""
     known = {each: group for group, names in GROUPS.items() for each in names}
     return known.get(name, "masses" if name.startswith("m_add") or "mass" in name else "clamp")
 
 
-def _replace_line(text: str, group: str, name: str, line: str) -> str:
-    """Replace the line of a key in a table, or its commented one; append it to the table, or a table to the text."""
+def _replace_line(text: str, group: str, name: str, line: str, only_in_table: bool = False) -> str:
+    """Replace the line of a key in a table, or its commented one; append it to the table, or a table to the text.
+
+    A key that is in use is found in any table, unless `only_in_table`.
+    """
     lines, table = text.split("\n"), ""
     headers = {"": -1}
     found: dict[bool, int] = {}
@@ -259,7 +307,7 @@ def _replace_line(text: str, group: str, name: str, line: str) -> str:
         elif (
             table in ("", *GROUPS)
             and (key := re.match(rf"\s*(#?)\s*{re.escape(name)}\s*=", each))
-            and (table == group or not key[1])
+            and (table == group or not (key[1] or only_in_table))
         ):
             found.setdefault(bool(key[1]), i)
     at = found.get(False, found.get(True))

@@ -7,6 +7,7 @@ free parameters with priors.
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 
 from app.common import pluralize
@@ -29,6 +30,23 @@ NO_SHEET = "none"
 
 
 @dataclass(frozen=True, slots=True)
+class Weighing:
+    """A linear density as it was measured: a weighed mass over a length, SI, with standard uncertainties."""
+
+    mass: float
+    mass_uncertainty: float
+    length: float
+    length_uncertainty: float
+
+    @property
+    def density(self) -> tuple[float, float]:
+        """Linear density and its standard uncertainty."""
+        value = self.mass / self.length
+        relative = hypot(self.mass_uncertainty / self.mass, self.length_uncertainty / self.length)
+        return value, value * relative
+
+
+@dataclass(frozen=True, slots=True)
 class SheetEntry:
     """One value of a sheet, SI, with its standard uncertainty."""
 
@@ -40,6 +58,8 @@ class SheetEntry:
     """ISO 8601; empty if not stated."""
     measured: bool = True
     """False where it is Table I's, since the sheet has no value."""
+    weighed: Weighing | None = None
+    """What a linear density is from, if a mass and a length are stated."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +78,7 @@ class SpecimenSheet:
     @cached_property
     def values(self) -> dict[str, SheetEntry]:
         """Every value that a fit takes as known: those of the sheet, and Table I's where it has none."""
-        paper = {
-            name: SheetEntry(name, PAPER_VALUES[name], float(TABLE_ONE[name].uncertainty or 0.0), TABLE_ONE[name].description, "", False)
-            for name in DIMENSIONS
-        }  # fmt: skip
-        return paper | dict(self.entries)
+        return {name: table_one_entry(name) for name in DIMENSIONS} | dict(self.entries)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -119,6 +135,12 @@ class SpecimenSheet:
             for run in observations.runs
         )
         return frozenset(name for name in self.values if (on_membrane if name in MEMBRANE_NAMES else not sag_only))
+
+
+def table_one_entry(name: str) -> SheetEntry:
+    """Return Table I's value of a dimension, with the uncertainty of its instrument."""
+    source = TABLE_ONE[name]
+    return SheetEntry(name, PAPER_VALUES[name], float(source.uncertainty or 0.0), source.description, "", False)
 
 
 def sheet_unit(name: str) -> tuple[float, str]:

@@ -1,11 +1,10 @@
 """The command `specimen`: sheets with the measured dimensions and masses of specimens."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from app.cli.model_options import USUAL_RANGES
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, switch
 from app.cli.output import CommandResult, render
 from app.common import (
@@ -20,14 +19,14 @@ from app.common import (
     usage_errors,
 )
 from app.identification import (
-    TABLE_ONE,
     SheetEntry,
     SheetError,
     SpecimenSheet,
+    create_sheet,
     edit_sheet,
     load_sheet,
+    question_sheet,
     sheet_path,
-    sheet_template,
     sheet_unit,
 )
 from model import ParameterError
@@ -35,8 +34,6 @@ from model.identification import parameter_spec
 from protocols.base import format_with_uncertainty
 
 TEXT_FIELDS = ("serial", "photograph", "notes")
-FAR_FROM_TABLE = 0.5
-"""Relative difference from Table I that is questioned: another tactor, or another unit."""
 
 
 @dataclass(frozen=True)
@@ -90,16 +87,9 @@ class NewSheetCommand:
     specimen: str = option()
     folder: Path = folder_option()
 
+    @usage_errors(SheetError)
     def execute(self) -> int:
-        path = sheet_path(self.folder, self.specimen)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with path.open("x", encoding="utf-8") as file:
-                file.write(sheet_template(self.specimen))
-        except FileExistsError:
-            raise UsageError(f"{path} is there already and is not overwritten; 'specimen set' changes it") from None
-        except OSError as error:
-            raise UsageError(f"{path} cannot be written: {error.strerror or error}") from None
+        path = create_sheet(self.folder, self.specimen).path
         print_message(f"{path}: no value is in use yet. Fill it in, or use 'tactor-bench specimen set'")
         return ExitCode.DONE
 
@@ -168,39 +158,11 @@ class CheckSheetCommand:
             raise UsageError(
                 f"there is no {sheet_path(self.folder, self.specimen)}; 'tactor-bench specimen new {self.specimen}' writes one"
             )
-        questions = list(questionable(sheet))
+        questions = list(question_sheet(sheet))
         for question in questions:
             print_line(question)
         print_line(f"{sheet.description}." if questions else f"{sheet.description}; nothing to question.")
         return ExitCode.FAILED if questions else ExitCode.DONE
-
-
-def questionable(sheet: SpecimenSheet) -> Iterator[str]:
-    """Yield what is implausible in a sheet: sizes, uncertainties, dates, and a photograph that is not there."""
-    today = datetime.now(UTC).date().isoformat()
-    for e in sheet.entries.values():
-        factor, unit = sheet_unit(e.name)
-        low, high = USUAL_RANGES.get(e.name, (0.0, float("inf")))
-        if e.value and not low <= abs(e.value) <= high:
-            yield f"{e.name} is {factor * e.value:.4g} {unit}, usually {factor * low:g} to {factor * high:g} {unit}: is the unit right?"
-        elif e.name in TABLE_ONE and abs(e.value / _table_value(e.name) - 1) > FAR_FROM_TABLE:
-            yield f"{e.name} is {factor * e.value:.4g} {unit}, the paper's is {factor * _table_value(e.name):.4g} {unit}: is it right?"
-        if e.value and e.uncertainty > 0.3 * abs(e.value):
-            yield f"{e.name}: the uncertainty is {100 * e.uncertainty / abs(e.value):.0f} % of the value: is its unit right?"
-        if not e.instrument:
-            yield f"{e.name}: the instrument is missing"
-        if not e.date:
-            yield f"{e.name}: the date is missing"
-        elif e.date > today:
-            yield f"{e.name}: the date {e.date} is in the future"
-    if sheet.photograph and sheet.path and not (sheet.path.parent / sheet.photograph).exists():
-        yield f"there is no photograph {sheet.path.parent / sheet.photograph}"
-    if sheet.missing:
-        yield f"not measured, so Table I is used: {', '.join(sheet.missing)}"
-
-
-def _table_value(name: str) -> float:
-    return float(parameter_spec(name).default or 0.0)
 
 
 COMMANDS: Mapping[str, CommandGroup] = {

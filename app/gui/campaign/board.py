@@ -13,6 +13,7 @@ from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     STRETCH,
+    SheetButton,
     StatusLine,
     Theme,
     add_actions,
@@ -115,7 +116,16 @@ class CampaignHeader(QWidget):
             name="campaign.simulated",
             toolTip="The results of this campaign come from a simulated bench, whatever bench is open",
         )
-        line = row(self.name_label, self.simulated_label, self.progress_label, (self.bar, 1), *buttons, spacing=12)
+        self.sheet_button = SheetButton("campaign")
+        line = row(
+            self.name_label,
+            self.sheet_button,
+            self.simulated_label,
+            self.progress_label,
+            (self.bar, 1),
+            *buttons,
+            spacing=12,
+        )
         column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:

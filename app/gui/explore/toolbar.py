@@ -9,7 +9,7 @@ from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import ExploreSetting
 from app.gui.plots import SERIES, caption_label
-from app.gui.widgets import configure, make_choice, row, tooltip
+from app.gui.widgets import SheetButton, configure, make_choice, row, tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
 
@@ -69,12 +69,15 @@ class ExploreToolbar(QObject):
         self.copy_toml_button = make_choice("Copy TOML", "Every parameter as TOML for --set")
         self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
+        self.sheet_button = SheetButton("explore")
         self._chips = row(spacing=4)
         self.run_chips: list[QPushButton] = []
         self.start_row = row(
             self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
         )
-        self.export_row = row(self.copy_json_button, self.copy_toml_button, self.study_button, None, spacing=6)
+        self.export_row = row(
+            self.copy_json_button, self.copy_toml_button, self.study_button, self.sheet_button, None, spacing=6
+        )
         self.series_row = row(
             caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6
         )

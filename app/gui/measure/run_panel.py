@@ -13,6 +13,7 @@ from app.gui.measure.result_card import ResultCard
 from app.gui.widgets import (
     ACTIONS,
     ProtocolForm,
+    SheetButton,
     Theme,
     column,
     configure,
@@ -72,6 +73,7 @@ class RunPanel(QWidget):
             accessibleName="specimen",
             toolTip="Name of the specimen, written into the run file and its name",
         )
+        self.sheet_button = SheetButton("measure")
         self.folder_edit = configure(
             QLineEdit(), "measure.folder", accessibleName="folder", toolTip="Where run files are kept"
         )
@@ -221,6 +223,7 @@ class RunPanel(QWidget):
             label.setBuddy(editor)
             where.addWidget(label, at, 0)
             where.addWidget(editor, at, 1)
+        where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)
         column(
             row((self.protocol_box, 1), self.preset_button),

@@ -17,6 +17,7 @@ from .file_dialog import Mode as Mode
 from .file_dialog import choose_files as choose_files
 from .fitted_scroll_area import FittedScrollArea as FittedScrollArea
 from .form import FieldRow as FieldRow
+from .form import FormField as FormField
 from .form import ProtocolForm as ProtocolForm
 from .form import bench_fields as bench_fields
 from .form import field_error as field_error
@@ -43,6 +44,8 @@ from .menu import Menu as Menu
 from .overlaid import Overlaid as Overlaid
 from .progress_row import ProgressRow as ProgressRow
 from .read_only_table import make_read_only_table as make_read_only_table
+from .sheet_button import SheetButton as SheetButton
+from .sheet_button import SheetStatus as SheetStatus
 from .status_line import StatusLine as StatusLine
 from .theme import APPEARANCES as APPEARANCES
 from .theme import LIGHT as LIGHT

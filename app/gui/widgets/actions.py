@@ -62,6 +62,14 @@ ACTIONS = {
         ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
         ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("F4",)),
         ActionInfo("palette", "Find a command, protocol, run or setting, or close the list", ("Ctrl+K",)),
+        ActionInfo(
+            "specimen",
+            "Specimen sheet: dimensions and masses, or close it",
+            ("F7",),
+            "Dimensions and masses of this specimen, with their uncertainties",
+        ),
+        ActionInfo("sheet.undo", "Undo in the sheet", ("Ctrl+Z",), page="Specimen sheet", repeats=True),
+        ActionInfo("sheet.redo", "Redo in the sheet", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Specimen sheet", repeats=True),
         ActionInfo("settings", "Settings, or close them", ("Ctrl+,",)),
         ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
         ActionInfo(

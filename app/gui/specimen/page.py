@@ -1,0 +1,220 @@
+"""Specimen page over the pages: the sheet of a specimen, saved at every change and undone by steps."""
+
+from pathlib import Path
+
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QImage, QImageReader
+from PySide6.QtWidgets import QWidget
+
+from app.common import UndoHistory
+from app.gui.specimen.sheet_form import SheetForm
+from app.gui.widgets import (
+    BackgroundWorker,
+    StatusLine,
+    add_actions,
+    choose_files,
+    column,
+    configure,
+    make_button,
+    make_choice,
+    make_label,
+    make_scroll_area,
+    row,
+    shortcut_label,
+    tooltip,
+)
+from app.identification import (
+    SheetChangedError,
+    SheetDraft,
+    SpecimenSheet,
+    check_draft,
+    create_sheet,
+    load_sheet,
+    save_draft,
+)
+
+PICTURE_SIZE = QSize(220, 96)
+PICTURES = "Pictures (*.jpg *.jpeg *.png *.bmp *.gif *.webp)"
+
+
+class SpecimenPage(QWidget):
+    """Shows the sheet of one specimen of a folder."""
+
+    title = "Specimen sheet"
+    closed = Signal()
+    saved = Signal()
+    """The sheet was written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._worker = BackgroundWorker("specimen sheet", self)
+        self._folder, self._sheet = Path(), SpecimenSheet()
+        self._base = self._sheet
+        """What the file has; used in the background thread only."""
+        self._history: UndoHistory[SheetDraft] = UndoHistory(SheetDraft())
+        self._picture = ""
+        self.heading = make_label(kind="heading", wrap=False, name="sheet.heading")
+        self.source_label = make_label(name="sheet.source")
+        self.message_label = configure(StatusLine(), "sheet.message")
+        self.make_sheet_button = make_button(
+            "Make a sheet",
+            self._make_sheet,
+            "go",
+            "Write a commented sheet beside the runs: Table I's values stay in use until others are entered",
+            "sheet.make",
+        )
+        self.undo_button, self.redo_button = (
+            configure(make_choice(text, tooltip(f"sheet.{name}")), f"sheet.{name}", accessibleName=name)
+            for text, name in (("↶", "undo"), ("↷", "redo"))
+        )
+        self.form = SheetForm()
+        self._area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+        self._area.setWidget(self.form)
+        self.form.setAutoFillBackground(False)
+        close = make_button(shortcut_label("Close", "specimen"), self.closed.emit, name="sheet.close")
+        column(
+            row((self.heading, 1), self.undo_button, self.redo_button, close, spacing=8),
+            row((self.source_label, 1), self.make_sheet_button, spacing=12),
+            self.message_label,
+            (self._area, 1),
+            parent=self,
+            margins=(16, 8, 8, 6),
+            spacing=6,
+        )
+        self.form.edited.connect(self._on_edited)
+        self.form.browse_pressed.connect(self._choose_picture)
+        self.undo_button.clicked.connect(self.undo)
+        self.redo_button.clicked.connect(self.redo)
+        add_actions(self, {"sheet.undo": self.undo, "sheet.redo": self.redo})
+
+    def show_specimen(self, folder: Path, specimen: str) -> None:
+        """Read and show the sheet of a specimen."""
+        self.heading.setText(f"Specimen {specimen}" if specimen else "No specimen")
+        self._area.setEnabled(False)
+        self.make_sheet_button.hide()
+        if not specimen:
+            self.source_label.setText(
+                "Enter the name of the specimen first, on the page Measure; its sheet is kept beside its runs."
+            )
+            return
+        self._folder = folder
+        self._load(specimen)
+
+    def undo(self) -> None:
+        """Show and save the texts before the last change."""
+        if self._history.undo():
+            self._save()
+
+    def redo(self) -> None:
+        """Show and save what was undone."""
+        if self._history.redo():
+            self._save()
+
+    def shutdown(self) -> None:
+        """Wait for what is being written."""
+        self._worker.close()
+
+    # -- inside ----------------------------------------------------------------------------------------------------------
+
+    def _load(self, specimen: str, problem: str = "") -> None:
+        folder = self._folder
+
+        def load() -> SpecimenSheet:
+            self._base = load_sheet(folder, specimen)
+            return self._base
+
+        self._worker.submit(load, lambda sheet: self._on_loaded(sheet, problem), self._on_error, latest_only="load")
+
+    def _on_loaded(self, sheet: SpecimenSheet, problem: str) -> None:
+        self._sheet = sheet
+        self._history = UndoHistory(SheetDraft.of(sheet))
+        self.message_label.show_message(problem, is_error=True)
+        self._area.setEnabled(True)
+        self._show_sheet()
+        if not problem:
+            self.form.rows["L"].edits["value"].setFocus()
+
+    def _on_edited(self, draft: SheetDraft, _field: str) -> None:
+        self._history.push(draft)
+        self._save()
+
+    def _make_sheet(self) -> None:
+        folder, specimen = self._folder, self._sheet.specimen
+
+        def make() -> SpecimenSheet:
+            self._base = create_sheet(folder, specimen)
+            return self._base
+
+        self._worker.submit(make, self._on_saved, self._on_error)
+
+    def _save(self) -> None:
+        """Write the draft in the background; values at fault stay in the form and are not written."""
+        draft, folder = self._history.current, self._folder
+        self._show_draft()
+
+        def write() -> SpecimenSheet:
+            self._base = save_draft(folder, self._base, draft)
+            return self._base
+
+        self._worker.submit(write, self._on_saved, self._on_error)
+
+    def _on_saved(self, sheet: SpecimenSheet) -> None:
+        written, self._sheet = sheet != self._sheet, sheet
+        self._show_sheet()
+        if written:
+            self.message_label.show_message(f"Saved: {sheet.path}")
+            self.saved.emit()
+
+    def _on_error(self, error: Exception) -> None:
+        if isinstance(error, SheetChangedError):
+            self._load(self._sheet.specimen, str(error))
+        self.message_label.show_message(str(error), is_error=True)
+
+    def _show_sheet(self) -> None:
+        text = self._sheet.description
+        self.source_label.setText(f"{text[:1].upper()}{text[1:]}.")
+        self.make_sheet_button.setVisible(self._sheet.path is None)
+        self._show_draft()
+        self._show_picture()
+
+    def _show_draft(self) -> None:
+        draft = self._history.current
+        self.form.show_draft(draft, check_draft(draft, self._sheet.specimen))
+        self.undo_button.setEnabled(self._history.can_undo)
+        self.redo_button.setEnabled(self._history.can_redo)
+
+    def _show_picture(self) -> None:
+        path = str(self._folder / self._sheet.photograph) if self._sheet.photograph else ""
+        if path == self._picture:
+            return
+        self._picture = path
+
+        def shown(image: QImage | None) -> None:
+            self.form.show_picture(image)
+            if path and image is None:
+                self.message_label.show_message(f"There is no picture {path}, or it cannot be read.", is_error=True)
+
+        self._worker.submit(lambda: _read_picture(path), shown, self._on_error, latest_only="picture")
+
+    def _choose_picture(self) -> None:
+        choose_files(
+            self,
+            "Photograph of the specimen",
+            lambda paths: self.form.set_photograph(paths[0].absolute(), self._folder.absolute()),
+            PICTURES,
+            str(self._folder),
+        )
+
+
+def _read_picture(path: str) -> QImage | None:
+    """Read a picture no larger than it is shown."""
+    if not path:
+        return None
+    reader = QImageReader(path)
+    reader.setAutoTransform(True)
+    size = reader.size()
+    if not size.isValid():
+        return None
+    reader.setScaledSize(size.scaled(PICTURE_SIZE, Qt.AspectRatioMode.KeepAspectRatio))
+    image = reader.read()
+    return None if image.isNull() else image

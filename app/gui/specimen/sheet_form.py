@@ -1,0 +1,184 @@
+"""Form of a specimen sheet: dimensions, weighed masses, clamp and membrane, serial number, photograph and notes."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtGui import QImage, QPixmap
+from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QWidget
+
+from app.gui.specimen.entry_row import FIELD_LABELS, EntryRow
+from app.gui.widgets import column, configure, grid, make_button, make_label, make_panel, row
+from app.identification import (
+    DIMENSIONS,
+    GROUPS,
+    CheckedDraft,
+    EntryText,
+    SheetDraft,
+    group_of,
+    sheet_unit,
+    table_one_entry,
+    today,
+)
+from model.identification import SPECIMEN_PARAMETERS
+
+TITLES = {"plate": "Plate and MFC", "masses": "Weighed masses", "clamp": "Clamp", "membrane": "Membrane"}
+OPTIONAL = ("mass_put_in", "mass_offset", "clamp_flexibility")
+"""Values that Table I does not have and that a laboratory may know."""
+TEXT_LABELS = {"serial": "serial number", "photograph": "photograph", "notes": "notes"}
+DESCRIPTION_HINTS = {
+    "plate": "alloy, batch, how it was cut",
+    "masses": "which masses, how they are fixed",
+    "clamp": "kind of clamp, torque of its screws",
+    "membrane": "material, batch, age",
+}
+
+
+class SheetForm(QWidget):
+    """Shows a draft and emits it when a field was left with another text."""
+
+    edited = Signal(object, str)
+    """The `SheetDraft`, and the field that was changed."""
+    browse_pressed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.draft = SheetDraft()
+        self.rows: dict[str, EntryRow] = {}
+        self._grids: dict[str, QGridLayout] = {}
+        self.text_edits = {
+            name: configure(QLineEdit(), f"sheet.{name}", accessibleName=label) for name, label in TEXT_LABELS.items()
+        }
+        self.description_edits = {
+            group: configure(
+                QLineEdit(),
+                f"sheet.{group}.description",
+                accessibleName=f"description of the {group}",
+                placeholderText=DESCRIPTION_HINTS[group],
+            )
+            for group in GROUPS
+        }
+        for edit in (*self.text_edits.values(), *self.description_edits.values()):
+            edit.editingFinished.connect(self._on_text_edited)
+        self.picture_label = configure(QLabel(), "sheet.picture", accessibleName="photograph of the specimen")
+        self.picture_label.hide()
+        self.browse_button = make_button(
+            "Choose …", self.browse_pressed.emit, "choice", "Choose a picture", "sheet.browse"
+        )
+        self.more_box = configure(
+            QComboBox(),
+            "sheet.more",
+            accessibleName="another value",
+            toolTip="Any other parameter of a fit that is known of this specimen",
+        )
+        self.more_box.activated.connect(lambda _: self._add_chosen())
+        panels = [self._make_panel(group) for group in GROUPS]
+        column(
+            self._make_general(), *panels, row(self.more_box, None), None, parent=self, margins=(0, 0, 8, 0), spacing=8
+        )
+        self._fill_more_box()
+
+    def show_draft(self, draft: SheetDraft, checked: CheckedDraft) -> None:
+        """Show texts, and what is wrong with them."""
+        self.draft = draft
+        for name in draft.entries:
+            if name not in self.rows:
+                self._add_row(name)
+        for name, line in self.rows.items():
+            line.show_text(draft.entries.get(name, EntryText()))
+            line.show_finding(checked.faults.get(name), checked.questions.get(name, ""))
+        for edits, texts in ((self.text_edits, draft.texts), (self.description_edits, draft.descriptions)):
+            for name, edit in edits.items():
+                if edit.text() != texts.get(name, ""):
+                    edit.setText(texts.get(name, ""))
+                    edit.setCursorPosition(0)
+        self._fill_more_box()
+
+    def show_picture(self, image: QImage | None) -> None:
+        """Show the photograph; none if it cannot be read."""
+        self.picture_label.setVisible(image is not None)
+        if image is not None:
+            self.picture_label.setPixmap(QPixmap.fromImage(image))
+
+    def set_photograph(self, path: Path, folder: Path) -> None:
+        """Enter the path of a photograph, from the folder of the sheet where it lies below it."""
+        inside = path.is_relative_to(folder)
+        self.text_edits["photograph"].setText(path.relative_to(folder).as_posix() if inside else str(path))
+        self._on_text_edited()
+
+    # -- inside ----------------------------------------------------------------------------------------------------------
+
+    def _on_entry_edited(self, name: str) -> None:
+        text, before = self.rows[name].text, self.draft.entries.get(name, EntryText())
+        if text.value and text.value != before.value:
+            text = replace(text, date=text.date or today())
+            if not text.uncertainty and name in DIMENSIONS:
+                uncertainty = sheet_unit(name)[0] * table_one_entry(name).uncertainty
+                text = replace(text, uncertainty=f"{uncertainty:.3g}")
+        self.draft = self.draft.with_entry(name, text)
+        self.edited.emit(self.draft, name)
+
+    def _on_text_edited(self) -> None:
+        draft = replace(self.draft, texts=_texts_of(self.text_edits), descriptions=_texts_of(self.description_edits))
+        if draft != self.draft:
+            self.draft = draft
+            self.edited.emit(draft, "text")
+
+    def _make_general(self) -> QWidget:
+        fields = grid(spacing=(8, 4), stretch={1: 1})
+        for at, (name, edit) in enumerate(self.text_edits.items()):
+            label = QLabel(TEXT_LABELS[name])
+            label.setBuddy(edit)
+            fields.addWidget(label, at, 0)
+            fields.addWidget(edit, at, 1)
+        fields.addWidget(self.browse_button, list(self.text_edits).index("photograph"), 2)
+        content = QWidget()
+        row((fields, 1), self.picture_label, parent=content, margins=(0, 0, 0, 0), spacing=10)
+        return make_panel(content, margins=(12, 8, 12, 8), spacing=4)
+
+    def _make_panel(self, group: str) -> QWidget:
+        layout = grid(spacing=(8, 2), stretch={0: 5, 1: 3, 2: 3, 4: 4, 5: 2})
+        self._grids[group] = layout
+        heads = ["", *FIELD_LABELS.values()]
+        heads.insert(3, "unit")
+        for at, text in enumerate(heads):
+            layout.addWidget(make_label(text, "note", wrap=False), 0, at)
+        for name in (*GROUPS[group], *(name for name in OPTIONAL if group_of(name) == group)):
+            self._add_row(name)
+        return make_panel(
+            row(make_label(TITLES[group], "running", wrap=False), (self.description_edits[group], 1), spacing=12),
+            layout,
+            margins=(12, 8, 12, 8),
+            spacing=4,
+        )
+
+    def _add_row(self, name: str) -> EntryRow:
+        line = EntryRow(name, self)
+        line.edited.connect(self._on_entry_edited)
+        layout = self._grids[group_of(name)]
+        line.add_to(layout, layout.rowCount())
+        line.show_finding(None, "")
+        self.rows[name] = line
+        return line
+
+    def _fill_more_box(self) -> None:
+        names = [name for name in SPECIMEN_PARAMETERS if name not in self.rows]
+        if [self.more_box.itemData(at) for at in range(1, self.more_box.count())] == names:
+            return
+        with QSignalBlocker(self.more_box):
+            self.more_box.clear()
+            self.more_box.addItem("Another value …")
+            for name in names:
+                self.more_box.addItem(f"{name}: {SPECIMEN_PARAMETERS[name].description}", name)
+
+    def _add_chosen(self) -> None:
+        if name := self.more_box.currentData():
+            line = self._add_row(name)
+            self._fill_more_box()
+            line.edits["value"].setFocus()
+        self.more_box.setCurrentIndex(0)
+
+
+def _texts_of(edits: Mapping[str, QLineEdit]) -> dict[str, str]:
+    return {name: edit.text().strip() for name, edit in edits.items()}
