@@ -75,6 +75,9 @@ from .level_pulse import LevelPulse as LevelPulse
 from .nidaq.analog_input import NiDigitizer as NiDigitizer
 from .nidaq.analog_input import list_devices as list_devices
 from .nidaq.analog_output import NiAnalogOutput as NiAnalogOutput
+from .sensors.environment import EnvironmentReading as EnvironmentReading
+from .sensors.environment import EnvironmentSensor as EnvironmentSensor
+from .sensors.environment import TextEnvironmentSensor as TextEnvironmentSensor
 from .sensors.keyence_lkg import KeyenceLkg as KeyenceLkg
 from .sensors.laser_sensor import LaserSensor as LaserSensor
 from .sensors.optoncdt import OptoNcdt as OptoNcdt

@@ -112,6 +112,11 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
         assert answer.pop("verdict")["outcome"] == "not judged"
     if command[0] == "runs":
         assert {(run.pop("verdict"), run.pop("verdict_reasons")) for run in answer} == {("not judged", "")}
+        for run in answer:  # new since that version, and not in its files
+            assert (run.pop("operator"), run.pop("checked_by")) == ("", [])
+            assert (run.pop("temperature_c"), run.pop("humidity")) == (None, None)
+            assert run.pop("instruments")
+            assert isinstance(run.pop("bench"), str)
     if command[0] == "report":  # its runs have a verdict now, and one text was changed
         assert {run.pop("verdict") for run in answer["runs"]} == {"not judged"}
         assert not any(run.pop("verdict_reasons") for run in answer["runs"])

@@ -1,11 +1,25 @@
 """Description of a run file as text for a terminal and as a plain record for JSON."""
 
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from app.archive.checking import describe_check
+from app.archive.notes import NotesError, notes_path, read_notes
+from app.archive.run_summary import instruments_text
 from app.common import format_bytes, format_duration, format_outcome, format_point, format_quantity
-from protocols.base import InjectedFaultChanged, Outcome, Quality, RunStatus, format_with_uncertainty, to_jsonable
+from protocols.base import (
+    InjectedFaultChanged,
+    Outcome,
+    Quality,
+    RunConditions,
+    RunStatus,
+    format_with_uncertainty,
+    to_jsonable,
+)
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import Run
@@ -36,6 +50,7 @@ def run_record(run: Run) -> dict[str, Any]:
             for e in run.estimates()
         ],
         "software": run.software,
+        **({"conditions": asdict(run.conditions)} if run.conditions != RunConditions() else {}),
     }
 
 
@@ -49,6 +64,7 @@ def run_text(run: Run) -> str:
         _import_text(run)
         or f"begun {run.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{format_bytes(run.path.stat().st_size)}",
+        *_people_lines(run),
         *(f"channel {name}, in {unit}" for name, unit in run.trace.further_channels.items()),
         *_fault_lines(run),
         "",
@@ -101,6 +117,20 @@ def run_text(run: Run) -> str:
         value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
+
+
+def _people_lines(run: Run) -> Iterator[str]:
+    """Yield who measured and checked, the air, and the instruments with the sensor's calibration."""
+    conditions = run.conditions
+    if conditions.operator:
+        origin = "" if conditions.operator_origin == "given" else f" ({conditions.operator_origin})"
+        yield f"measured by {conditions.operator}{origin}"
+    if air := conditions.air_text or conditions.origin:
+        yield f"air {air}"
+    with suppress(NotesError):
+        yield from (describe_check(run.path, check) for check in read_notes(notes_path(run.path)).checks)
+    if run.configuration.get("identities"):
+        yield f"instruments {instruments_text(run)}"
 
 
 def _outcome_text(run: Run) -> str:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
 from app.common import OUTCOME_SYMBOLS, Severity, format_estimate, outcome_severity
+from drivers import LaserSensor
 from model import EstimatedQuantity
 from protocols.base import Outcome, RunStatus
 from protocols.registry import PROTOCOLS
@@ -75,6 +76,20 @@ class RunSummary(NamedTuple):
     """Estimates as text."""
     tags: str = ""
     note: str = ""
+    operator: str = ""
+    checked_by: str = ""
+    """Second persons who checked it."""
+    temperature_c: float | None = None
+    humidity: float | None = None
+    """Relative, 0 to 1."""
+    bench: str = ""
+    """Name of the bench."""
+    instruments: str = ""
+    """Identities with serial numbers, and the state of the sensor's calibration, as text."""
+    sensor: str = ""
+    """Name and serial number of the displacement sensor."""
+    gain_relative_uncertainty: float = 0.0
+    """Standard uncertainty of the sensor's gain over the gain."""
     modified_ns: int = 0
     size: int = 0
     notes_ns: int = 0
@@ -172,6 +187,11 @@ class RunFilter:
     """ISO, UTC."""
     verdict: str = ""
     """A word of the verdict: `good`, `not judged`, `crashed`."""
+    operator: str = ""
+    checked_by: str = ""
+    """A second person; `nobody` selects runs that were not checked."""
+    instrument: str = ""
+    """Part of the identity of an instrument, such as a serial number."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
         """Return the selected entries in their order."""
@@ -184,8 +204,15 @@ class RunFilter:
             and (not self.state or e.state == self.state)
             and (not self.since or e.start_time >= self.since)
             and (not self.verdict or self.verdict in e.verdict_text.split(", "))
+            and (not self.operator or e.operator.casefold() == self.operator.casefold())
+            and (not self.checked_by or _is_checked_by(e, self.checked_by.casefold()))
+            and (not self.instrument or self.instrument.casefold() in e.instruments.casefold())
             and all(word in e.words for word in words)
         ]
+
+
+def _is_checked_by(summary: RunSummary, name: str) -> bool:
+    return not summary.checked_by if name == "nobody" else name in summary.checked_by.casefold().split(", ")
 
 
 def read_since(text: str, now: datetime | None = None) -> str:
@@ -243,6 +270,7 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                     verdict_reasons="; ".join(verdict.reasons),
                     failed_checks=", ".join(_failed_checks(run)),
                     found="; ".join(map(format_estimate, estimates)),
+                    **_circumstances(run),
                 )
             )
     except NotARunError as error:
@@ -253,6 +281,36 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
         return summary_from_file_name(path, RunState.NEWER, str(error))
     except RunReadError as error:
         return summary_from_file_name(path, RunState.DAMAGED, str(error)) if file.exists() else None
+
+
+def _circumstances(run: Run) -> dict[str, Any]:
+    """Return operator, air, bench and instruments of a run; empty for an import, which has no bench."""
+    conditions, configuration, sensor = run.conditions, run.configuration, run.sensor
+    return {
+        "operator": conditions.operator,
+        "temperature_c": conditions.temperature_c,
+        "humidity": conditions.humidity,
+        "bench": str(configuration.get("name", "")),
+        "instruments": instruments_text(run),
+        "sensor": " ".join(filter(None, (sensor.name, sensor.serial and f"#{sensor.serial}"))),
+        "gain_relative_uncertainty": sensor.gain_relative_uncertainty,
+    }
+
+
+def instruments_text(run: Run) -> str:
+    """Return the identities of the instruments with serial numbers, and the state of the sensor's calibration."""
+    identities = run.configuration.get("identities", {})
+    others = (str(identity) for role, identity in identities.items() if role != "sensor")
+    return "; ".join((*others, calibration_text(run.sensor, run.start_time)))
+
+
+def calibration_text(sensor: LaserSensor, start_time: str) -> str:
+    """Return serial number and state of calibration of the displacement sensor at the time of a run."""
+    dates = f"calibrated {sensor.calibrated}" if sensor.calibrated else "date of calibration unknown"
+    state = "validity unknown"
+    if sensor.expires:
+        state = f"{'expired' if start_time[:10] > sensor.expires else 'valid until'} {sensor.expires}"
+    return f"{' '.join(filter(None, (sensor.name, sensor.serial and f'#{sensor.serial}')))} {dates}, {state}"
 
 
 def _failed_checks(run: Run) -> list[str]:
@@ -279,7 +337,8 @@ def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummar
 
 def with_notes(summary: RunSummary, notes: Notes) -> RunSummary:
     """Return the summary with the user's tags and note."""
-    return _with_search_text(summary._replace(tags=", ".join(notes.tags), note=notes.note))
+    checked_by = ", ".join(dict.fromkeys(check.name for check in notes.checks))
+    return _with_search_text(summary._replace(tags=", ".join(notes.tags), note=notes.note, checked_by=checked_by))
 
 
 def _with_search_text(summary: RunSummary) -> RunSummary:
@@ -297,6 +356,12 @@ def _with_search_text(summary: RunSummary) -> RunSummary:
         summary.found,
         summary.tags,
         summary.note,
+        summary.operator,
+        f"checked by {summary.checked_by}" if summary.checked_by else "not checked",
+        "" if summary.temperature_c is None else f"{summary.temperature_c:.1f} °C",
+        "" if summary.humidity is None else f"{100 * summary.humidity:.0f} %",
+        summary.bench,
+        summary.instruments,
     )
     return summary._replace(words="\n".join(texts).casefold())
 

@@ -1,6 +1,7 @@
 """A session with the terminal as its front end: progress, prompts, signals, exit codes."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,12 +10,21 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from app.cli.laboratory.people import state_people
 from app.cli.options import BenchOptions, BenchSelection
 from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, print_message
 from app.config import BenchConfig
 from app.identification import reference_model
-from app.session import Session, build_protocol, choose_bench, load_protocol_class
+from app.session import (
+    Session,
+    build_protocol,
+    choose_bench,
+    current_conditions,
+    load_protocol_class,
+    remember_conditions,
+    remembered_conditions,
+)
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Outcome, Prompt, Protocol
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest
@@ -77,6 +87,8 @@ def select_bench(options: BenchSelection) -> SelectedBench:
         UsageError: the bench file is wrong, or an option does not fit the bench.
     """
     config, speed = choose_bench(options.bench, options.speed, options.seed, option="--")
+    if isinstance(options, BenchOptions):
+        state_people(options.operator, options.temperature, options.humidity)
     reason = getattr(options, "without_commissioning", None)
     return SelectedBench(options.bench, config, speed, check_reason(reason, config))
 
@@ -149,6 +161,16 @@ def run_headless(
     return front.exit_code, front.session.path if front.session.outcome else None
 
 
+def _ask_operator(bench: SelectedBench) -> None:
+    """Ask at the terminal who measures, once a day and on a real bench; Enter alone is the login of the computer."""
+    if bench.config.simulated or not operator_reachable() or remembered_conditions().operator:
+        return
+    print_message(
+        f"Who measures today? Type a name and Enter; Enter alone: {current_conditions().operator or 'nobody'}"
+    )
+    remember_conditions(sys.stdin.readline().strip() or current_conditions().operator)
+
+
 MAX_PROMPTS_NAMED = 4
 """Prompts that a rejection names; it counts the others."""
 
@@ -212,6 +234,7 @@ def headless_session(
     from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
     from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
 
+    _ask_operator(bench)
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
     keys = KEY_HELP if can_poll_keyboard() else ""

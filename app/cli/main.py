@@ -43,6 +43,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
     "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
+    "operator": ("app.cli.laboratory.people", "who measures today, and temperature and humidity: stored in every run"),
+    "checked": ("app.cli.laboratory.people", "store that a second person checked runs"),
     "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
         "app.cli.specimen.archive",

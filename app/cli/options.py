@@ -160,6 +160,18 @@ class BenchOptions(BenchSelection):
         type=specimen_argument,
         help="name of the specimen (default: unnamed; the window: the one used last)",
     )
+    operator: str | None = option(
+        "--operator",
+        inherited=True,
+        metavar="NAME",
+        help="who measures; remembered for today (default: who was named today, or the login of the computer)",
+    )
+    temperature: str | None = option(
+        "--temperature", inherited=True, metavar="T", help="of the air, e.g. '23.4 °C'; remembered for today"
+    )
+    humidity: str | None = option(
+        "--humidity", inherited=True, metavar="RH", help="of the air, e.g. '45 %%'; remembered for today"
+    )
 
 
 @dataclass(frozen=True)

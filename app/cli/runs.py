@@ -69,6 +69,13 @@ class RunsCommand:
         help="good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'",
     )
     since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
+    operator: str = option("--operator", default="", metavar="NAME", help="runs that this person measured")
+    checked_by: str = option(
+        "--checked-by", default="", metavar="NAME", help="runs that this second person checked; 'nobody': not checked"
+    )
+    instrument: str = option(
+        "--instrument", default="", metavar="TEXT", help="with this in an instrument's identity, e.g. a serial number"
+    )
     search: str = option(
         "--search", default="", metavar="WORDS", help="with all these words in names, reasons, results, tags or notes"
     )
@@ -155,7 +162,17 @@ def _run_filter(options: RunsCommand) -> RunFilter:
         raise UsageError(f"there is no status '{options.status}'; there are: {', '.join(RunState)}")
     if options.verdict and options.verdict not in list(Outcome):
         raise UsageError(f"there is no verdict '{options.verdict}'; there are: {', '.join(Outcome)}")
-    return RunFilter(options.search, options.specimen, options.protocol, options.status, since, options.verdict)
+    return RunFilter(
+        options.search,
+        options.specimen,
+        options.protocol,
+        options.status,
+        since,
+        options.verdict,
+        options.operator,
+        options.checked_by,
+        options.instrument,
+    )
 
 
 def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> None:
@@ -164,7 +181,7 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
     from rich.text import Text
 
     table = Table(box=None, padding=(0, 2), header_style="bold")
-    for heading in ("begun", "specimen", "protocol", "verdict", "points", "length", "size", "tags", "file"):
+    for heading in ("begun", "specimen", "protocol", "verdict", "points", "length", "size", "by", "tags", "file"):
         justify: Literal["left", "right"] = "right" if heading in ("points", "length", "size") else "left"
         table.add_column(heading, justify=justify, overflow="fold", no_wrap=heading == "begun")
     shown = summaries if show_all else summaries[:DEFAULT_ROWS]
@@ -174,8 +191,10 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
         if e.simulated:
             verdict.append(", SIMULATED", "default")
         extent = (str(e.points), format_duration(e.seconds)) if e.readable else ("", "")
-        specimen, protocol, tags, path = map(visible_text, (e.specimen, e.protocol, e.tags, e.path))
-        table.add_row(begun, specimen, protocol, verdict, *extent, format_bytes(e.size), tags, path)
+        people = f"{e.operator}, {e.checked_by} ✓" if e.checked_by else e.operator
+        texts = map(visible_text, (e.specimen, e.protocol, people, e.tags, e.path))
+        specimen, protocol, people, tags, path = texts
+        table.add_row(begun, specimen, protocol, verdict, *extent, format_bytes(e.size), people, tags, path)
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     if shown:
         out.print(table)
@@ -206,6 +225,12 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "found": summary.found,
         "tags": [tag for tag in summary.tags.split(", ") if tag],
         "note": summary.note,
+        "operator": summary.operator,
+        "checked_by": [name for name in summary.checked_by.split(", ") if name],
+        "temperature_c": summary.temperature_c,
+        "humidity": summary.humidity,
+        "bench": summary.bench,
+        "instruments": summary.instruments,
     }
 
 

@@ -16,6 +16,7 @@ from .config_table import ConfigTable as ConfigTable
 from .discovery import FoundDevice as FoundDevice
 from .discovery import find_devices as find_devices
 from .driver_registry import DIGITIZERS as DIGITIZERS
+from .driver_registry import ENVIRONMENT_SENSORS as ENVIRONMENT_SENSORS
 from .driver_registry import load_driver as load_driver
 from .driver_registry import open_generator as open_generator
 from .level_tables import LevelsTable as LevelsTable
@@ -30,6 +31,7 @@ from .simulation_tables import table_at as table_at
 from .simulation_tables import with_simulation_tables as with_simulation_tables
 from .tables import AmplifierTable as AmplifierTable
 from .tables import CardTable as CardTable
+from .tables import EnvironmentTable as EnvironmentTable
 from .tables import GeneratorTable as GeneratorTable
 from .tables import MeterTable as MeterTable
 from .tables import SensorTable as SensorTable

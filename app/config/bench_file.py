@@ -17,6 +17,7 @@ from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.tables import (
     AmplifierTable,
     CardTable,
+    EnvironmentTable,
     GeneratorTable,
     MeterTable,
     SensorTable,
@@ -55,6 +56,7 @@ class BenchConfig(ConfigTable):
     meters: Annotated[dict[str, MeterTable], "serial sensors by a name of your own: [meters.laser]"] = Field(
         default_factory=dict
     )
+    environment: EnvironmentTable = Field(default_factory=EnvironmentTable)
     watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
     specimen: SpecimenTable = Field(default_factory=SpecimenTable)
     levels: LevelsTable = Field(default_factory=LevelsTable)

@@ -1,6 +1,7 @@
 """Registry of instrument drivers: built-in drivers and plug-ins of other packages.
 
-A plug-in is an entry point of the group `tactor_bench.sources` or `tactor_bench.digitizers` (docs/how-to-write-a-driver.md).
+A plug-in is an entry point of the group `tactor_bench.sources`, `tactor_bench.digitizers` or `tactor_bench.environment_sensors`
+(docs/how-to-write-a-driver.md).
 It is imported only when it is needed. A broken one is reported and skipped; it never stops a bench that does not use it.
 """
 
@@ -15,6 +16,7 @@ from drivers import (
     BenchError,
     Clock,
     Digitizer,
+    EnvironmentSensor,
     InstrumentError,
     Link,
     ScpiSession,
@@ -25,6 +27,7 @@ from drivers import (
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
+ENVIRONMENT_SENSORS = "tactor_bench.environment_sensors"
 
 BUILT_IN = {
     SOURCES: {
@@ -35,10 +38,12 @@ BUILT_IN = {
         "tektronix-afg": "drivers.generators.tektronix_afg:TektronixAfg",
     },
     DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer"},
+    ENVIRONMENT_SENSORS: {"text": "drivers.sensors.environment:TextEnvironmentSensor"},
 }
-"""Generators are called with (link, clock, *, step_v), digitizers like `drivers.nidaq.analog_input.NiDigitizer`."""
+"""Generators are called with (link, clock, *, step_v), digitizers like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors
+with (port, request)."""
 
-INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer}
+INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer, ENVIRONMENT_SENSORS: EnvironmentSensor}
 
 log = logging.getLogger(__name__)
 

@@ -215,3 +215,13 @@ class MeterTable(ConfigTable):
     timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 1.0
     output: Annotated[int, Interval(ge=1, le=2), "keyence-lkg: which output of the controller"] = 1
     range_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "optoncdt: its measuring range"] = 0.01
+
+
+class EnvironmentTable(ConfigTable):
+    """The sensor of temperature and humidity of the laboratory, on a serial port; read at the start of each run."""
+
+    port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; empty: there is none"] = ""
+    driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.ENVIRONMENT_SENSORS))] = "text"
+    request: Annotated[str, "line that asks for a reading, e.g. SEND; empty for a sensor that sends by itself"] = ""
+    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second"] = 9600
+    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0

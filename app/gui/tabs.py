@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
+from app.common import UsageError
 from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
@@ -27,8 +29,9 @@ from app.gui.widgets import (
     splitters,
 )
 from app.live import Overlay, SessionAdapter
-from app.session import WindowState
+from app.session import WindowState, remember_conditions, remembered_conditions
 from protocols.base import Protocol as Measurement
+from protocols.base import RunConditions
 
 if TYPE_CHECKING:
     from app.gui.bench_page.page import BenchPage
@@ -52,6 +55,9 @@ class Page(Protocol):
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH = range(5)
 """Index of each page."""
+
+OPERATOR_POLL_MS = 30_000
+"""Interval at which it is looked who measures today: another program may name somebody, and at midnight nobody is named."""
 
 TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench")
 
@@ -105,6 +111,10 @@ class MainTabs(QTabWidget):
         card = self.measure.run_panel.result_card
         card.open_requested.connect(self.open_run)
         card.explore_requested.connect(lambda path: self._overlay_runs([path]))
+        self.measure.run_panel.operator_named.connect(self._remember_operator)
+        self._operator_timer = QTimer(self, interval=OPERATOR_POLL_MS)
+        self._operator_timer.timeout.connect(self.show_operator)
+        self._operator_timer.start()
         self._factories: tuple[Callable[[], Page], ...] = (
             lambda: self.measure,
             self._make_campaign,
@@ -238,12 +248,30 @@ class MainTabs(QTabWidget):
             for name in ("campaign", "explore", "runs", "bench_page"):
                 importlib.import_module(f"app.gui.{name}.page")
 
+        self.show_operator()
+
         def make(_: object) -> None:
             self.sheets.start()
             for at in sorted(range(self.count()), key=lambda at: at != self.currentIndex()):  # the selected page first
                 QTimer.singleShot(0, self, partial(self._preload_page, at))
 
         self._worker.submit(load, make)
+
+    def show_operator(self) -> None:
+        """Show who measures today; the file is read in the background."""
+
+        def show(found: object) -> None:
+            if isinstance(found, RunConditions):
+                self.measure.run_panel.show_operator(found.operator)
+
+        self._worker.submit(remembered_conditions, show)
+
+    def _remember_operator(self, name: str) -> None:
+        def remember() -> None:
+            with suppress(UsageError):  # a name that cannot be stored is not; the login is
+                remember_conditions(name)
+
+        self._worker.submit(remember)
 
     def run_in_background(self, work: Callable[[], object]) -> None:
         """Run a job that reads files in the background."""

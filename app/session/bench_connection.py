@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
 from app.session.commissioning_gate import commissioning_state
-from app.session.instruments import ReadDisplacement, open_digitizer, open_meters, open_source, source_options
+from app.session.instruments import (
+    ReadDisplacement,
+    open_digitizer,
+    open_environment_sensor,
+    open_meters,
+    open_source,
+    source_options,
+)
 from app.session.session import BuiltInOperator
 from app.session.suspend import suspend_inhibited
 from drivers import (
@@ -317,6 +324,7 @@ def _make_bench(
     _check_serial_number(digitizer.identity, config.card.serial, "[card]")
     watchdog = make_watchdog(source)
     stack.callback(watchdog.close)
+    environment = open_environment_sensor(config.environment, stack)
     identities = {
         "generator": str(source.identity),  # whichever kind of source it is
         "amplifier": " ".join(
@@ -325,6 +333,7 @@ def _make_bench(
         "card": str(digitizer.identity),
         "sensor": config.sensor.name,
         **{name: str(meter.identity) for name, meter in meters.items()},
+        **({"environment": str(environment.identity)} if environment is not None else {}),
     }
     return Bench(
         amplifier=HvAmplifier(source, config.amplifier.amplifier_map, config.amplifier.drive_limits, clock, watchdog),
@@ -338,5 +347,6 @@ def _make_bench(
         name=config.name,
         watchdog=watchdog,
         levels=config.levels.settings(config.specimen),
+        environment=environment,
         channels=tuple(table.input_channel for table in config.channels),
     )

@@ -4,8 +4,16 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from app.config import DIGITIZERS, BenchConfig, MeterTable, load_driver, open_generator
-from drivers import Clock, Digitizer, Link, Meter, Source
+from app.config import (
+    DIGITIZERS,
+    ENVIRONMENT_SENSORS,
+    BenchConfig,
+    EnvironmentTable,
+    MeterTable,
+    load_driver,
+    open_generator,
+)
+from drivers import Clock, Digitizer, EnvironmentSensor, Link, Meter, Source
 
 DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
@@ -97,6 +105,23 @@ def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displace
             return KeyenceLkg(line, clock, output=table.output)
         case "optoncdt":
             return OptoNcdt(line, clock, range_m=table.range_m)
+
+
+def open_environment_sensor(table: EnvironmentTable, stack: ExitStack) -> EnvironmentSensor | None:
+    """Open the sensor of temperature and humidity; `stack` closes it. None if the bench has none.
+
+    Raises:
+        InstrumentError: the port does not exist.
+        BenchError: the driver is a broken plug-in.
+    """
+    if not table.port:
+        return None
+    from drivers import SerialPort
+
+    line = SerialPort(table.port, table.baud, table.timeout_s)
+    stack.callback(line.close)
+    sensor: EnvironmentSensor = load_driver(ENVIRONMENT_SENSORS, table.driver)(line, table.request)
+    return sensor
 
 
 def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:

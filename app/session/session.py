@@ -15,6 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+from app.session.people import current_conditions, with_sensor
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import (
@@ -308,6 +309,11 @@ class Session:
                 self.state = SessionState.CLOSED
             self.finished.set()
 
+    @staticmethod
+    def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
+        """Return the request with operator, temperature and humidity."""
+        return replace(request, conditions=with_sensor(request.conditions or current_conditions(), bench.environment))
+
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from protocols.judgement import complete_results
@@ -328,7 +334,7 @@ class Session:
                 with suppress(BenchError):  # the run reports it better
                     connection.operator.clear_specimen()
             operator = connection.operator or self._operator
-            request = self._with_restored_setup(request)
+            request = self._with_conditions(self._with_restored_setup(request), connection.bench)
             runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:
             self.outcome = RunEnded(RunStatus.FAILED, str(error), "")

@@ -33,6 +33,7 @@ from drivers.errors import (
     UnsafeError,
 )
 from drivers.interfaces import Block, Digitizer, InputChannel, Meter, Stream
+from drivers.sensors.environment import EnvironmentSensor
 from drivers.sensors.laser_sensor import LaserSensor
 
 RATE_TOLERANCE = 0.01
@@ -60,6 +61,8 @@ class Bench:
     levels: LevelSettings = field(default_factory=LevelSettings)
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
+    environment: EnvironmentSensor | None = None
+    """Sensor of temperature and humidity; None if there is none."""
     suspend_warning: str = ""
     """Why the computer cannot be kept from suspending; empty if it is kept."""
     high_voltage_refusal: str = ""
@@ -71,7 +74,12 @@ class Bench:
 
     def close(self) -> None:
         """Close all instruments; the source's output stays on, at rest."""
-        instruments: list[HvAmplifier | Digitizer | Meter] = [self.amplifier, self.digitizer, *self.meters.values()]
+        instruments: list[HvAmplifier | Digitizer | Meter | EnvironmentSensor] = [
+            self.amplifier,
+            self.digitizer,
+            *self.meters.values(),
+            *([self.environment] if self.environment else []),
+        ]
         for instrument in instruments:
             with contextlib.suppress(BenchError):
                 instrument.close()

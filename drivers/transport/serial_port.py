@@ -49,6 +49,15 @@ class SerialPort:
         with self._translate_errors():
             self._port.reset_input_buffer()
             self._port.write(command)
+        return self.read_line(terminator)
+
+    def read_line(self, terminator: bytes) -> str:
+        """Return the text up to a terminator.
+
+        Raises:
+            LinkError: silence, an incomplete line, or bytes that are not text.
+        """
+        with self._translate_errors():
             answer = bytes(self._port.read_until(terminator))
         if not answer.endswith(terminator):
             half = f" (it began '{answer[:20]!r}' and did not end)" if answer else ""

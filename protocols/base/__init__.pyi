@@ -1,4 +1,5 @@
 from .channels import ChannelCalibration as ChannelCalibration
+from .conditions import RunConditions as RunConditions
 from .event_bus import EventBus as EventBus
 from .events import EVENTS as EVENTS
 from .events import BenchArmed as BenchArmed

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from drivers import InputChannel, LaserSensor
-from protocols.base import Outcome, RunStatus, to_jsonable
+from protocols.base import Outcome, RunConditions, RunStatus, to_jsonable
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
@@ -59,6 +59,8 @@ class RunMetadata:
     """Requested values of the parameters that were adapted to the source; empty if none was."""
     started_at: datetime | None = None
     """Time of the measurement, if not now."""
+    conditions: RunConditions = field(default_factory=RunConditions)
+    """Who measures, and the state of the air."""
 
 
 def software_versions() -> dict[str, str]:
@@ -149,6 +151,7 @@ def _create_datasets(
     for name, kind in (("events", EVENT_DTYPE), ("blocks", BLOCK_DTYPE), ("recordings", RECORDING_DTYPE)):
         entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True)
     _create_instrument(entry, metadata)
+    _create_conditions(entry, metadata.conditions)
 
 
 def _create_trace(entry: h5py.Group, sensor: LaserSensor, channels: Sequence[InputChannel]) -> None:
@@ -209,6 +212,22 @@ def _create_instrument(entry: h5py.Group, metadata: RunMetadata) -> None:
         sensor[name] = getattr(metadata.sensor, name)
     for role, identity in dict(metadata.bench.get("identities", {})).items():
         create_group(instrument, role, "NXcollection")["name"] = str(identity)
+
+
+def _create_conditions(entry: h5py.Group, conditions: RunConditions) -> None:
+    """Create the operator (NXuser), and a sensor of the air for each quantity that is known."""
+    if conditions.operator:
+        user = create_group(entry, "operator", "NXuser")
+        user["name"], user["role"], user["origin"] = conditions.operator, "operator", conditions.operator_origin
+    for name, value, unit in (
+        ("air_temperature", conditions.temperature_c, "degC"),
+        ("air_humidity", conditions.humidity, "1"),
+    ):
+        if value is not None:
+            sensor = create_group(entry["instrument"], name, "NXsensor")
+            sensor.create_dataset("value", data=float(value)).attrs["units"] = unit
+    if conditions.origin:
+        entry["air_origin"] = conditions.origin
 
 
 def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:

@@ -19,6 +19,7 @@ from protocols.base import (
     Recording,
     ReferenceModel,
     ResultCurve,
+    RunConditions,
     RunStatus,
     Verdict,
     parse_json_object,
@@ -236,6 +237,24 @@ class Run(Closeable):
     def sensor(self) -> LaserSensor:
         """The displacement sensor with its calibration."""
         return read_sensor(self._entry)
+
+    @property
+    def conditions(self) -> RunConditions:
+        """Who measured, and the state of the air; empty in runs of earlier versions."""
+        entry = self._entry
+        user = subgroup(entry, "operator") if "operator" in entry else None
+        air = subgroup(entry, "instrument") if "instrument" in entry else {}
+        temperature_c, humidity = (
+            read_number(subgroup(air, name), "value") if name in air else None
+            for name in ("air_temperature", "air_humidity")
+        )
+        return RunConditions(
+            "" if user is None else read_text(user, "name"),
+            "" if user is None else read_text(user, "origin"),
+            temperature_c,
+            humidity,
+            self._text("air_origin") if "air_origin" in entry else "",
+        )
 
     @property
     def trace(self) -> RunTrace:

@@ -7,7 +7,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Self
 
-from protocols.base import Event, Prompt, Protocol, ReferenceModel
+from protocols.base import Event, Prompt, Protocol, ReferenceModel, RunConditions
 
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun
@@ -21,6 +21,7 @@ class RunRequest:
         resume: the earlier run whose points are carried over.
         prepare: prompts for the operator before the first entry.
         reference: model of the free specimen that the result is compared with; default is the paper's tactor.
+        conditions: who measures, and the state of the air; None if not stated.
         item: the campaign item it measures; empty outside a campaign.
     """
 
@@ -31,6 +32,7 @@ class RunRequest:
     prepare: tuple[Prompt, ...] = ()
     item: str = ""
     reference: ReferenceModel | None = None
+    conditions: RunConditions | None = None
 
     @classmethod
     def resuming(cls, path: Path, folder: Path, repeat_entries: Sequence[int] = ()) -> Self:

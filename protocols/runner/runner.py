@@ -16,6 +16,7 @@ from protocols.base import (
     Operator,
     Quality,
     ReferenceModel,
+    RunConditions,
     RunEnded,
     RunStarted,
     RunStatus,
@@ -66,6 +67,7 @@ def run_metadata(
         requested=adapted.requested,
         resumed_from=request.resume.path if request.resume else None,
         reference=reference.as_record(),
+        conditions=request.conditions or RunConditions(),
     )
 
 

@@ -45,6 +45,8 @@ class RunPanel(QWidget):
 
     run_pressed = Signal()
     changed = Signal()
+    operator_named = Signal(str)
+    """Who measures, as it is typed."""
 
     def __init__(
         self,
@@ -77,6 +79,13 @@ class RunPanel(QWidget):
         self.folder_edit = configure(
             QLineEdit(), "measure.folder", accessibleName="folder", toolTip="Where run files are kept"
         )
+        self.operator_edit = configure(
+            QLineEdit(),
+            "measure.operator",
+            accessibleName="operator",
+            placeholderText="who measures today?",
+            toolTip="Who measures, until midnight; stored in every run. Empty: the login of the computer",
+        )
         self.rehearsal_label = make_label(name="measure.rehearsal")
         self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.estimates_panel, self.result_card = EstimatesPanel(theme), ResultCard(theme)
@@ -104,6 +113,7 @@ class RunPanel(QWidget):
         self._browse.clicked.connect(self._choose_folder)
         self.specimen_edit.textChanged.connect(self._on_edited)
         self.folder_edit.textChanged.connect(self._on_edited)
+        self.operator_edit.textEdited.connect(self.operator_named)
 
     @property
     def protocol(self) -> Protocol | None:
@@ -156,6 +166,7 @@ class RunPanel(QWidget):
             self.protocol_box,
             self.specimen_edit,
             self.folder_edit,
+            self.operator_edit,
             self._browse,
             self.preset_button,
         ):
@@ -166,6 +177,11 @@ class RunPanel(QWidget):
         self._can_run = view.can_run
         self._blocked_reason = view.blocked_reason
         self._update_rehearsal()
+
+    def show_operator(self, name: str) -> None:
+        """Show who measures today, unless another name is being typed."""
+        if not self.operator_edit.hasFocus():
+            self.operator_edit.setText(name)
 
     def show_warnings(self, messages: Sequence[str]) -> None:
         """Show the warnings of the preflight check."""
@@ -218,7 +234,7 @@ class RunPanel(QWidget):
 
     def _build(self) -> None:
         where = grid(spacing=(8, 4))
-        for at, editor in enumerate((self.specimen_edit, self.folder_edit)):
+        for at, editor in enumerate((self.specimen_edit, self.folder_edit, self.operator_edit)):
             label = QLabel(editor.accessibleName())
             label.setBuddy(editor)
             where.addWidget(label, at, 0)

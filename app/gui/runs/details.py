@@ -140,7 +140,7 @@ class RunDetailsPane(QWidget):
         self.note_edit.setEnabled(one is not None)
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
-            lines = [_shorten_reason(one.explanation), *one.found.split("; "), one.path]
+            lines = [_shorten_reason(one.explanation), *one.found.split("; "), _people_text(one), one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
@@ -184,6 +184,17 @@ class RunDetailsPane(QWidget):
         if texts != self._saved_notes:
             self._saved_notes = texts
             self.notes_changed.emit(*texts)
+
+
+def _people_text(run: RunSummary) -> str:
+    """Return who measured and checked a run, and the air."""
+    parts = (
+        f"measured by {run.operator}" if run.operator else "",
+        f"checked by {run.checked_by}" if run.checked_by else "",
+        "" if run.temperature_c is None else f"{run.temperature_c:.1f} °C",
+        "" if run.humidity is None else f"{100 * run.humidity:.0f} % relative humidity",
+    )
+    return ", ".join(filter(None, parts))
 
 
 def _shorten_reason(reason: str) -> str:

@@ -1,0 +1,89 @@
+"""The commands `operator` and `checked`: who measures today, and the second person who checked a run."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from app.archive.checking import check_run
+from app.archive.notes import NotesError
+from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
+from app.common import ExitCode, UsageError, path_argument, print_line, print_message, usage_errors
+from app.session import check_operator, current_conditions, read_humidity, read_temperature, remember_conditions
+from protocols.runfile.reader import RunReadError
+
+
+@dataclass(frozen=True)
+class OperatorCommand:
+    """Name who measures today, and the state of the air; print what the next run stores."""
+
+    name: str | None = option(nargs="?", help="who measures, until midnight; '' forgets the name")
+    temperature: str | None = option("--temperature", metavar="T", help="of the air, e.g. '23.4 °C'")
+    humidity: str | None = option("--humidity", metavar="RH", help="of the air, e.g. '45 %%'")
+    json: bool = switch("--json", JSON_OBJECT)
+
+    def execute(self) -> int:
+        state_people(self.name, self.temperature, self.humidity)
+        conditions = current_conditions()
+        if self.json:
+            print_line(json.dumps(asdict(conditions)))
+        else:
+            air = conditions.air_text or "temperature and humidity not stated"
+            print_line(f"{conditions.operator or 'nobody'} ({conditions.operator_origin}); {air}")
+        return ExitCode.DONE
+
+
+def state_people(name: str | None, temperature: str | None, humidity: str | None) -> None:
+    """Remember until midnight what is not None.
+
+    Raises:
+        UsageError: a value cannot be used.
+    """
+    if not (name is None and temperature is None and humidity is None):
+        remember_conditions(
+            name,
+            None if temperature is None else read_temperature(temperature),
+            None if humidity is None else read_humidity(humidity),
+        )
+
+
+@dataclass(frozen=True)
+class CheckedCommand:
+    """Store that a second person checked runs."""
+
+    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
+    by: str = option("--by", default="", metavar="NAME", help="who checked them; not who measured")
+    remark: str = option("--remark", default="", metavar="TEXT", help="what was found")
+
+    @usage_errors(NotesError)
+    def execute(self) -> int:
+        name = check_operator(self.by)
+        if not name:
+            raise UsageError("--by is missing: name the second person who checked the runs")
+        failed = False
+        for path in self.runs:
+            try:
+                check = check_run(path, name, self.remark)
+            except RunReadError as error:
+                failed = True
+                print_message(str(error))
+            else:
+                print_line(f"{path}: checked by {check.name}, SHA-256 {check.sha256[:16]}...")
+        return ExitCode.FAILED if failed else ExitCode.DONE
+
+
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "operator": CommandSyntax(
+        OperatorCommand,
+        "Who measures, and temperature and humidity of the air: stored in every run, and remembered until midnight. Where nobody is "
+        "named, a run stores the login of the computer; on a real bench the terminal asks once a day. A sensor of the bench file "
+        "([environment]) takes precedence over typed values.",
+        "example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'",
+    ),
+    "checked": CommandSyntax(
+        CheckedCommand,
+        "A second person states that they checked runs. Name, time and the hash of the file are stored in the notes beside it; "
+        "'runs --checked-by' finds them. Who measured a run cannot check it.",
+        "example: tactor-bench checked runs/20261121T091502Z_T7_sine-dwell.h5 --by 'Ben Beispiel'",
+    ),
+}

@@ -1,0 +1,150 @@
+"""Operator of the day and typed temperature and humidity, remembered until midnight for this user of the computer."""
+
+import json
+import re
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.common import UsageError, read_json_file, truncate_text, write_atomic
+from drivers import BenchError
+from drivers.sensors.environment import HIGHEST_C, LOWEST_C
+from protocols.base import RunConditions
+
+if TYPE_CHECKING:
+    from drivers import EnvironmentSensor
+
+GIVEN, LOGIN = "given", "login of the computer"
+MAX_NAME_LENGTH = 100
+NUMBER_WITH_UNIT = re.compile(r"([-+]?\d+(?:\.\d*)?)\s*(\S*)")
+KELVIN_OF_ZERO_C = 273.15
+
+
+def operator_path() -> Path:
+    """Return the file that remembers who measures today."""
+    from platformdirs import user_config_path
+
+    return user_config_path("tactor-bench", appauthor=False) / "operator.json"
+
+
+def remembered_conditions(now: datetime | None = None) -> RunConditions:
+    """Return what was stated today; without an operator where nobody was named today, or the file is damaged."""
+    today = f"{now or datetime.now():%Y-%m-%d}"
+    try:
+        record = read_json_file(operator_path())
+        if record["day"] != today:
+            return RunConditions()
+        name, origin = check_operator(record["operator"]), str(record["origin"])
+        temperature_c, humidity = (
+            None if record[key] is None else float(record[key]) for key in ("temperature_c", "humidity")
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, UsageError):
+        return RunConditions()
+    return RunConditions(name, GIVEN if name else "", temperature_c, humidity, origin)
+
+
+def remember_conditions(
+    operator: str | None = None,
+    temperature_c: float | None = None,
+    humidity: float | None = None,
+    now: datetime | None = None,
+) -> RunConditions:
+    """Remember who measures, and the typed state of the air, until midnight; what is None stays as it is.
+
+    Raises:
+        UsageError: the name cannot be used, or the file cannot be written.
+    """
+    now = now or datetime.now()
+    found = remembered_conditions(now)
+    if operator is not None:
+        name = check_operator(operator)
+        found = replace(found, operator=name, operator_origin=GIVEN if name else "")
+    if temperature_c is not None or humidity is not None:
+        found = replace(found, temperature_c=temperature_c, humidity=humidity, origin=f"typed {now:%Y-%m-%d %H:%M}")
+    record = {
+        "day": f"{now:%Y-%m-%d}",
+        "operator": found.operator,
+        "temperature_c": found.temperature_c,
+        "humidity": found.humidity,
+        "origin": found.origin,
+    }
+    path = operator_path()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, json.dumps(record, ensure_ascii=False, indent=1) + "\n")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; free space there") from None
+    return found
+
+
+def current_conditions() -> RunConditions:
+    """Return what was stated today; the operator is the login of the computer where nobody was named."""
+    found = remembered_conditions()
+    return found if found.operator else replace(found, operator=login_name(), operator_origin=LOGIN)
+
+
+def with_sensor(conditions: RunConditions, sensor: "EnvironmentSensor | None") -> RunConditions:
+    """Return the conditions with the sensor's reading; the reason where it cannot be read. Never raises a BenchError."""
+    if sensor is None:
+        return conditions
+    try:
+        reading = sensor.read()
+    except BenchError as error:
+        return replace(conditions, temperature_c=None, humidity=None, origin=f"not measured: {error}")
+    return replace(
+        conditions, temperature_c=reading.temperature_c, humidity=reading.humidity, origin=str(sensor.identity)
+    )
+
+
+def login_name() -> str:
+    """Return the login of the computer; empty if there is none."""
+    import getpass
+
+    try:
+        return check_operator(getpass.getuser())
+    except (OSError, KeyError, ImportError, UsageError):  # no such user, or a name that cannot be stored
+        return ""
+
+
+def check_operator(text: str) -> str:
+    """Return a person's name, without surrounding spaces; it may be empty.
+
+    Raises:
+        UsageError: it is too long, or has unprintable characters.
+    """
+    name = " ".join(text.split())
+    if len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise UsageError(
+            f"{truncate_text(name)!r} is not a name; give up to {MAX_NAME_LENGTH} readable characters in one line"
+        )
+    return name
+
+
+def read_temperature(text: str) -> float:
+    """Parse `23.4`, `23.4 °C`, `23.4 degC` or `296.5 K` into degrees Celsius.
+
+    Raises:
+        UsageError: it has none of these forms, or is no temperature of a laboratory.
+    """
+    found = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    if found is None or found[2] not in ("", "C", "°C", "degC", "K"):
+        raise UsageError(f"'{truncate_text(text)}' is no temperature; write for example 23.4 °C")
+    celsius = float(found[1]) - (KELVIN_OF_ZERO_C if found[2] == "K" else 0.0)
+    if not LOWEST_C <= celsius <= HIGHEST_C:
+        raise UsageError(f"{celsius:g} °C is no temperature of a laboratory; from {LOWEST_C:g} to {HIGHEST_C:g} °C")
+    return round(celsius, 6)
+
+
+def read_humidity(text: str) -> float:
+    """Parse `45 %` or `45`, per cent, into relative humidity from 0 to 1.
+
+    Raises:
+        UsageError: it has none of these forms, or is not from 1 to 100 %.
+    """
+    found = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    if found is None or found[2] not in ("", "%", "%RH"):
+        raise UsageError(f"'{truncate_text(text)}' is no humidity; write for example 45 %")
+    if not 1 <= float(found[1]) <= 100:
+        raise UsageError(f"a relative humidity of {found[1]} % is not from 1 to 100 %; write for example 45 %")
+    return float(found[1]) / 100

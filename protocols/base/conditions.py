@@ -1,0 +1,32 @@
+"""People and conditions of a run: operator, temperature and humidity, each with its origin."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RunConditions:
+    """Who measures, and the air in the laboratory.
+
+    Attributes:
+        operator: name of who measures; empty if unknown.
+        operator_origin: how the name is known, e.g. `given` or `login of the computer`.
+        temperature_c: of the air, degrees Celsius; None if not known.
+        humidity: relative humidity of the air, 0 to 1; None if not known.
+        origin: where both are from: a sensor's identity, or when they were typed.
+    """
+
+    operator: str = ""
+    operator_origin: str = ""
+    temperature_c: float | None = None
+    humidity: float | None = None
+    origin: str = ""
+
+    @property
+    def air_text(self) -> str:
+        """Temperature and humidity as text with their origin; empty if neither is known."""
+        known = [
+            "" if self.temperature_c is None else f"{self.temperature_c:.1f} °C",
+            "" if self.humidity is None else f"{100 * self.humidity:.0f} % relative humidity",
+        ]
+        text = ", ".join(filter(None, known))
+        return f"{text} ({self.origin})" if text and self.origin else text
