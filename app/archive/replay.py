@@ -1,7 +1,7 @@
 """Loading of a finished run for display: points, curves, estimates, log messages and traces."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -66,6 +66,8 @@ class LoadedRun:
     messages: tuple[LogLine, ...]
     traces: TraceWindow
     duration_s: float
+    hints: tuple[str, ...] = ()
+    """The protocol's warnings about the points."""
 
     @property
     def max_hz(self) -> float:
@@ -107,6 +109,7 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
         kind = PROTOCOLS.get(run.protocol)
         begun = datetime.fromisoformat(run.start_time).astimezone()
         log = [_log_line(event, begun, kind) for event in run.events()]
+        points = tuple(_load_points(run, kind))
         return LoadedRun(
             path=path,
             title=run.title,
@@ -118,12 +121,13 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
             verdict=run.verdict,
             simulated=run.simulated,
             parameters=run.parameters,
-            points=tuple(_load_points(run, kind)),
+            points=points,
             curves=run.curves(),
             estimates=run.estimates(),
             messages=tuple(message for message in log if message is not None),
             traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
             duration_s=run.trace.duration_s,
+            hints=_load_hints(run, kind, points),
         )
 
 
@@ -188,6 +192,16 @@ def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:
 
         start, stop = bisect_left(rows, from_s, key=scan_time_s), bisect_right(rows, to_s, key=scan_time_s)
         return read_trace_window(trace, max(start - 1, 0), stop + 1)
+
+
+def _load_hints(run: Run, kind: type[Protocol] | None, points: Sequence[Any]) -> tuple[str, ...]:
+    """Return the protocol's warnings about the points; none of a run with other columns or parameters than this version's."""
+    if kind is None or kind.warnings is Protocol.warnings:
+        return ()
+    try:
+        return kind.model_validate(run.parameters).warnings(points)
+    except (ValueError, AttributeError, TypeError):
+        return ()
 
 
 def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:

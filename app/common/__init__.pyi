@@ -29,6 +29,9 @@ from .progress import OperationCancelled as OperationCancelled
 from .progress import Progress as Progress
 from .progress import terminal_progress as terminal_progress
 from .progress import track as track
+from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
+from .result_summary import ResultSummary as ResultSummary
+from .result_summary import summarize_result as summarize_result
 from .tables import Column as Column
 from .tables import Table as Table
 from .terminal import print_line as print_line

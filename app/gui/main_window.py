@@ -120,6 +120,13 @@ class MainWindow(QMainWindow):
         if self.controller.can_start:
             self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))
 
+    def _on_card_requested(self, action: str, _path: Path) -> None:
+        """Start another run from the result card; the pages do the rest."""
+        if action == "again":
+            self.start_run()
+        elif action == "continue":
+            self.controller.repeat_entries((), self.tabs.folder)
+
     def _continue_run(self, path: Path) -> None:
         """Continue a stopped run, and show it on the Measure page."""
         self.tabs.setCurrentIndex(MEASURE)
@@ -302,10 +309,7 @@ class MainWindow(QMainWindow):
         self.measure_page.repeat_requested.connect(
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
         )
-        self.measure_page.run_panel.result_card.again_requested.connect(self.start_run)
-        self.measure_page.run_panel.result_card.continue_requested.connect(
-            lambda: self.controller.repeat_entries((), self.tabs.folder)
-        )
+        self.measure_page.run_panel.result_card.requested.connect(self._on_card_requested)
         self.tabs.run_requested.connect(self.start_campaign_run)
         self.tabs.continue_requested.connect(self._continue_run)
         self.central.demo_requested.connect(self.start_demo)

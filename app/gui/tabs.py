@@ -17,11 +17,13 @@ from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
+from app.gui.results.report_job import ReportJob
 from app.gui.specimen.indicators import SheetIndicators
 from app.gui.widgets import (
     ACTIONS,
     BackgroundWorker,
     Theme,
+    Toast,
     add_actions,
     column,
     configure,
@@ -108,9 +110,9 @@ class MainTabs(QTabWidget):
             PresetStore(presets_path()),
             theme,
         )
-        card = self.measure.run_panel.result_card
-        card.open_requested.connect(self.open_run)
-        card.explore_requested.connect(lambda path: self._overlay_runs([path]))
+        self.measure.run_panel.result_card.requested.connect(self._on_card_requested)
+        self._toast = Toast(self)
+        self._report_job = ReportJob(self._toast.show_message, self)
         self.measure.run_panel.operator_named.connect(self._remember_operator)
         self._operator_timer = QTimer(self, interval=OPERATOR_POLL_MS)
         self._operator_timer.timeout.connect(self.show_operator)
@@ -315,6 +317,7 @@ class MainTabs(QTabWidget):
     def shutdown(self) -> None:
         """Stop background threads."""
         self._worker.close()
+        self._report_job.shutdown()
         self.overlay.close()
         self._adapter.feed.running_response.close()
         for page in self._pages_with("shutdown"):
@@ -370,6 +373,7 @@ class MainTabs(QTabWidget):
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_requested.connect(self._overlay_runs)
         page.continue_requested.connect(self.continue_requested)
+        page.details.card.requested.connect(self._on_card_requested)
         return page
 
     def _make_bench(self) -> BenchPage:
@@ -382,6 +386,31 @@ class MainTabs(QTabWidget):
         page.stop_requested.connect(self.stop_requested)
         page.speed_requested.connect(self.speed_requested)
         return page
+
+    def _on_card_requested(self, action: str, path: Path) -> None:
+        """Carry out an action of a result card that starts no run."""
+        if action == "open":
+            self.open_run(path)
+        elif action == "explore":
+            self._overlay_runs([path])
+        elif action == "next":
+            self.setCurrentIndex(CAMPAIGN)
+        elif action == "report":
+            self._write_report(path)
+
+    def _write_report(self, path: Path) -> None:
+        """Write the report of the specimen of a run."""
+
+        def read() -> str:
+            from app.archive import load_run
+
+            return load_run(path, with_traces=False).specimen
+
+        self._worker.submit(
+            read,
+            lambda specimen: self._report_job.start(path.parent, specimen),
+            lambda error: self._toast.show_message(str(error)),
+        )
 
     def open_run(self, path: Path) -> None:
         """Open a run on the Runs page."""

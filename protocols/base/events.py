@@ -278,6 +278,8 @@ class RunEnded:
     estimates: tuple[Any, ...] = ()
     verdict: Verdict = field(default_factory=Verdict)
     """Where none is given: the status of a run that was stopped, failed or ended unsafe; else not judged."""
+    hints: tuple[str, ...] = ()
+    """The protocol's warnings about the points."""
 
     def __post_init__(self) -> None:
         if self.verdict.outcome is Outcome.NOT_JUDGED and self.status is not RunStatus.COMPLETED:

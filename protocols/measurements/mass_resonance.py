@@ -204,7 +204,7 @@ class MassResonance(Protocol):
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         return tuple(
             f"{1e3 * point.mass:g} g: the peak at {point.frequency:.1f} Hz lies near the edge of the band in which it is "
-            f"searched, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
+            f"searched, {self.low_hz:g} to {self.high_hz:g} Hz; widen it (low and high) before more mass is added"
             for point in points
             if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + EDGE_MARGIN
         )

@@ -90,7 +90,7 @@ class RunConclusion:
             verdict = Verdict.of_status(status, reason, verdict.checks)
             with contextlib.suppress(StorageError):
                 self._run_file.close_after_error()
-        ended = RunEnded(status, reason, str(self._run_file.path), estimates or (), verdict)
+        ended = RunEnded(status, reason, str(self._run_file.path), estimates or (), verdict, self._progress.warnings)
         self._recorder.notify(ended)
         return ended
 

@@ -38,7 +38,7 @@ class PlanProgress:
         self._curves: dict[int, list[ResultCurve]] = {}
         self._failed_labels: list[str] = []
         """Labels of entries without a point."""
-        self._reported_warnings: set[str] = set()
+        self._reported_warnings: list[str] = []
 
     @property
     def points(self) -> list[Any]:
@@ -126,8 +126,13 @@ class PlanProgress:
             for warning in dict.fromkeys(self._protocol.warnings(self.points))
             if warning not in self._reported_warnings
         ]
-        self._reported_warnings.update(new)
+        self._reported_warnings += new
         return new
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The protocol's warnings that were reported."""
+        return tuple(self._reported_warnings)
 
     def progress_event(self) -> ProgressUpdated:
         """Return the progress as an event to publish."""

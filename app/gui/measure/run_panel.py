@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolBu
 from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
-from app.gui.measure.result_card import ResultCard
+from app.gui.results.card import ResultCard
 from app.gui.widgets import (
     ACTIONS,
     ProtocolForm,

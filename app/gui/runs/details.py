@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
+from app.common import ResultSummary, summarize_result
 from app.gui.plots import ResultPlots
+from app.gui.results.card import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -55,10 +58,12 @@ class RunDetailsPane(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._saved_notes, self._run_path = ("", ""), ""
+        self._saved_notes, self._run_path, self._people = ("", ""), "", ""
         self.heading = make_label(kind="caption", name="runs.heading")
         self.message_label = make_label(name="runs.message", visible=False)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
+        self.card = ResultCard(theme, "runs.card", ("next", "report"))
+        """Of a single selected run."""
         self.progress_row = ProgressRow()
         self.plot = configure(ComparePlot(theme), "runs.plot", minimumHeight=160)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
@@ -109,6 +114,7 @@ class RunDetailsPane(QWidget):
             (self.result_plots, 1),
             (self.empty_label, 1),
             self.facts_label,
+            self.card,
             fields,
             self.message_label,
             self.progress_row,
@@ -123,6 +129,7 @@ class RunDetailsPane(QWidget):
         """Apply a theme."""
         self.plot.set_theme(theme)
         self.result_plots.set_theme(theme)
+        self.card.set_theme(theme)
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""
@@ -133,6 +140,9 @@ class RunDetailsPane(QWidget):
     def show_selection(self, selected: Sequence[RunSummary]) -> None:
         """Show facts and notes of the selected runs; the plot follows when the files are read."""
         one = selected[0] if len(selected) == 1 else None
+        if one is None or self.card.summary is None or Path(self.card.summary.path).name != Path(one.path).name:
+            self.card.hide()
+            self.facts_label.show()
         readable = any(e.readable for e in selected)
         for widget in (self.open_button, self.explore_button, self.export_button):
             widget.setEnabled(readable)
@@ -140,7 +150,8 @@ class RunDetailsPane(QWidget):
         self.note_edit.setEnabled(one is not None)
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
-            lines = [_shorten_reason(one.explanation), *one.found.split("; "), _people_text(one), one.path]
+            self._people = _people_text(one)
+            lines = [_shorten_reason(one.explanation), *one.found.split("; "), self._people, one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
@@ -170,9 +181,13 @@ class RunDetailsPane(QWidget):
         )
 
     def show_result(self, run: LoadedRun) -> None:
-        """Plot a single run that has no response over frequency by its protocol's own points, curves or checks."""
+        """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""
         kind = PROTOCOLS.get(run.protocol)
-        if kind is None or not (run.points or run.curves):
+        self.card.show_summary(summary_of(run))
+        self.card.show()
+        self.facts_label.setText(self._people)
+        self.facts_label.setVisible(bool(self._people))
+        if kind is None or not (run.points or run.curves) or self.plot.isVisibleTo(self):
             return
         found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
         self.result_plots.show_results(kind, run.points, run.curves, found, run.simulated)
@@ -195,6 +210,16 @@ def _people_text(run: RunSummary) -> str:
         "" if run.humidity is None else f"{100 * run.humidity:.0f} % relative humidity",
     )
     return ", ".join(filter(None, parts))
+
+
+def summary_of(run: LoadedRun) -> ResultSummary:
+    """Return what the result card shows of a run."""
+    kind = PROTOCOLS.get(run.protocol)
+    if kind is not None and not all(isinstance(point, kind.point_type) for point in run.points):
+        kind = None  # of another version, or imported
+    return summarize_result(
+        run.verdict, run.reason, run.estimates, kind, run.points, run.hints, str(run.path), run.simulated
+    )
 
 
 def _shorten_reason(reason: str) -> str:

@@ -263,7 +263,7 @@ class RunsPage(QStackedWidget):
 
         def read() -> tuple[Sequence[MeasuredResponse], LoadedRun | None]:
             runs = measured_responses(paths)
-            return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 and not runs else None
+            return runs, load_run(paths[0], with_traces=False) if len(paths) == 1 else None
 
         def show(found: tuple[Sequence[MeasuredResponse], LoadedRun | None]) -> None:
             self.details.show_runs(found[0], len(chosen))

@@ -3,10 +3,13 @@
 from pathlib import Path
 
 import pytest
+from PySide6.QtCore import QUrl
 
+from app.gui.results.report_job import ReportJob
 from app.gui.tabs import RUNS
-from protocols.base import EstimatedQuantity, RunEnded, RunStatus
-from tests.helpers.main_window import Stage, find
+from protocols.base import BenchArmed, EstimatedQuantity, PointMeasured, Quality, RunEnded, RunStarted, RunStatus
+from protocols.measurements.mass_resonance import MassPoint
+from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED, STOPPED, point
 
 ESTIMATES = tuple(
@@ -61,3 +64,38 @@ def test_a_run_is_opened_from_its_card(stage: Stage) -> None:
     find(stage.window, "result.open").click()
     assert opened == [Path("run.h5")]
     assert stage.window.tabs.currentIndex() == RUNS
+
+
+@pytest.mark.deep
+def test_masses_and_their_peaks_are_a_table_with_the_hint_in_the_words_of_the_form(stage: Stage) -> None:
+    card = stage.window.measure_page.run_panel.result_card
+    stage.happen(OPENED)
+    stage.window.start_run()
+    started = RunStarted("mass-resonance", "run.h5", 900.0, 9, True)
+    hint = (
+        "9.75 g: the peak at 136.7 Hz lies near the edge of the band; widen it (low and high) before more mass is added"
+    )
+    ended = RunEnded(RunStatus.FAILED, "scans were lost", "run.h5", hints=(hint,))
+    stage.happen(started, BenchArmed(), mass_point(0, 1.75e-3, 247.61), mass_point(1, 2.75e-3, 205.98), AT_REST, ended)
+    table = find(card, "result.more").text()
+    for words in ("mass", "frequency", "1.75 g", "247.610 ± 0.020 Hz", "2.75 g"):
+        assert words in table
+    assert hint in find(card, "result.hints").text()
+    assert find(card, "result.continue").text() == "Continue with 2 of 9"
+    assert find(card, "result.continue").isVisibleTo(card)
+
+
+@pytest.mark.deep
+def test_the_report_of_the_specimen_is_written_by_another_process(tmp_path: Path, stage: Stage) -> None:
+    said: list[str] = []
+    opened: list[QUrl] = []
+    job = ReportJob(said.append, stage.window, opened.append)
+    job.start(tmp_path, "T7")
+    until(lambda: len(said) > 1, "for the report")
+    assert "No report of T7" in said[-1]
+    assert not opened
+
+
+def mass_point(index: int, mass: float, frequency: float) -> PointMeasured:
+    values = (mass, frequency, 0.02, frequency, 0.02, frequency, 0.02, 0.2, 0.001, 1e-4, 0.999, 1.0)
+    return PointMeasured(index, MassPoint(*values, int(Quality.SIMULATED)), index)

@@ -1,0 +1,88 @@
+"""Summary of a run's result for the result card: verdict, quantities, points where nothing is identified, hints."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from app.common.formatting import format_quantity
+from app.common.units import display_unit
+from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
+from protocols.runfile.schema import point_columns
+
+MAX_POINT_ROWS = 12
+"""Points that are listed; the file has all."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResultSummary:
+    """What a result card shows of a run.
+
+    Attributes:
+        reason: how the run ended, for the reasons of the verdict.
+        quantities: name and value with its standard error, in display units.
+        point_names: names of the two axes; of the columns of `points`.
+        points: where nothing was identified, the usable points: value on either axis, with its error.
+        hints: the protocol's warnings about the points: what to change next time.
+        planned: number of planned points; 0 if unknown.
+    """
+
+    verdict: Verdict
+    reason: str
+    quantities: tuple[tuple[str, str], ...]
+    point_names: tuple[str, str] = ("", "")
+    points: tuple[tuple[str, str], ...] = ()
+    hints: tuple[str, ...] = ()
+    path: str = ""
+    simulated: bool = False
+    measured: int = 0
+    planned: int = 0
+
+
+def summarize_result(
+    verdict: Verdict,
+    reason: str,
+    estimates: Sequence[EstimatedQuantity],
+    kind: type[Protocol] | None,
+    points: Sequence[Any],
+    hints: Sequence[str] = (),
+    path: str = "",
+    simulated: bool = False,
+    planned: int = 0,
+) -> ResultSummary:
+    """Return the summary of a run; without estimates it lists the points on the axes of the protocol."""
+    listed = kind is not None and not estimates
+    x_name, y_name = kind.axes if listed and kind is not None else ("", "")
+    return ResultSummary(
+        verdict=verdict,
+        reason=reason,
+        quantities=tuple((e.name, format_quantity(e.value, e.standard_error, e.unit)) for e in estimates),
+        point_names=(x_name.replace("_", " "), y_name.replace("_", " ")),
+        points=_point_rows(kind, points) if listed and kind is not None else (),
+        hints=tuple(hints),
+        path=path,
+        simulated=simulated,
+        measured=len(points),
+        planned=planned,
+    )
+
+
+def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str, str], ...]:
+    units = {name: column[0] for name, column in point_columns(kind.point_type).items()}
+    rows = []
+    for point in points:
+        values = [getattr(point, name, math.nan) for name in kind.axes]
+        if not Quality(point.quality).usable or not all(
+            isinstance(v, int | float) and math.isfinite(v) for v in values
+        ):
+            continue
+        error = float(getattr(point, f"{kind.axes[1]}_errors", math.nan))
+        factor, unit = display_unit(units[kind.axes[0]])
+        y_factor, y_unit = display_unit(units[kind.axes[1]])
+        height = (
+            format_quantity(values[1], error, units[kind.axes[1]])
+            if math.isfinite(error)
+            else f"{y_factor * values[1]:.5g} {y_unit}"
+        )
+        rows.append((f"{factor * values[0]:.5g} {unit}".strip(), height.strip()))
+    return tuple(rows)

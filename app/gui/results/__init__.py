@@ -1,0 +1,1 @@
+"""Result card of a run, and the report of its specimen."""

@@ -1,0 +1,186 @@
+"""Result card of a run: verdict, identified quantities or points, hints, file, and what can be done next."""
+
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QFrame, QSizePolicy
+
+from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
+from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, grid, make_button, make_label, row, tooltip
+from app.session import WindowState
+from protocols.base import RunEnded
+from protocols.base.verdict import Outcome
+from protocols.registry import PROTOCOLS
+
+MAX_LARGE = 3
+"""Quantities in large type; the others follow in small type."""
+
+MAX_REASON_LENGTH = 200
+
+ACTIONS = ("open", "again", "explore", "continue", "next", "report")
+BUTTONS = {
+    "open": ("Open", "Show the run on the page Runs"),
+    "again": ("Again", tooltip("run", "Measure what the form shows")),
+    "explore": ("Use in Explore", "Lay the run over the model on the page Explore"),
+    "continue": ("Continue", "Measure what is missing, into a file beside this one"),
+    "next": ("Next", "Show on the page Campaign what to measure next, and why"),
+    "report": ("Report", "Write the report of this specimen, with all its runs in the folder, as PDF and HTML"),
+}
+"""Captions and tool tips."""
+
+UNFINISHED = (Outcome.STOPPED, Outcome.FAILED)
+
+
+class ResultCard(QFrame):
+    """The same on every page; on the page Measure it stays from the end of a run to the start of the next.
+
+    Args:
+        prefix: of the object names.
+        actions: names of the buttons.
+        compact: verdict and quantities in one line, without reason, hints and file.
+    """
+
+    requested = Signal(str, object)
+    """Name of an action, and the path of the run."""
+
+    def __init__(
+        self, theme: Theme, prefix: str = "result", actions: tuple[str, ...] = ACTIONS, compact: bool = False
+    ) -> None:
+        super().__init__()
+        configure(self, prefix, kind="" if compact else "panel")
+        self._theme, self._compact = theme, compact
+        self._outcome: RunEnded | None = None
+        self.summary: ResultSummary | None = None
+        self.verdict_label = make_label(kind="running", name=f"{prefix}.verdict")
+        self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
+        self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
+        self.value_labels = [
+            (
+                make_label(kind="note", wrap=not compact, name=f"{prefix}.name-{at}"),
+                make_label(kind="" if compact else "value", wrap=not compact, name=f"{prefix}.value-{at}"),
+            )
+            for at in range(MAX_LARGE)
+        ]
+        self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)
+        self.more_label.setTextFormat(Qt.TextFormat.RichText)
+        self.note_label = make_label(
+            "± one standard error of this run's noise; calibration and geometry come with identify", "note"
+        )
+        self.file_label = make_label(kind="small", name=f"{prefix}.file", textInteractionFlags=SELECTABLE)
+        self.buttons = {
+            name: make_button(
+                BUTTONS[name][0], partial(self._request, name), "choice", BUTTONS[name][1], f"{prefix}.{name}"
+            )
+            for name in actions
+        }
+        self.simulated_label = make_label("SIMULATED", "simulated-mark", wrap=False, name=f"{prefix}.simulated")
+        if compact:
+            pairs = (row(*pair, spacing=4) for pair in self.value_labels)
+            row(
+                self.verdict_label,
+                self.simulated_label,
+                *pairs,
+                *self.buttons.values(),
+                STRETCH,
+                parent=self,
+                spacing=14,
+            )
+            return
+        values = (label for pair in self.value_labels for label in pair)
+        places = ((button, at // 3, at % 3) for at, button in enumerate(self.buttons.values()))
+        column(
+            row((self.verdict_label, 1), self.simulated_label),
+            self.reason_label,
+            self.hints_label,
+            *values,
+            self.more_label,
+            self.note_label,
+            self.file_label,
+            row(grid(*places, spacing=(6, 4)), STRETCH),
+            parent=self,
+            margins=(10, 8, 10, 8),
+            spacing=2,
+        )
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        self.hide()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        if self.summary is not None:
+            self._show_verdict(self.summary)
+
+    def set_state(self, view: WindowState) -> None:
+        """Show the outcome of the last run; hidden during a run and before the first."""
+        for name in ("continue", "again"):
+            self.buttons[name].setEnabled(view.can_run)
+        if view.outcome is not self._outcome:
+            self._outcome = ended = view.outcome
+            if ended is not None:
+                planned = view.progress.entries if view.progress is not None else 0
+                self.show_summary(
+                    summarize_result(
+                        ended.verdict, ended.reason, ended.estimates, PROTOCOLS.get(view.protocol), view.points, ended.hints,
+                        ended.path, view.simulated, planned,
+                    )
+                )  # fmt: skip
+        self.simulated_label.setVisible(view.simulated)
+        self.setVisible(self._outcome is not None and not view.busy)
+
+    def show_summary(self, summary: ResultSummary) -> None:
+        """Show the result of a run."""
+        self.summary = summary
+        self._show_verdict(summary)
+        reasons = summary.verdict.describe(summary.reason)
+        brief = reasons if len(reasons) <= MAX_REASON_LENGTH else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
+        self.reason_label.setText(f"{brief[:1].upper()}{brief[1:]}")
+        self.reason_label.setToolTip(reasons if brief is not reasons else "")
+        self.hints_label.setText("\n".join(f"⚠ {hint}." for hint in summary.hints))
+        self.hints_label.setVisible(bool(summary.hints) and not self._compact)
+        lines = summary.quantities
+        for at, labels in enumerate(self.value_labels):
+            for label, shown in zip(labels, lines[at] if at < len(lines) else ("", ""), strict=True):
+                label.setText(shown)
+                label.setVisible(bool(shown))
+        self.more_label.setText(_table(lines[MAX_LARGE:]) or _point_table(summary))
+        self.more_label.setVisible(bool(self.more_label.text()) and not self._compact)
+        self.note_label.setVisible(bool(lines or summary.points) and not self._compact)
+        self.file_label.setText(Path(summary.path).name)
+        self.file_label.setToolTip(summary.path)
+        self.file_label.setVisible(bool(summary.path) and not self._compact)
+        self.simulated_label.setVisible(summary.simulated)
+        written = bool(summary.path) and bool(summary.measured)
+        for name, button in self.buttons.items():
+            button.setVisible(written or name == "again")
+        if (resuming := self.buttons.get("continue")) is not None:
+            resuming.setVisible(written and summary.verdict.outcome in UNFINISHED)
+            of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
+            resuming.setText(f"Continue{of}")
+
+    def _request(self, name: str) -> None:
+        self.requested.emit(name, Path("" if self.summary is None else self.summary.path))
+
+    def _show_verdict(self, summary: ResultSummary) -> None:
+        verdict = summary.verdict.outcome
+        self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
+        self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
+        self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(outcome_severity(verdict))}")
+
+
+def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:
+    """Return rows of two columns as rich text; empty without rows."""
+    if not lines:
+        return ""
+    head = "" if heads is None else "".join(f"<th align='left'>{escape(each)}&nbsp;&nbsp;</th>" for each in heads)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(each)}&nbsp;&nbsp;</td>" for each in line) + "</tr>" for line in lines
+    )
+    return f"<table>{f'<tr>{head}</tr>' if head else ''}{rows}</table>"
+
+
+def _point_table(summary: ResultSummary) -> str:
+    shown = summary.points[:MAX_POINT_ROWS]
+    more = len(summary.points) - len(shown)
+    return _table(shown, summary.point_names) + (f"… and {more} more in the file" if more and shown else "")

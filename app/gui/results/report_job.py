@@ -1,0 +1,66 @@
+"""Report of a specimen, written by another process: it fits the model, which takes seconds of processor time."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QProcess, QUrl
+from PySide6.QtGui import QDesktopServices
+
+PROGRAM = ("-c", "from app.cli.main import entry; entry()", "report")
+
+
+class ReportJob(QObject):
+    """Writes one report at a time, as the command `report` does, and opens it.
+
+    Args:
+        say: shows a message.
+        open_file: opens the PDF.
+    """
+
+    def __init__(
+        self,
+        say: Callable[[str], object],
+        parent: QObject,
+        open_file: Callable[[QUrl], object] = QDesktopServices.openUrl,
+    ) -> None:
+        super().__init__(parent)
+        self._say, self._open_file = say, open_file
+        self._process: QProcess | None = None
+
+    def start(self, folder: Path, specimen: str) -> None:
+        """Write the report of a specimen into the folder of its runs."""
+        if self._process is not None:
+            self._say("A report is being written; wait until it is done.")
+            return
+        self._say(f"Writing the report of {specimen} …")
+        self._process = process = QProcess(self)
+        process.finished.connect(lambda: self._on_finished(specimen))
+        process.errorOccurred.connect(lambda _: self._on_failed(process.errorString()))
+        process.start(sys.executable, [*PROGRAM, specimen, "--folder", str(folder), "--out", str(folder)])
+
+    def shutdown(self) -> None:
+        """End a report that is being written."""
+        if (process := self._process) is not None:
+            process.kill()
+            process.waitForFinished()
+
+    def _on_finished(self, specimen: str) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        output = bytes(process.readAllStandardOutput().data()) + bytes(process.readAllStandardError().data())
+        lines = [line.strip() for line in output.decode("utf-8", "replace").splitlines() if line.strip()]
+        written = [Path(line.removeprefix("wrote ")) for line in lines if line.startswith("wrote ")]
+        process.deleteLater()
+        if not written:
+            self._say(f"No report of {specimen}: {lines[-1] if lines else 'the program ended without a message'}")
+            return
+        self._say(f"Report of {specimen}: {written[0]}")
+        self._open_file(QUrl.fromLocalFile(str(written[0].resolve())))
+
+    def _on_failed(self, why: str) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.deleteLater()
+            self._say(f"The report cannot be written: {why}")
