@@ -1,6 +1,7 @@
 from .bench.amplifier import DriveLimits as DriveLimits
 from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
+from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
 from .bench.bench import Bench as Bench
 from .bench.levels import LevelAction as LevelAction
 from .bench.levels import LevelSettings as LevelSettings
@@ -35,6 +36,7 @@ from .errors import CardInUseError as CardInUseError
 from .errors import DriveRejectedError as DriveRejectedError
 from .errors import InstrumentError as InstrumentError
 from .errors import LinkError as LinkError
+from .errors import ScanOrderError as ScanOrderError
 from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
 from .generators.arbitrary_waveform import SINE_CYCLE as SINE_CYCLE

@@ -28,6 +28,10 @@ class CardInUseError(AcquisitionError):
     """The digitizer is in use by another program that runs."""
 
 
+class ScanOrderError(AcquisitionError):
+    """The digitizer cannot convert a channel several times in a scan."""
+
+
 class DriveRejectedError(BenchError):
     """A drive violates the drive limits. Nothing was sent to the source."""
 

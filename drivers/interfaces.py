@@ -3,6 +3,7 @@
 Real and simulated instruments implement the same interfaces and pass the same contract tests.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
@@ -143,6 +144,19 @@ class Digitizer(Protocol):
 
     def close(self) -> None:
         """Release the card."""
+
+
+@runtime_checkable
+class ScanLister(Protocol):
+    """A digitizer that converts its channels in any order and several times in a scan, by which its skew and settling show."""
+
+    def scan(self, order: Sequence[int], rate_hz: float, block_scans: int) -> Stream:
+        """Start a continuous acquisition of the channels with these numbers, in this order.
+
+        Raises:
+            ScanOrderError: the card has a converter for each channel.
+            AcquisitionError: the card is absent, or cannot do this rate.
+        """
 
 
 class Source(Protocol):

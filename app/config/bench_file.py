@@ -88,6 +88,14 @@ class BenchConfig(ConfigTable):
                 from sim_hardware.generators.traits import draw_traits
 
                 draw_traits(simulation.generator.model, simulation.seed, simulation.generator.traits)
+            if simulation.card.traits:
+                from sim_hardware.nidaq.traits import draw_card_traits
+
+                draw_card_traits(simulation.seed, simulation.card.traits)
+            if simulation.supply.traits:
+                from sim_hardware.supplies.traits import draw_supply_traits
+
+                draw_supply_traits(simulation.supply.model, simulation.supply.traits)
             speed = simulation.speed
             if not 1 <= speed <= MAX_SPEED:
                 raise ValueError(f"simulation.speed must be from 1 to {MAX_SPEED:g}, not {speed:g}")

@@ -10,7 +10,8 @@ from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, al
 from app.session.commissioning_record import save_record
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
 from protocols.commissioning.messages import MessageLog
-from protocols.commissioning.sequence import Commissioned, Commissioning
+from protocols.commissioning.procedure import commission_bench
+from protocols.commissioning.sequence import Commissioned
 
 RATES_HZ = (100e3, 50e3, 20e3)
 """Scans per second: the first that the card can do."""
@@ -48,9 +49,9 @@ def commission(
     with connect(config, speed, UNATTENDED_BLOCK_S, messages.observe) as connection:
         bench = connection.bench
         rate_hz = _highest_rate(bench)
-        with bench.exercised(rate_hz, lambda _: None, _OffSwitch(connection, high_voltage_off)) as exercised:
-            second_client = _second_client(config) if not config.simulated else None
-            result = Commissioning(exercised, bench.clock, messages, progress, second_client).run()
+        second_client = _second_client(config) if not config.simulated else None
+        switch = _OffSwitch(connection, high_voltage_off)
+        result = commission_bench(bench, switch, rate_hz, messages, progress, second_client)
         identity = bench.amplifier.identity
         return CommissionedSource(identity, result, rate_hz, save_record(identity, config.simulated, rate_hz, result))
 
@@ -73,18 +74,22 @@ def _second_client(config: BenchConfig) -> Callable[[], float] | None:
     return reply_s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _OffSwitch:
-    """Switches high voltage off, and never on."""
+    """Switches high voltage off, and never on; the operator is asked once."""
 
     connection: BenchConnection
     prompt: Callable[[], None]
+    is_off: bool = False
 
     def disable(self) -> None:
+        if self.is_off:
+            return
         if self.connection.control is not None:
             self.connection.control.disable_hv()
         else:
             self.prompt()
+        self.is_off = True
 
     def enable(self) -> None:
         raise AssertionError("a source is commissioned with high voltage off")

@@ -168,6 +168,11 @@ class HvAmplifier:
         """Whether a drive of the source can only be stopped by waiting for its end."""
         return bool(getattr(self._source, "plays_to_the_end", False))
 
+    @property
+    def starts_on_scan(self) -> bool:
+        """Whether the source is to start a drive on a scan of the card's input."""
+        return bool(getattr(self._source, "starts_on_scan", False))
+
     def peak_current_a(self, drive: Drive) -> float:
         """Return the peak charging current of a drive in amperes: capacitance times slope at the electrodes."""
         gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)

@@ -6,7 +6,7 @@ the source is ramped to rest with its output on, and rest is reported only after
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,9 +30,10 @@ from drivers.errors import (
     CardInUseError,
     DriveRejectedError,
     InstrumentError,
+    ScanOrderError,
     UnsafeError,
 )
-from drivers.interfaces import Block, Digitizer, InputChannel, Meter, Stream
+from drivers.interfaces import Block, Digitizer, InputChannel, Meter, ScanLister, Stream
 from drivers.sensors.environment import EnvironmentSensor
 from drivers.sensors.laser_sensor import LaserSensor
 
@@ -98,6 +99,17 @@ class Bench:
                 f"the card runs at {stream.rate_hz:g} Hz instead of the requested {rate_hz:g} Hz; choose a rate that it supports"
             )
         return stream
+
+    def open_scan(self, order: Sequence[int], rate_hz: float) -> Stream:
+        """Start an acquisition of the card's channels in this order.
+
+        Raises:
+            ScanOrderError: the card cannot convert a channel several times in a scan.
+            AcquisitionError: the card is absent or in use.
+        """
+        if not isinstance(self.digitizer, ScanLister):
+            raise ScanOrderError(f"the driver of {self.digitizer.identity} takes each input once in a scan")
+        return self.digitizer.scan(order, rate_hz, max(round(rate_hz * self.block_s), 1))
 
     @contextlib.contextmanager
     def armed(
@@ -181,7 +193,11 @@ class Bench:
 
     @contextlib.contextmanager
     def exercised(
-        self, rate_hz: float, block_sink: Callable[[Block], None], switch: HighVoltageSwitch
+        self,
+        rate_hz: float,
+        block_sink: Callable[[Block], None],
+        switch: HighVoltageSwitch,
+        order: Sequence[int] = (),
     ) -> Iterator[ArmedBench]:
         """Set the source up with high voltage off and leave it at rest, whatever level the card measures: to commission it.
 
@@ -189,8 +205,10 @@ class Bench:
             rate_hz: scans per second.
             block_sink: receives every block, in order, before its caller does.
             switch: disables high voltage before anything is sent to the source; it is never enabled.
+            order: numbers of the card's channels in a scan, the drive first; each once, in their order, if there are none.
 
         Raises:
+            ScanOrderError: the card cannot convert a channel several times in a scan.
             BenchError: an instrument is absent or rejects a command.
         """
         switch.disable()
@@ -198,7 +216,7 @@ class Bench:
         if not self.amplifier.is_source_at_rest():  # before the card runs: it may take longer than the card's buffer
             self.amplifier.initialize_at_rest()
         shutdown = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
-        with self.open_stream(rate_hz) as stream:
+        with self.open_scan(order, rate_hz) if order else self.open_stream(rate_hz) as stream:
             exercised = ArmedBench(
                 self.amplifier,
                 stream,

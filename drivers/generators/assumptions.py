@@ -46,6 +46,9 @@ class OutputCheck(StrEnum):
     STOP = "output at Stop"
     WIRE = "output after the wire is cut"
     CROSSTALK = "crosstalk of the card's inputs"
+    SETTLING = "settling of the card's inputs"
+    SKEW = "skew of the card's inputs"
+    START_ROUTE = "start of a drive on a scan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -479,7 +482,7 @@ SUPPLIES = (
         "all",
         "fall of the output",
         "within `fall_time_s`, measured by its own voltmeter",
-        checks=(OutputCheck.REST,),
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
     ),
 )
 
@@ -493,13 +496,13 @@ CARD_INPUTS = (
         "settling and ghosting",
         "an input shows less than 1 % of the one converted before it",
         "NI knowledge base kA03q000000YHy6CAG (ghosting of open inputs and of sources above 1 kOhm)",
-        (OutputCheck.CROSSTALK,),
+        (OutputCheck.CROSSTALK, OutputCheck.SETTLING),
     ),
-    Assumption(CARD_INPUT, "all", "channel skew", "the conversion interval of the task", NI_SKEW),
+    Assumption(CARD_INPUT, "all", "channel skew", "the conversion interval of the task", NI_SKEW, (OutputCheck.SKEW,)),
     Assumption(CARD_INPUT, "all", "time of the first scan", "that of the reply to the start, or by the count of scans"),
     Assumption(CARD_INPUT, "all", "scaling", "the card's own coefficients", "NI-DAQmx: AI Device Scaling Coefficients"),
 )
-"""What cannot be seen: skew needs one signal on two inputs, the time of the first scan a common clock, the scaling a voltmeter."""
+"""What cannot be seen: the time of the first scan needs a common clock, the scaling a voltmeter."""
 
 CARD_OUTPUTS = (
     Assumption(CARD_OUTPUT, "all", "level between drives", "the last sample", NI_LAST_SAMPLE, (OutputCheck.REST,)),
@@ -512,7 +515,18 @@ CARD_OUTPUTS = (
         checks=(OutputCheck.OFFSET, OutputCheck.POLARITY, OutputCheck.SCALE, OutputCheck.UNEVEN, OutputCheck.SHAPE),
     ),
     Assumption(
-        CARD_OUTPUT, "all", "start route", "each drive starts, from its first sample", checks=(OutputCheck.START,)
+        CARD_OUTPUT,
+        "all",
+        "start of a drive",
+        "each starts, from its first sample",
+        checks=(OutputCheck.START,),
+    ),
+    Assumption(
+        CARD_OUTPUT,
+        "all",
+        "start route",
+        "with `start_trigger` each drive starts on a scan of the input",
+        checks=(OutputCheck.START_ROUTE,),
     ),
     Assumption(CARD_OUTPUT, "all", "output while the next drive is written", "stays", checks=(OutputCheck.SETTINGS,)),
     Assumption(

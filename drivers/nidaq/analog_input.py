@@ -7,7 +7,7 @@ which also serves the simulated card. Raw 16-bit integers are kept, with the car
 import contextlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 from drivers.closing import Closeable
 from drivers.deprecated import renamed
-from drivers.errors import AcquisitionError, CardInUseError, InstrumentError
+from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
 from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
@@ -226,13 +226,28 @@ class NiDigitizer:
 
     def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
         """Begin to acquire (see drivers.interfaces.Digitizer.stream)."""
+        return self._start(rate_hz, block_scans, [(terminal, "") for terminal in self._channels], grounded=True)
+
+    def scan(self, order: Sequence[int], rate_hz: float, block_scans: int) -> "NiStream":
+        """Begin to acquire channels in this order (see drivers.interfaces.ScanLister)."""
+        where = self._connection.description
+        with translate_errors(where, remote=self._connection.is_remote):
+            if self._connection.device_properties().ai_simultaneous_sampling_supported:
+                raise ScanOrderError(f"{where} has a converter for each input, and takes each once in a scan")
+        # A channel that is converted several times needs a name for each.
+        inputs = [(self._channels[k], f"conversion {slot}") for slot, k in enumerate(order)]
+        return self._start(rate_hz, block_scans, inputs, grounded=False)
+
+    def _start(self, rate_hz: float, block_scans: int, inputs: Sequence[tuple[str, str]], grounded: bool) -> "NiStream":
+        """Begin to acquire terminals, each under a name of its own, after the card's ground if wanted."""
         task, where = self._connection.new_task(INPUT), self._connection.description
         try:
             with translate_errors(where, remote=self._connection.is_remote):
-                grounded = self._add_ground(task, rate_hz)
-                for terminal in self._channels:
+                grounds = self._add_ground(task, rate_hz) if grounded else 0
+                for terminal, name in inputs:
                     task.ai_channels.add_ai_voltage_chan(
                         f"{self._connection.device}/{terminal}",
+                        name_to_assign_to_channel=name,
                         terminal_config=self._terminal,
                         min_val=-self._range_v,
                         max_val=self._range_v,
@@ -244,7 +259,7 @@ class NiDigitizer:
                     samps_per_chan=max(round(BUFFER_S * speed * rate_hz), 4 * block_scans),
                 )
                 stream = NiStream(
-                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT), grounded
+                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT), grounds
                 )
                 _RUNNING[self._connection.key] = stream
                 return stream

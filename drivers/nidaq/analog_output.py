@@ -154,6 +154,11 @@ class NiAnalogOutput:
         return ""
 
     @property
+    def starts_on_scan(self) -> bool:
+        """Whether a drive is to start on a scan of the running input."""
+        return bool(self._trigger)
+
+    @property
     def unattended_end(self) -> str:
         if self._server:
             rest = f"{self.lease_s:g} s later, at {RETURN_V_PER_S:g} V/s"

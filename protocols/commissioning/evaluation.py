@@ -26,6 +26,7 @@ CLOCK_MARGIN_S = 2e-3
 EDGE_S = 3e-4
 SMOOTHING_S = 1e-4
 SEEN_V = 0.02
+JUMP_S = 2e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +115,19 @@ class Evaluation:
         waits = self.end_s < self.trace.rest_s and not any(m.kind is MessageKind.ABORT for m in self.trace.messages)
         return self.trace.rest_s - (self.end_s if waits else self.trace.stop_s)
 
+    @property
+    def start_in_scans(self) -> float:
+        """Start of a sine between two scans, as a fraction of their interval; NaN of other drives."""
+        drive, rate = self.trace.drive, self.trace.rate_hz
+        if not isinstance(drive, Sine) or drive.cycles < 3 or not self.seen:
+            return math.nan
+        first = round((self.start_s - self.trace.start_s + 1 / drive.frequency_hz) * rate)
+        count = round((min(self._fitted_s, drive.cycles / drive.frequency_hz) - 2 / drive.frequency_hz) * rate)
+        turning = np.exp(-2j * np.pi * drive.frequency_hz / rate * np.arange(first, first + count))
+        played = self.trace.volts[first : first + count]
+        tone = complex(np.sum((played - played.mean()) * turning)) if played.size == count else complex(math.nan)
+        return -math.atan2(tone.imag, tone.real) / (2 * math.pi) * rate / drive.frequency_hz % 1.0
+
     @cached_property
     def before_v(self) -> float:
         """Level before the first message."""
@@ -138,6 +152,17 @@ class Evaluation:
     def held_v(self) -> float:
         """Level while it is held, of a drive that holds one."""
         return _mean(self.trace.span(self.trace.started_s + 0.01, self.trace.stop_s - CLOCK_MARGIN_S))
+
+    @property
+    def stop_jump_v(self) -> float:
+        """Largest change of the output within 0.2 ms from Stop on, beyond that of the drive itself."""
+        smoothed = _smoothed(self.trace.volts, self.trace.rate_hz)
+        begin, count = (round(t * self.trace.rate_hz) for t in (self.trace.stop_s - self.trace.start_s, JUMP_S))
+        after = smoothed[begin : -round(EDGE_S * self.trace.rate_hz)]
+        if after.size <= count or not math.isfinite(self.gain):
+            return math.nan
+        own_v = abs(self.gain) * self.trace.drive.slew_v_per_s * JUMP_S
+        return float(np.abs(after[count:] - after[:-count]).max()) - own_v
 
     def transients(self) -> list[Transient]:
         """Return the departures of the output from its levels before and after the burst, and during Stop."""

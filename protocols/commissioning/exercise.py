@@ -12,6 +12,8 @@ from protocols.commissioning.messages import SEPARATED_AT_START, SEPARATED_AT_ST
 LEAD_S, TAIL_S = 0.1, 0.15
 """Recorded before the first message of a drive, and after its end and after Stop."""
 
+GOLDEN_RATIO = 0.618
+
 
 @dataclass(frozen=True, slots=True)
 class Trace:
@@ -61,6 +63,7 @@ class Exerciser:
     def __init__(self, bench: ArmedBench, clock: Clock, messages: MessageLog) -> None:
         self._bench, self._clock, self._messages = bench, clock, messages
         self._blocks: list[Block] = []
+        self._played = 0
 
     def record(
         self,
@@ -88,6 +91,9 @@ class Exerciser:
         self._messages.take()
         self._read_until(self._clock.now() + LEAD_S)
         self._messages.separated = SEPARATED_AT_START
+        self._played += 1
+        # Between two scans, at another place each time: where a drive is to start on a scan, it then does not by chance.
+        self._clock.sleep(GOLDEN_RATIO * self._played % 1.0 / self._bench.rate_hz)
         error = ""
         amplifier = self._bench.amplifier
         # A level is held by the offset here, whose volts are measured so; as a waveform it would have those of the amplitude.

@@ -24,10 +24,13 @@ SPAN_SHARE = 0.96
 """Share of the amplifier's range in the drive whose Stop is timed."""
 
 REST_LIMIT_V, LEVEL_LIMIT_V = 0.05, 0.03
-CROSSTALK_LIMIT = 0.01
+CROSSTALK_LIMIT, START_ROUTE_LIMIT = 0.01, 0.1
 GAIN_LIMIT, OFFSET_LIMIT, SHAPE_LIMIT = 0.03, 0.02, 0.08
 FIT_LIMIT = 0.25
 """A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
+
+HARMLESS = (OutputCheck.CROSSTALK, OutputCheck.START_ROUTE)
+"""Deviations with which the largest drive may be played nevertheless."""
 
 CAUSES = {
     OutputCheck.SETTINGS: (MessageKind.UPLOAD, MessageKind.OTHER),
@@ -39,12 +42,13 @@ CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Commissioned:
-    """What a commissioning measured: checks in order, times, and the recorded traces."""
+    """What a commissioning measured: checks in order, times, the recorded traces, and whether the source plays more than levels."""
 
     checks: tuple[CheckedOutput, ...]
     times: MeasuredTimes
     traces: tuple[Trace, ...]
     errors: tuple[str, ...]
+    plays_bursts: bool = True
 
 
 class Commissioning:
@@ -105,11 +109,16 @@ class Commissioning:
         checks = [*self._levels(bursts, everything), _offset(above, below)]
         checks += [*_waveforms(sine or again, uneven, larger), *_transients(everything, stopped), self._starts()]
         checks += [*_wire(cut, bursts), _crosstalk(bursts)]
-        safe = all(check.passed for check in checks)
-        return self._commissioned(checks, self._times(stopped, bursts, safe))
+        if self._bench.amplifier.starts_on_scan:
+            checks.append(_start_route(bursts, self._errors))
+        safe = all(check.passed for check in checks if check.check not in HARMLESS)
+        largest = self._largest_stop() if safe else None
+        if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
+            checks = [_joined(check, largest) for check in checks]
+        return self._commissioned(checks, self._times(largest or stopped, bursts))
 
     def _commissioned(self, checks: Sequence[CheckedOutput], times: MeasuredTimes) -> Commissioned:
-        return Commissioned(tuple(checks), times, tuple(self._traces), tuple(self._errors))
+        return Commissioned(tuple(checks), times, tuple(self._traces), tuple(self._errors), self._plays_bursts)
 
     def _burst(
         self,
@@ -168,20 +177,17 @@ class Commissioning:
         lost = float(self._lost) if self._started else math.nan
         return CheckedOutput(OutputCheck.START, lost, "drives lost", 0.0, 0.0, f"of {self._started}")
 
-    def _times(self, stopped: Evaluation | None, bursts: Sequence[Evaluation], safe: bool) -> MeasuredTimes:
-        """Return the measured times; the longest Stop is only tried on a source that did what is assumed."""
-        stop_s = math.nan
-        if stopped is not None:
-            stop_s = stopped.stop_duration_s
-        if safe:
-            span_v = SPAN_SHARE * min(
-                self._bench.amplifier.map.high_v - self._rest_v, self._rest_v - self._bench.amplifier.map.low_v
-            )
-            drive = Sine(FREQUENCY_HZ, span_v, self._rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
-            if (
-                largest := self._record("Stop from the largest drive", drive, STOP_AFTER_S, timed_stop=True)
-            ) is not None:
-                stop_s = largest.stop_duration_s
+    def _largest_stop(self) -> Evaluation | None:
+        """Stop the largest drive; only tried on a source that did what is assumed."""
+        span_v = SPAN_SHARE * min(
+            self._bench.amplifier.map.high_v - self._rest_v, self._rest_v - self._bench.amplifier.map.low_v
+        )
+        drive = Sine(FREQUENCY_HZ, span_v, self._rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
+        return self._record("Stop from the largest drive", drive, STOP_AFTER_S, timed_stop=True)
+
+    def _times(self, stopped: Evaluation | None, bursts: Sequence[Evaluation]) -> MeasuredTimes:
+        """Return the measured times."""
+        stop_s = math.nan if stopped is None else stopped.stop_duration_s
         delays = [b.start_s - b.trigger_s for b in bursts]
         second_s = math.nan
         if self._second_client is not None:
@@ -248,11 +254,28 @@ def _transients(
         yield CheckedOutput(check, value if everything else math.nan, "V", None, TRANSIENT_V, detail)
 
 
+def _joined(check: CheckedOutput, stopped: Evaluation) -> CheckedOutput:
+    """Return the check of Stop with the jump by which a stopped drive was left, if that is larger."""
+    if check.check is not OutputCheck.STOP or stopped.stop_jump_v <= check.value:
+        return check
+    return CheckedOutput(OutputCheck.STOP, stopped.stop_jump_v, "V", None, TRANSIENT_V, f"in '{stopped.trace.name}'")
+
+
 def _crosstalk(bursts: Sequence[Evaluation]) -> CheckedOutput:
     """Return the check of the drive in the card's other inputs: high voltage is off, so nothing else carries it there."""
     value = max((b.crosstalk for b in bursts if math.isfinite(b.crosstalk)), default=math.nan)
     detail = "of the drive, in another input"
     return CheckedOutput(OutputCheck.CROSSTALK, value, "1", None, CROSSTALK_LIMIT, detail)
+
+
+def _start_route(bursts: Sequence[Evaluation], errors: Sequence[str]) -> CheckedOutput:
+    """Return the check that drives start on scans: the start of a sine lies at the same place between two of them each time."""
+    starts = [b.start_in_scans for b in bursts if math.isfinite(b.start_in_scans)]
+    spread = max((abs((s - starts[0] + 0.5) % 1.0 - 0.5) for s in starts), default=math.nan)
+    detail = "of a scan, between the starts of sines"
+    if len(starts) < 2:
+        spread, detail = (1.0, errors[0]) if errors else (math.nan, "")
+    return CheckedOutput(OutputCheck.START_ROUTE, spread, "1", None, START_ROUTE_LIMIT, detail)
 
 
 def _wire(cut: Evaluation | None, bursts: Sequence[Evaluation]) -> list[CheckedOutput]:

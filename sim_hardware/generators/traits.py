@@ -4,6 +4,7 @@ What real instruments were seen to do is not drawn: each model has it, with its 
 """
 
 import random
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -176,14 +177,32 @@ def draw_traits(model: str, seed: int, chosen: str = "") -> dict[str, str]:
     Raises:
         ValueError: an unknown trait or option is chosen.
     """
-    draw, drawn = random.Random(f"{model} {seed}"), {}
-    for trait in traits_of(model):
-        drawn[trait.name] = draw.choice(trait.options)
-    known = {t.name: t.options for t in (*traits_of(model), *deviations_of(model))}
+    return draw_options("generator.traits", model, f"{model} {seed}", traits_of(model), deviations_of(model), chosen)
+
+
+def draw_options(
+    key: str, owner: str, seed: str, traits: Sequence[Trait], deviations: Sequence[Trait], chosen: str
+) -> dict[str, str]:
+    """Return the options of an instrument: of each trait as chosen, or else drawn; of the deviations those that are chosen.
+
+    Args:
+        key: parameter that holds the choice, for messages.
+        owner: whose traits they are, for messages.
+        seed: of the draw.
+        traits: of which each is drawn that is not chosen.
+        deviations: which are only chosen.
+        chosen: `name=option`, separated by blanks.
+
+    Raises:
+        ValueError: an unknown trait or option is chosen.
+    """
+    draw = random.Random(seed)
+    drawn = {trait.name: draw.choice(trait.options) for trait in traits}
+    known = {t.name: t.options for t in (*traits, *deviations)}
     for pair in chosen.split():
         name, _, option = pair.partition("=")
         if option not in known.get(name, ()):
             choices = ", ".join(f"{n}={'|'.join(o)}" for n, o in known.items()) or "none"
-            raise ValueError(f"generator.traits: {pair!r} is no trait of a {model}; it has {choices}")
+            raise ValueError(f"{key}: {pair!r} is no trait of a {owner}; it has {choices}")
         drawn[name] = option
     return drawn

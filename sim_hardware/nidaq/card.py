@@ -14,6 +14,7 @@ from drivers import Scale
 from model import Array
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
 from sim_hardware.nidaq.output_queue import SimulatedOutputQueue
+from sim_hardware.nidaq.traits import SETTLING_SHARE, draw_card_traits
 from sim_hardware.plant import CardParameters, FaultState, LaserView, Plant, SimulationParameters, VoltageHistory
 
 Counts = NDArray[np.int16]
@@ -27,6 +28,9 @@ GROUND_CHANNEL = 2000
 LAST_CONNECTED_CHANNEL = CURRENT_MONITOR_CHANNEL
 GHOST_SHARE = 0.98
 """Share of the volts converted before it that an open input shows: the multiplexer's capacitance keeps its charge."""
+
+UNREPORTED_QUEUE_S = 0.25
+"""Seconds of samples that a card with a longer queue has on their way beside those that it reports."""
 
 TIMEBASE_HZ = 100e6
 _NOISE_PAGE_SAMPLES = 8192
@@ -86,7 +90,8 @@ class Acquisition:
         self.channels = tuple(channels)
         self.start_time_s = start_s
         self._card = card
-        self.convert_s = convert_interval_s(card.parameters, rate_hz, len(channels))
+        self.reported_convert_s = convert_interval_s(card.parameters, rate_hz, len(channels))
+        self.convert_s = self.reported_convert_s * card.skew_ratio
         self._noise = [_Noise(card.noise_seed, channel, number) for channel in channels]
 
     def available_at(self, scans: int) -> float:
@@ -116,7 +121,7 @@ class Acquisition:
 
         A connected one, other than the drive, shows a share of it if it settles too slowly.
         """
-        unsettled = self._card.parameters.unsettled_share
+        unsettled = self._card.unsettled_share
         if unsettled and self.channels[slot] != DRIVE_CHANNEL and not self._card.is_open(self.channels[slot]):
             own, sigma = self._place_voltage(slot, t)
             previous, _ = self._place_voltage(slot - 1, t)
@@ -153,6 +158,10 @@ class SimulatedCard:
         self.plant = plant
         self.seed = parameters.seed
         self.noise_seed = parameters.seed if parameters.noise_seed is None else parameters.noise_seed
+        self.traits = draw_card_traits(parameters.seed, parameters.card.traits)
+        self.skew_ratio = {"together": 0.0, "double": 2.0}.get(self.traits.get("skew", ""), 1.0)
+        slow = SETTLING_SHARE if self.traits.get("settling") == "slow" else 0.0
+        self.unsettled_share = max(parameters.card.unsettled_share, slow)
         self.scale = Scale(parameters.card.coefficients)
         self._sensor, self._amplifier = parameters.sensor, parameters.amplifier
         self._laser_view = laser_view
@@ -180,6 +189,7 @@ class SimulatedCard:
             queue.request_bytes = given.usb_request_bytes
         if given.usb_adjustable is not None:
             queue.adjustable = given.usb_adjustable
+        queue.unreported_s = UNREPORTED_QUEUE_S if self.traits.get("queue") == "longer" else 0.0
         return queue
 
     def is_open(self, channel: int) -> bool:

@@ -36,6 +36,13 @@ class SimulatedDigitizer:
         Raises:
             AcquisitionError: the card is unplugged, in use, or cannot do this rate.
         """
+        return self._start(self._inputs, rate_hz, block_scans)
+
+    def scan(self, order: Sequence[int], rate_hz: float, block_scans: int) -> "SimulatedStream":
+        """Begin a continuous acquisition of channels in this order (see drivers.interfaces.ScanLister)."""
+        return self._start([self._inputs[k] for k in order], rate_hz, block_scans)
+
+    def _start(self, inputs: Sequence[int], rate_hz: float, block_scans: int) -> "SimulatedStream":
         if self.faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{self.identity} does not answer; check its USB cable")
         if self._stream is not None and self._stream.is_open:
@@ -43,7 +50,7 @@ class SimulatedDigitizer:
         if block_scans < 1:
             raise AcquisitionError(f"{self.identity}: a block needs at least one scan, not {block_scans}")
         try:
-            acquisition = self.card.start_acquisition(rate_hz, self._inputs, self.clock.now())
+            acquisition = self.card.start_acquisition(rate_hz, inputs, self.clock.now())
         except SampleRateError as error:
             raise AcquisitionError(f"{self.identity}: {error}; lower the sample rate") from error
         buffer_scans = max(int(self._buffer_s * rate_hz), 2 * block_scans)
@@ -69,7 +76,7 @@ class SimulatedStream(Closeable):
     ) -> None:
         self.rate_hz = acquisition.rate_hz
         self.scales: tuple[Scale, ...] = tuple(
-            replace(digitizer.card.scale, skew_s=slot * acquisition.convert_s)
+            replace(digitizer.card.scale, skew_s=slot * acquisition.reported_convert_s)
             for slot in range(len(acquisition.channels))
         )
         self.start_time_s = acquisition.start_time_s

@@ -28,11 +28,13 @@ class SimulatedOutputQueue:
     Attributes:
         requests, request_bytes: of the USB transfers.
         adjustable: whether the card takes another size of its requests.
+        unreported_s: seconds of samples on their way that no property reports.
     """
 
     requests: int
     request_bytes: int
     adjustable: bool
+    unreported_s: float = 0.0
 
     @classmethod
     def drawn(cls, seed: int) -> "SimulatedOutputQueue":
@@ -40,9 +42,11 @@ class SimulatedOutputQueue:
         random = np.random.default_rng((seed, 6341))
         return cls(int(random.choice(_COUNTS)), int(random.choice(_SIZES)), bool(random.integers(2)))
 
-    @property
-    def samples(self) -> int:
-        return FIFO_SAMPLES + self.requests * self.request_bytes // BYTES_PER_SAMPLE
+    def samples(self, rate_hz: float) -> int:
+        """Return how many samples are on their way at a sample rate."""
+        return (
+            FIFO_SAMPLES + self.requests * self.request_bytes // BYTES_PER_SAMPLE + round(self.unreported_s * rate_hz)
+        )
 
     def set_request_bytes(self, size: int) -> None:
         """Set the size of a request, in whole USB packets. Raises NiError where the card does not permit it."""

@@ -55,6 +55,8 @@ class NiOutputTask(NiTask):
         """Start at an edge of the input's sample clock. Raises NiError for a terminal without a route."""
         if source.lower() != f"/{self.device.name}/ai/SampleClock".lower():
             raise NiError(-89136, f"Source Terminal: {source}")
+        if self.device.card.traits["start-route"] == "absent":
+            raise NiError(-89136, f"Source Terminal: {source}")
         self.trigger = source
 
     def set_property(self, number: int, value: int) -> None:
@@ -108,7 +110,7 @@ class NiOutputTask(NiTask):
         done = self.samples_generated()
         if first < done:
             raise NiError(-200289, f"Task Name: {self.name}")
-        late = max(done + self.queue.samples - first, 0)
+        late = max(done + self.queue.samples(self.actual_rate()) - first, 0)
         # In place: nobody has read volts of the future, and 80 million samples are not copied for each message.
         self._counts[first + late : first + counts.size] = counts[late:]
 
@@ -122,7 +124,8 @@ class NiOutputTask(NiTask):
         if output.owner not in (None, self):
             raise NiError(-50103, f"Task Name: {self.name}")
         output.owner = self
-        edge = self.device.next_scan_time if self.trigger else lambda t: t
+        on_scan = self.trigger and self.device.card.traits.get("start-edge") != "at-once"
+        edge = self.device.next_scan_time if on_scan else lambda t: t
         self._start_time_s = output.play(self._counts, self.actual_rate(), edge)
 
     def stop(self) -> None:

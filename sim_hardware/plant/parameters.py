@@ -65,6 +65,7 @@ class SupplyParameters:
         ovp, ovp_v: its over-voltage protection at power-on.
         ocp: whether its over-current protection was left on.
         tracking: whether its outputs were left in series.
+        traits: deviations from what its driver assumes, e.g. `level=low` (sim_hardware.supplies.traits).
     """
 
     model: str = "E36312A"
@@ -75,6 +76,7 @@ class SupplyParameters:
     ovp_v: float = 6.0
     ocp: bool = False
     tracking: bool = False
+    traits: str = ""
 
     def __post_init__(self) -> None:
         _positive("supply", fall_tau_s=self.fall_tau_s)
@@ -148,6 +150,7 @@ class CardParameters:
             knowledge base kA03q000000YHy6CAG, "How do I eliminate ghosting").
         unsettled_share: share of the volts converted before it that an input after the drive's still shows: one whose source has so
             high an impedance that it settles too slowly. The drive's source has 50 ohms.
+        traits: traits that are not drawn from the seed, e.g. `skew=double` (sim_hardware.nidaq.traits).
     """
 
     product: str = "USB-6341"
@@ -164,6 +167,7 @@ class CardParameters:
     usb_adjustable: bool | None = None
     drive_open: bool = False
     unsettled_share: float = 0.0
+    traits: str = ""
 
     def __post_init__(self) -> None:
         if not 0 <= self.unsettled_share < 1:

@@ -8,7 +8,8 @@ import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import SegmentFactory
-from sim_hardware.plant import Segment, SupplyParameters
+from sim_hardware.plant import RelayGlitchSegment, Segment, SupplyParameters
+from sim_hardware.supplies.traits import GLITCH_S, LOW_RATIO, OVERSHOOT_V, SLOW_FALL_TAU_S, draw_supply_traits
 
 RISE_TAU_S = 1e-3
 INRUSH_A = 0.2
@@ -51,7 +52,10 @@ class SimulatedSupply:
         self, emit: Callable[[SegmentFactory], None], now: Callable[[], float], parameters: SupplyParameters
     ) -> None:
         self._emit, self._now, self._parameters = emit, now, parameters
+        self._deviations = draw_supply_traits(parameters.model, parameters.traits)
         self._segment: Segment = ExponentialSegment(0.0, 0.0, 0.0, RISE_TAU_S)
+        self._shown: Segment = self._segment
+        """What its voltmeter shows."""
         self.level_v = 0.0
         self.current_limit_a = 1.0
         self.output_on = False
@@ -67,23 +71,45 @@ class SimulatedSupply:
         """Move the output from its present level to the one of the settings."""
 
         def make(t: float) -> Segment:
-            start = float(self._segment.volts(np.array([t]))[0])
+            start = float(self._following(self._segment).volts(np.array([t]))[0])
             if self.output_on and self.ovp_enabled and self.level_v > self.ovp_v:
                 self.output_on, self.ovp_tripped = False, True
             if self.output_on and self.ocp_enabled and self.level_v > start and self.current_limit_a < INRUSH_A:
                 self.output_on, self.ocp_tripped = False, True  # DP800 guide p. 2-57, E3632A guide p. 88
             level_v = 2 * self.level_v if self.tracking else self.level_v  # in series, the outputs add
             target = level_v if self.output_on and self._powered else self._parameters.off_v
-            self._segment = ExponentialSegment(
-                t, start, target, RISE_TAU_S if target > start else self._parameters.fall_tau_s
+            shown_v = float(self._shown.volts(np.array([t]))[0])
+            self._shown = ExponentialSegment(
+                t, shown_v, target, RISE_TAU_S if target > shown_v else self._parameters.fall_tau_s
             )
+            self._segment = self._deviating(t, start, target) if self._deviations else self._shown
             return self._segment
 
         self._emit(make)
 
+    def _deviating(self, t: float, start_v: float, target_v: float) -> Segment:
+        """Return the output that is not as its voltmeter shows."""
+        target_v *= LOW_RATIO if self._deviations.get("level") == "low" else 1.0
+        target_v *= 2.0 if self._deviations.get("series") == "stays" else 1.0
+        slow = self._deviations.get("fall") == "slow"
+        fall_tau_s = SLOW_FALL_TAU_S if slow else self._parameters.fall_tau_s
+        tau_s = RISE_TAU_S if target_v > start_v else fall_tau_s
+        segment = ExponentialSegment(t, start_v, target_v, tau_s)
+        match self._deviations.get("step"):
+            case "overshoots":
+                return RelayGlitchSegment(t + GLITCH_S, target_v + OVERSHOOT_V, segment)
+            case "drops":
+                return RelayGlitchSegment(t + GLITCH_S, 0.0, segment)
+        return segment
+
+    @staticmethod
+    def _following(segment: Segment) -> Segment:
+        """Return the output without its transient, from which the next one begins."""
+        return segment.following if isinstance(segment, RelayGlitchSegment) else segment
+
     def measured_v(self) -> float:
         """Return the reading of its own voltmeter."""
-        return round(float(self._segment.volts(np.array([self._now()]))[0]), 4)
+        return round(float(self._shown.volts(np.array([self._now()]))[0]), 4)
 
     def reset(self) -> None:
         """Factory state: off."""

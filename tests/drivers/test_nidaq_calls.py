@@ -16,7 +16,7 @@ from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.task import SimulatedNiDevice
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant.parameters import CardParameters, SimulationParameters
 from tests.helpers.simulated_bench import assert_safe_voltage, installed
 from tests.wires.ni_library import NiLibrary
 
@@ -95,7 +95,9 @@ def attribute(number: int) -> str:
 @cache
 def recorded() -> tuple[Call, ...]:
     """Return the calls of arm, acquire, play, stop, hold, renew, rest, restart, reconnect and release, with the kind of task."""
-    bench = SimulatedBench(SimulationParameters(source="ao0"), VirtualClock())
+    bench = SimulatedBench(
+        SimulationParameters(source="ao0", card=CardParameters(traits="start-route=present")), VirtualClock()
+    )
     library = RecordingLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))
     with installed(library):
         for library.phase in act(bench):

@@ -19,7 +19,7 @@ from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.analog_output import VOLTS_PER_COUNT
 from sim_hardware.nidaq.task import SimulatedNiDevice
-from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.plant.parameters import CardParameters, SimulationParameters
 from sim_hardware.plant.segments import ConstantSegment
 from tests.helpers.simulated_bench import assert_safe_voltage, installed
 from tests.wires.ni_library import NiLibrary
@@ -27,7 +27,9 @@ from tests.wires.ni_library import NiLibrary
 
 @pytest.fixture
 def bench() -> SimulatedBench:
-    return SimulatedBench(SimulationParameters(source="ao0"), VirtualClock())
+    return SimulatedBench(
+        SimulationParameters(source="ao0", card=CardParameters(traits="start-route=present")), VirtualClock()
+    )
 
 
 @pytest.fixture(autouse=True)

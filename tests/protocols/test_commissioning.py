@@ -1,130 +1,34 @@
 """Commissioning of simulated generators: every deviation that shows at the output is found, and nothing else."""
 
-import random
-from typing import Any
-
 import pytest
 
 from app.config.bench_file import BenchConfig
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from app.session.bench_connection import connect
 from drivers.generators.assumptions import (
-    CARD_INPUTS,
-    CARD_OUTPUTS,
     Assumption,
     OutputCheck,
     assumptions,
     assumptions_about,
 )
 from drivers.transport.observed_link import ObservedLink
-from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
-from protocols.commissioning.sequence import Commissioned, Commissioning
+from protocols.commissioning.messages import MessageKind, message_kind
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions
 from sim_hardware.generators.traits import DEVIATIONS, deviations_of
+from tests.helpers.commissioning import (
+    PROPERTIES,
+    commissioned,
+    commissioned_bench,
+    contradicted,
+    deviating,
+    draw_deviations,
+)
 from tests.helpers.simulated_bench import simulated
 
 MODELS = ("33511B", "33622A", "33220A", "33250A", "DG1032Z", "DG811", "SDG1032X", "SDG2122X", "AFG3252", "AFG1022")
-FREEZING = ("33", "DG")
-"""Instruments that idle at a small amplitude."""
-
-MOVING = {"scale", "offset", "combining", "output-polarity"}
-"""Deviations that move the bottom of the largest amplitude from 0 V."""
-
 LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS}
 
 FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
-
-PROPERTIES = {
-    "idle": "level between bursts",
-    "after": "level after a burst",
-    "output-polarity": "polarity",
-    "upload": "output while a waveform is uploaded and selected",
-    "range": "relay at a change of amplitude",
-    "abort": "abort in mid-burst",
-    "scale": "volts of an even waveform",
-    "uneven": "amplitude of an uneven waveform",
-    "offset": "volts of the offset",
-    "filter": "filter STEP",
-    "surge": "start of a burst",
-    "start": "trigger",
-    "combining": "level between bursts",
-}
-"""What each deviation of a simulated instrument contradicts in the table of assumptions."""
-
-
-class LateLink:
-    """A link on a busy computer: some messages and replies are passed on late, drawn from a seed."""
-
-    def __init__(self, link: Any, clock: Any, share: float, most_s: float) -> None:
-        self._link, self._clock, self._draw = link, clock, random.Random(f"{share} {most_s}")
-        self._share, self._most_s, self.name = share, most_s, link.name
-
-    def write(self, message: str) -> None:
-        self._wait()
-        self._link.write(message)
-
-    def read(self) -> str:
-        reply: str = self._link.read()
-        self._wait()
-        return reply
-
-    def _wait(self) -> None:
-        if self._draw.random() < self._share:
-            self._clock.sleep(self._draw.uniform(0, self._most_s))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._link, name)
-
-
-class OffSwitch:
-    """High voltage is off on the simulated bench, and may not come on."""
-
-    def __init__(self, control: Any) -> None:
-        self._control = control
-
-    def disable(self) -> None:
-        self._control.disable_hv()
-
-    def enable(self) -> None:
-        raise AssertionError("high voltage was switched on")
-
-
-def commissioned(model: str, traits: str = "", seed: int = 1) -> Commissioned:
-    return commissioned_bench(simulated(generator={"model": model, "traits": traits}, seed=seed))
-
-
-def commissioned_bench(config: BenchConfig, late: tuple[float, float] = (0.0, 0.0)) -> Commissioned:
-    messages = MessageLog()
-
-    def observe(link: Any, clock: Any) -> ObservedLink:
-        return messages.observe(LateLink(link, clock, *late) if late[0] else link, clock)
-
-    with connect(config, None, 0.1, observe) as lab:
-        assert lab.control is not None
-        with lab.bench.exercised(50e3, lambda _: None, OffSwitch(lab.control)) as exercised:
-            found = Commissioning(exercised, lab.bench.clock, messages).run()
-    return found
-
-
-def deviating(found: Commissioned) -> set[OutputCheck]:
-    return {check.check for check in found.checks if not check.passed}
-
-
-def contradicted(model: str, chosen: dict[str, str]) -> set[OutputCheck]:
-    """Return the checks that measure what the chosen deviations contradict."""
-    table = {each.quantity: each.checks for each in assumptions_about(model)}
-    shown = {check for name in chosen for check in table[PROPERTIES[name]]}
-    at_zero = "idle" in chosen and not model.startswith(FREEZING) and not chosen.keys() & MOVING
-    if at_zero:  # it idles at 0 V, where nothing that drops to 0 V shows
-        shown -= {OutputCheck.AFTER, OutputCheck.SETTINGS}
-    return shown
-
-
-def draw_deviations(model: str, seed: int) -> dict[str, str]:
-    """Return one to four deviations of a model, drawn from the seed."""
-    draw = random.Random(f"{model} {seed}")
-    some = draw.sample(deviations_of(model), draw.randint(1, 4))
-    return {trait.name: draw.choice(trait.options[1:]) for trait in some}
 
 
 def test_an_instrument_as_assumed_passes() -> None:
@@ -168,37 +72,6 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
 
 
 @pytest.mark.deep
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("model", ["33511B", "SDG1032X"])
-def test_an_input_that_settles_too_slowly_is_found_beside_the_deviations_of_the_source(model: str, seed: int) -> None:
-    """Drawn blind: whether and by how much, and what the source does otherwise."""
-    draw = random.Random(f"card {model} {seed}")
-    share = draw.choice((0.0, 0.02, 0.05))
-    chosen = draw_deviations(model, seed) if draw.random() < 0.5 else {}
-    traits = " ".join(f"{n}={o}" for n, o in chosen.items())
-    config = simulated(generator={"model": model, "traits": traits}, seed=seed, card={"unsettled_share": share})
-    expected = contradicted(model, chosen) | ({OutputCheck.CROSSTALK} if share else set())
-    found = commissioned_bench(config)
-    assert deviating(found) == expected, (share, chosen, found.checks)
-    rows = {row.assumption.quantity: row.verdict for row in checked_assumptions(CARD_INPUTS, found.checks)}
-    assert {name for name, verdict in rows.items() if verdict is OutputVerdict.HIDDEN} == {
-        "channel skew",
-        "time of the first scan",
-        "scaling",
-    }
-
-
-@pytest.mark.deep
-@pytest.mark.parametrize("seed", range(3))
-def test_the_output_of_a_card_passes_whatever_its_queue(seed: int) -> None:
-    config = simulated(seed=seed, source="ao0")
-    found = commissioned_bench(BenchConfig.model_validate({**config.model_dump(), "source": {"kind": "card-output"}}))
-    assert deviating(found) == set(), found.checks
-    rows = {row.assumption.quantity: row.verdict for row in checked_assumptions(CARD_OUTPUTS, found.checks)}
-    assert set(rows.values()) == {OutputVerdict.PASS}
-
-
-@pytest.mark.deep
 @pytest.mark.parametrize("late", [(0.05, 0.1), (0.9, 0.04)], ids=["seldom, up to 0.1 s", "nearly always, up to 40 ms"])
 @pytest.mark.parametrize(
     ("model", "traits"),
@@ -218,7 +91,7 @@ def test_late_messages_and_replies_change_no_check(model: str, traits: str, late
 def test_other_sources_pass_in_what_they_can_play(kind: str, unmeasured: set[OutputCheck]) -> None:
     found = commissioned_bench(BenchConfig.model_validate({**simulated().model_dump(), "source": {"kind": kind}}))
     assert deviating(found) == set()
-    assert {check.check for check in found.checks} == set(OutputCheck) - unmeasured
+    assert {check.check for check in found.checks} == set(OutputCheck) - unmeasured - {OutputCheck.START_ROUTE}
     if kind == "dc-supply":
         rows = checked_assumptions(assumptions_about("E36312A"), found.checks)
         assert not [row for row in rows if row.verdict not in (OutputVerdict.PASS, OutputVerdict.HIDDEN)]
