@@ -7,16 +7,18 @@ from typing import Any
 import numpy as np
 
 from app.cli.output import CommandResult
-from app.common import Column, Table, display_unit, track
+from app.common import Column, Table, track
 from app.identification import (
+    ADEQUACY_TEXT,
     IdentificationResult,
     budget_record,
     budget_tables,
     contradictions,
-    sheet_unit,
+    dimensions_line,
+    held_parameters,
     unstated_errors,
 )
-from model import Membrane, ParameterError, Tactor, parameter_specs
+from model import ParameterError
 from model.identification import (
     Adequacy,
     DecayPoleObservation,
@@ -215,46 +217,6 @@ def _format_arms(profile_: ProfileInterval, value: float, error: float) -> str:
     return f"{arms[0]}, {arms[1]} standard errors"
 
 
-ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
-
-
-HELD_TEXT = "held, as if exact"
-USED_PARAMETERS = tuple(q.name for q in parameter_specs(Tactor))
-SKIN_PARAMETERS = tuple(q.name for q in parameter_specs(Membrane))
-
-
-def held_parameters(identification: IdentificationResult) -> str:
-    """Return the parameters that the fit held, with their values, as text; an error of one is in no standard error."""
-    runs = identification.observations.runs
-    skin = any(
-        getattr(run, "elongation_m", None) is not None or isinstance(run, MembraneSagObservation) for run in runs
-    )
-    names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
-    shown = []
-    for name in names:
-        value = None if name in identification.known else identification.fixed.get(name)
-        if value is not None:
-            unit = parameter_spec(name).unit
-            factor, text = display_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
-            shown.append(f"{name} {factor * value:.4g} {text}".strip())
-    if not shown:
-        return ""
-    return f"{HELD_TEXT} (--prior gives a value its uncertainty): {', '.join(shown)}."
-
-
-def dimensions_line(identification: IdentificationResult) -> str:
-    """Return what the dimensions and masses of a fit are from, with their uncertainties, as text."""
-    sheet = identification.sheet
-    if sheet is None:
-        return ""
-    stated = []
-    for name, (value, uncertainty) in identification.known.items():
-        factor, unit = sheet_unit(name)
-        stated.append(f"{name} {format_with_uncertainty(factor * value, factor * uncertainty)} {unit}".strip())
-    remedy = "" if sheet.path else f"; 'tactor-bench specimen new {identification.specimen}' writes one"
-    return f"{sheet.description}{remedy}{': ' if stated else ''}{', '.join(stated)}."
-
-
 def identification_command_result(identification: IdentificationResult) -> CommandResult:
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     simulated = ", SIMULATED" if identification.observations.simulated else ""
@@ -294,8 +256,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         tables.append(steps_table(identification.first_fit, identification.steps))
     unstated = unstated_errors(identification)
     heading = [
-        dimensions_line(identification),
-        held_parameters(identification),
+        dimensions_line(identification, f"'tactor-bench specimen new {identification.specimen}' writes one"),
+        held_parameters(identification, "--prior gives a value its uncertainty"),
         f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
     ]
     notes = [

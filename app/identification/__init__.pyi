@@ -14,6 +14,9 @@ from .observations import amplifier_of as amplifier_of
 from .observations import run_observations as run_observations
 from .observations import shape_count_of_run as shape_count_of_run
 from .recalibration import Correction as Correction
+from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT
+from .result_text import dimensions_line as dimensions_line
+from .result_text import held_parameters as held_parameters
 from .sheet_checks import USUAL_RANGES as USUAL_RANGES
 from .sheet_checks import question_sheet as question_sheet
 from .sheet_draft import ENTRY_FIELDS as ENTRY_FIELDS
@@ -44,9 +47,12 @@ from .specimen_sheet import SpecimenSheet as SpecimenSheet
 from .specimen_sheet import sheet_unit as sheet_unit
 from .specimen_sheet import table_one_entry as table_one_entry
 from .table_one import TABLE_ONE as TABLE_ONE
+from .uncertainty_tables import BudgetBar as BudgetBar
+from .uncertainty_tables import budget_bars as budget_bars
 from .uncertainty_tables import budget_record as budget_record
 from .uncertainty_tables import budget_tables as budget_tables
 from .uncertainty_tables import contradictions as contradictions
 from .uncertainty_tables import format_shares as format_shares
 from .uncertainty_tables import known_tables as known_tables
+from .uncertainty_tables import largest_sources as largest_sources
 from .uncertainty_tables import unstated_errors as unstated_errors

@@ -1,6 +1,8 @@
 """Uncertainty budget of an identification as tables: sources of each uncertainty, and what was known beforehand."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,9 @@ from protocols.base import format_with_uncertainty
 MIN_SHARE = 0.01
 """Share of the squared total uncertainty from which on a source is named."""
 
+OTHERS = "others"
+"""Sources with smaller shares, together."""
+
 CONTRADICTION_SIGMAS = 3.0
 """Correction of a known value, in its standard uncertainties, from which on it is questioned."""
 UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
@@ -42,6 +47,52 @@ UNSTATED: tuple[tuple[ErrorTarget, tuple[type, ...], str], ...] = (
     ("mass", (MassResonanceObservation,), "added masses (mass_offset of the specimen sheet)"),
 )
 """Errors of instruments, the runs they act on, and where their uncertainty is stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetBar:
+    """Uncertainty of one parameter as a stacked bar."""
+
+    name: str
+    total: float | None
+    """Relative to the value; None for a value of 0."""
+    statistical: float | None
+    shares: tuple[tuple[str, float], ...]
+    """Sources with their shares of the squared total, the largest first; the smallest together as `others`."""
+
+    @property
+    def size_text(self) -> str:
+        """Total and statistical uncertainty in percent of the value, both to two digits of the larger."""
+        if self.total is None or self.statistical is None:
+            return ""
+        digits = max(0, 1 - floor(log10(100 * self.total))) if self.total > 0 else 1
+        return f"{100 * self.total:.{digits}f} %, statistical {100 * self.statistical:.{digits}f} %"
+
+
+def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
+    """Return the bars of the identified parameters; none where there is no source but noise."""
+    budget = identification.budget
+    if budget is None or len(budget.sources) < 2:
+        return ()
+    values = {e.name: e.value for e in identification.estimates}
+    return tuple(
+        BudgetBar(
+            name,
+            abs(float(budget.total[i]) / values[name]) if values[name] else None,
+            abs(float(budget.statistical[i]) / values[name]) if values[name] else None,
+            _named_shares(budget, i),
+        )
+        for i, name in enumerate(budget.names)
+        if name not in identification.known
+    )
+
+
+def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
+    """Return the sources in the bars, that with the largest sum of shares first, `others` last."""
+    sums: dict[str, float] = {}
+    for source, share in (each for bar in bars for each in bar.shares):
+        sums[source] = sums.get(source, 0.0) + share
+    return tuple(sorted(sums, key=lambda source: (source == OTHERS, -sums[source])))
 
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
@@ -104,10 +155,14 @@ def _relative(identification: IdentificationResult, at: int, uncertainty: float)
 
 def format_shares(budget: UncertaintyBudget, at: int) -> str:
     """Format the sources of one parameter's uncertainty, the largest first: `h_Al 71 %, L 20 %, noise 8 %`."""
+    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in _named_shares(budget, at))
+
+
+def _named_shares(budget: UncertaintyBudget, at: int) -> tuple[tuple[str, float], ...]:
     shares = sorted(zip(budget.shares[:, at].tolist(), budget.sources, strict=True), reverse=True)
-    named = [f"{source} {100 * share:.0f} %" for share, source in shares if share >= MIN_SHARE]
+    named = [(source, share) for share, source in shares if share >= MIN_SHARE]
     rest = sum(share for share, _ in shares if share < MIN_SHARE)
-    return ", ".join([*named, *([f"others {100 * rest:.0f} %"] if rest >= MIN_SHARE else [])])
+    return (*named, *([(OTHERS, rest)] if rest >= MIN_SHARE else []))
 
 
 def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:

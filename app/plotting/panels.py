@@ -4,6 +4,7 @@ Colors of Okabe and Ito, which colour-blind readers can distinguish; markers and
 black and white.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,16 @@ class PlotLine:
 
 
 @dataclass(frozen=True, slots=True)
+class StackedBar:
+    """A horizontal bar of named shares whose sum is 1."""
+
+    label: str
+    shares: tuple[tuple[str, float], ...]
+    note: str = ""
+    """At its end."""
+
+
+@dataclass(frozen=True, slots=True)
 class PlotPanel:
     """One pair of axes in display units, with a residual strip where points have model values."""
 
@@ -52,6 +63,8 @@ class PlotPanel:
     from_zero: bool = True
     unit: str = ""
     """Unit of y and of the residuals."""
+    bars: tuple[StackedBar, ...] = ()
+    """Horizontal bars, from the top; with them there are no lines and points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +92,14 @@ LEGEND_IN = 0.2
 STRIP_SHARE = 0.27
 """Share of a panel's height that the residual strip takes."""
 
+BAR_COLORS = ("#9ad0f5", "#f3c77b", "#8fd6bd", "#e7b3d0", "#f0e68c", "#f2a285", "#c9c9e8")
+"""Of the shares of stacked bars, the largest first; light, so that a name in it is legible."""
+BAR_REST_COLOR = "#d9d9d9"
+BAR_RIGHT = 1.42
+"""Right end of the axis of stacked bars: behind 1 is their note."""
+BAR_CHARACTER_SHARE = 0.0125
+"""Share that is as wide as a character of its name."""
+
 Box = tuple[float, float, float, float]
 """Left, bottom, width, height in inches."""
 
@@ -104,7 +125,7 @@ def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN
         axes = _draw_panel(figure, panel, (left + column * w, bottom + height - legend - (row + 1) * h, w, h))
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
-    if not legend:
+    if not (legend and shown):
         return
     inches = figure.get_size_inches()
     figure.legend(
@@ -112,6 +133,31 @@ def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN
         bbox_to_anchor=((left + LEFT_IN) / inches[0], (bottom + height - legend) / inches[1]), borderaxespad=0.0, borderpad=0.1,
         handlelength=1.6, columnspacing=1.4,
     )  # fmt: skip
+
+
+def _draw_bars(axes: Any, bars: Sequence[StackedBar]) -> None:
+    """Draw stacked bars with the name of each share in it, where it is wide enough."""
+    sums: dict[str, float] = {}
+    for name, share in (each for bar in bars for each in bar.shares):
+        sums[name] = sums.get(name, 0.0) + share
+    colors = dict(zip(sorted(sums, key=lambda name: -sums[name]), BAR_COLORS, strict=False))
+    for at, bar in enumerate(bars):
+        left = 0.0
+        for name, share in bar.shares:
+            axes.barh(
+                at, share, left=left, height=0.72, color=colors.get(name, BAR_REST_COLOR), edgecolor="white", lw=0.8
+            )
+            text = f"{name} {100 * share:.0f} %"
+            if share > BAR_CHARACTER_SHARE * (len(text) + 1):
+                axes.text(left + share / 2, at, text, ha="center", va="center", fontsize=SMALL_PT - 0.5)
+            left += share
+        axes.text(1.01, at, bar.note, ha="left", va="center", fontsize=SMALL_PT)
+    axes.set_yticks(range(len(bars)), [bar.label for bar in bars])
+    axes.set_ylim(len(bars) - 0.5, -0.5)
+    axes.set_xlim(0, BAR_RIGHT)
+    axes.set_xticks((0, 0.25, 0.5, 0.75, 1), ("0", "25 %", "50 %", "75 %", "100 %"))
+    axes.spines["bottom"].set_bounds(0, 1)
+    axes.grid(visible=False)
 
 
 def _draw_panel(figure: Any, panel: PlotPanel, box: Box) -> Any:
@@ -122,6 +168,11 @@ def _draw_panel(figure: Any, panel: PlotPanel, box: Box) -> Any:
     strip = STRIP_SHARE * inner[3] if with_model else 0.0
     gap = 0.07 if with_model else 0.0
     axes = _add_axes(figure, (inner[0], inner[1] + strip + gap, inner[2], inner[3] - strip - gap))
+    if panel.bars:
+        _draw_bars(axes, panel.bars)
+        axes.set_xlabel(panel.x_label, fontsize=NORMAL_PT)
+        axes.set_title(panel.title, fontsize=NORMAL_PT, loc="left", pad=3, y=1.0)
+        return axes
     _draw_lines(axes, panel)
     lowest = axes
     if with_model:

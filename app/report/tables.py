@@ -7,8 +7,18 @@ from typing import Any
 
 from app.campaign import PAPER_ITEMS
 from app.common import Table, display_unit, pluralize
-from app.identification import TABLE_ONE, budget_record, contradictions, format_shares, sheet_unit, unstated_errors
-from app.plotting.panels import ReportPlot
+from app.identification import (
+    TABLE_ONE,
+    BudgetBar,
+    budget_bars,
+    budget_record,
+    contradictions,
+    format_shares,
+    held_parameters,
+    sheet_unit,
+    unstated_errors,
+)
+from app.plotting.panels import PlotPanel, ReportPlot, StackedBar
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin, SpecimenSummary
 from app.report.limits import Limits
@@ -30,6 +40,7 @@ from model.response import THRESHOLD_M
 from protocols.base import Outcome
 
 EMPTY_CELL = "–"
+BAR_HEIGHT_IN = 0.24
 MAX_FINDINGS = 10
 """Findings that are listed."""
 ITEM_NAMES = {item.protocol: item.name for item in PAPER_ITEMS}
@@ -69,6 +80,8 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         blocks.append(Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone))
         text = summary.specimen.sheet.description
         blocks.append(Paragraph(f"{text[:1].upper()}{text[1:]}."))
+        if held := held_parameters(found):
+            blocks.append(Paragraph(f"{held[:1].upper()}{held[1:]}"))
         blocks += [Paragraph(f"{text[:1].upper()}{text[1:]}.", "bad") for text in contradictions(found)]
         blocks += [Paragraph(_unidentified_text(each), "bad") for each in found.unidentified]
         blocks += [Paragraph(f"{note}.") for note in found.notes]
@@ -336,7 +349,17 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
         shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
         note = "Shares of the squared total; noise is the statistical part."
         blocks.append(Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note))
+        if bars := budget_bars(found):
+            blocks.append(budget_plot(bars))
     return blocks
+
+
+def budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
+    """Return the sources of the uncertainties as stacked bars."""
+    stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
+    panel = PlotPanel("", "share of the squared total", "", bars=stacked)
+    caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece is what to measure better."
+    return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
 
 
 def _share(error: float | None, value: float) -> str:

@@ -1,0 +1,55 @@
+"""First lines of an identification: adequacy, what dimensions are from, and the parameters that were held, with their values."""
+
+from app.common import display_unit
+from app.identification.specimen_identification import IdentificationResult
+from app.identification.specimen_sheet import sheet_unit
+from model import Membrane, Tactor, parameter_specs
+from model.identification import MembraneSagObservation, parameter_spec
+from protocols.base import format_with_uncertainty
+
+ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
+HELD_TEXT = "held, as if exact"
+USED_PARAMETERS = tuple(q.name for q in parameter_specs(Tactor))
+SKIN_PARAMETERS = tuple(q.name for q in parameter_specs(Membrane))
+
+
+def held_parameters(identification: IdentificationResult, hint: str = "") -> str:
+    """Return the parameters that the fit held, with their values, as text; an error of one is in no standard error.
+
+    Args:
+        identification: the fit.
+        hint: how to give a value its uncertainty.
+    """
+    runs = identification.observations.runs
+    skin = any(
+        getattr(run, "elongation_m", None) is not None or isinstance(run, MembraneSagObservation) for run in runs
+    )
+    names = (*USED_PARAMETERS, *(SKIN_PARAMETERS if skin else ()))
+    shown = []
+    for name in names:
+        value = None if name in identification.known else identification.fixed.get(name)
+        if value is not None:
+            unit = parameter_spec(name).unit
+            factor, text = display_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
+            shown.append(f"{name} {factor * value:.4g} {text}".strip())
+    if not shown:
+        return ""
+    return f"{HELD_TEXT}{f' ({hint})' if hint else ''}: {', '.join(shown)}."
+
+
+def dimensions_line(identification: IdentificationResult, remedy: str = "") -> str:
+    """Return what the dimensions and masses of a fit are from, with their uncertainties, as text.
+
+    Args:
+        identification: the fit.
+        remedy: how to write a sheet, for a specimen without one.
+    """
+    sheet = identification.sheet
+    if sheet is None:
+        return ""
+    stated = []
+    for name, (value, uncertainty) in identification.known.items():
+        factor, unit = sheet_unit(name)
+        stated.append(f"{name} {format_with_uncertainty(factor * value, factor * uncertainty)} {unit}".strip())
+    without = f"; {remedy}" if remedy and sheet.path is None else ""
+    return f"{sheet.description}{without}{': ' if stated else ''}{', '.join(stated)}."
