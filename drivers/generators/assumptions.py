@@ -13,6 +13,7 @@ from drivers.generators.burst_generator import BurstGenerator
 from drivers.generators.keysight_33200 import FULL_SCALES, Keysight33200
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.generators.rigol_dg import PACKET_POINTS, RigolDg
+from drivers.generators.rigol_dg800 import DG4000, RigolDg800
 from drivers.generators.siglent_sdg import FULL_SCALE, SiglentSdg, max_points
 from drivers.generators.tektronix_afg import TektronixAfg
 
@@ -22,6 +23,8 @@ PYMEASURE, QCODES, TM_DEVICES = "PyMeasure at 32503b8", "QCoDeS at 19fae2b", "tm
 MENLO = "Menlo Systems' DG1000Z driver"
 GUIDE_33220A = "33220A User's Guide"
 DG1000Z_GUIDE = "DG1000Z Programming Guide"
+DG2000_GUIDE = "DG2000 Programming Guide (PGB12000)"
+DG800_SERIES = "DG800, DG900, DG2000, DG4000"
 
 CARD_INPUT, CARD_OUTPUT = "card", "card-output"
 """Where the table names a driver: the card that measures, and the driver of its analogue output."""
@@ -193,10 +196,17 @@ IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
     ),
     (
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         RigolDg,
         "`BURS:IDLE CENTER`",
-        f"{DG1000Z_GUIDE} 2-165, DG800 2-129 (the setting); what CENTER of an uneven waveform is: unproven",
+        f"{DG1000Z_GUIDE} 2-165 (the setting); what CENTER of an uneven waveform is: unproven",
+    ),
+    (
+        "rigol-dg800",
+        DG800_SERIES,
+        RigolDg800,
+        "`BURS:IDLE CENTER`; on a DG4000, which has no such setting, the first point of the waveform is the middle of its range",
+        f"{DG2000_GUIDE}, BURSt:IDLE (the setting); what CENTER of an uneven waveform is, and DG4000: unproven",
     ),
     ("siglent-sdg", "SDG1000X, SDG2000X, T3AFG", SiglentSdg, "the first point of the waveform is 0", ""),
     (
@@ -212,6 +222,7 @@ POLARITY = {
     "keysight-33500": f"{QCODES} (output_polarity)",
     "keysight-33200": f"{PYMEASURE} (keysight33250A)",
     "rigol-dg": "Rigol DG4000 Programming Guide, OUTPut:POLarity (about the offset); DG1000Z has the same command",
+    "rigol-dg800": f"{DG2000_GUIDE}, OUTPut:POLarity; Rigol DG4000 Programming Guide (about the offset)",
     "siglent-sdg": f"{BENCHCTRL}: `OUTP PLRT` and `INVT`; about the offset: unproven",
     "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG1000: unproven",
 }
@@ -298,16 +309,9 @@ KEYSIGHT_33200 = (
 
 RIGOL = (
     Assumption("rigol-dg", "DG1000Z", "points of a packet", f"{PACKET_POINTS}, 8 at least", MENLO),
-    Assumption("rigol-dg", "DG800", "points of a packet", f"{PACKET_POINTS}"),
     Assumption(
-        "rigol-dg",
-        "DG1000Z, DG800",
-        "trigger source after a burst",
-        "set anew before each",
-        MENLO,
-        (OutputCheck.START,),
+        "rigol-dg", "DG1000Z", "trigger source after a burst", "set anew before each", MENLO, (OutputCheck.START,)
     ),
-    Assumption("rigol-dg", "DG800", "points", "unsigned 14-bit, little-endian", checks=(OutputCheck.SHAPE,)),
     Assumption(
         "rigol-dg",
         "DG1000Z",
@@ -318,26 +322,95 @@ RIGOL = (
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "amplitude of an uneven waveform",
         "that of the converter's range",
         checks=(OutputCheck.UNEVEN,),
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "gating, coupling, tracking, sum",
         "`OUTP:MODE`, `COUP`, `TRACK`, `SUM`: off, where the model knows them",
-        f"{DG1000Z_GUIDE} (commands); DG800: unproven",
+        f"{DG1000Z_GUIDE} (commands)",
         (OutputCheck.REST,),
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "offset",
         "`APPL?`, not `VOLT:OFFS?`",
         "nominal-io/instro (rigol_dg1022z)",
         (OutputCheck.REST, OutputCheck.OFFSET),
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG800, DG900, DG2000",
+        "range hold, sample-rate mode",
+        "none: neither `VOLT:RANG` nor `FUNC:ARB:SRAT` exists",
+        f"{DG2000_GUIDE}, command lists; DG800, DG900: a public driver of the three series (sample rate), unproven (range)",
+    ),
+    Assumption("rigol-dg800", "DG4000", "range hold", "none"),
+    Assumption(
+        "rigol-dg800",
+        "DG800, DG900, DG2000",
+        "points of a waveform",
+        f"{PACKET_POINTS}, in one packet",
+        f"{MENLO}: half of what the guides say",
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "points of a waveform",
+        f"{DG4000.points}; fewer are stretched",
+        "DG4000 Programming Guide, TRACe:DATA:DAC",
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "channel of an upload",
+        "that of the front panel: it is verified that channel 1 took it",
+        "DG4000 Programming Guide, TRACe:DATA:DAC (the current channel)",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "points",
+        "unsigned 14-bit, little-endian",
+        f"range: {DG2000_GUIDE}, TRACe:DATA:DAC16; byte order: a public DG4202 driver (firmware 00.01.14), others unproven",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "trigger source after a burst",
+        "set anew before each",
+        MENLO,
+        (OutputCheck.START,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "amplitude of an uneven waveform",
+        "that of the converter's range",
+        checks=(OutputCheck.UNEVEN,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG900, DG2000",
+        "coupling, tracking, sum",
+        "`COUP`, `TRACK`, `SUM`: off",
+        f"{DG2000_GUIDE} (commands)",
+        (OutputCheck.REST,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "noise, modulation, coupling",
+        "`OUTP:NOIS`, `MOD`, `COUP`: off, where the model knows them",
+        "a public DG4202 driver (firmware 00.01.14)",
+        (OutputCheck.REST,),
     ),
 )
 

@@ -63,10 +63,10 @@ TRAITS = (
         "whether it has OUTPut:POLarity: no public driver uses it",
     ),
     Trait(
-        "gate",
+        "noise",
         ("present", "absent"),
-        ("DG8",),
-        "whether it has OUTPut:MODE: the DG1000Z guide lists it",
+        ("DG4",),
+        "whether it has OUTPut:NOISe: seen on a DG4202 (firmware 00.01.14), in no guide of the other models",
     ),
     Trait(
         "trigger-source",
@@ -105,13 +105,13 @@ DEVIATIONS = (
     Trait(
         "range",
         ("held", "switches"),
-        ("33", "DG"),
+        ("33", "DG10"),
         "a held range that follows the amplitude nevertheless",
     ),
     Trait(
         "abort",
         ("quiet", "drops"),
-        ("33", "DG"),
+        ("33", "DG10"),
         "a relay opens when a burst is aborted",
     ),
     Trait(
@@ -123,7 +123,7 @@ DEVIATIONS = (
     Trait(
         "uneven",
         ("as-documented", "otherwise"),
-        ("33", "DG"),
+        ("33", "DG10"),
         "whether the amplitude is the span of the points or of the converter",
     ),
     Trait(

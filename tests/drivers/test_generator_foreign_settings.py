@@ -36,7 +36,9 @@ FOREIGN_SETTINGS = {
         ":SOUR2:TRACK ON",
         ":SOUR1:SUM ON",
     ),
-    "DG811": (":OUTP1:POL INV", ":OUTP1:MODE GAT"),
+    "DG811": (":OUTP1:POL INV",),
+    "DG972": (":OUTP1:POL INV", ":COUP ON", ":SOUR1:TRACK INV", ":SOUR2:TRACK ON", ":SOUR1:SUM ON"),
+    "DG4162": (":OUTP1:POL INV", ":OUTP1:NOIS ON", ":SOUR1:MOD ON", ":COUP ON", ":SOUR2:FUNC USER"),
     "AFG3022C": (
         "OUTP1:POL INV",
         'SOUR1:COMB:FEED "EXTERNAL"',
@@ -51,10 +53,11 @@ FOREIGN_SETTINGS = {
 DRIVERS = {
     "335": "33511B",
     "332": "33220A",
-    "DG": "DG1032Z",
+    "DG1": "DG1032Z",
+    "DG": "DG812",
     "AFG": "AFG3022C",
 }
-PRESENT = {"AFG1022": "polarity=present", "DG811": "gate=present"}
+PRESENT = {"AFG1022": "polarity=present", "DG4162": "noise=present"}
 CASES = [(model, setting) for model, settings in FOREIGN_SETTINGS.items() for setting in settings]
 
 
@@ -102,7 +105,7 @@ def test_a_setting_changed_between_two_runs_is_noticed_and_corrected(model: str,
     play_to_one_side(source, bench)
 
 
-ABSENT = [("AFG1022", "polarity=absent"), ("DG811", "gate=absent"), ("AFG3021C", ""), ("DG811", "")]
+ABSENT = [("AFG1022", "polarity=absent"), ("DG4162", "noise=absent"), ("AFG3021C", ""), ("DG811", "")]
 
 
 @pytest.mark.parametrize("unknown", ["rest-of-message", "whole-message"])

@@ -25,8 +25,14 @@ SUPPORTED = {
     "33250A": "keysight-33200",
     "DG1022Z": "rigol-dg",
     "DG1062Z": "rigol-dg",
-    "DG811": "rigol-dg",
-    "DG832": "rigol-dg",
+    "DG811": "rigol-dg800",
+    "DG832": "rigol-dg800",
+    "DG952": "rigol-dg800",
+    "DG992": "rigol-dg800",
+    "DG2052": "rigol-dg800",
+    "DG2102": "rigol-dg800",
+    "DG4062": "rigol-dg800",
+    "DG4202": "rigol-dg800",
     "SDG1032X": "siglent-sdg",
     "SDG2122X": "siglent-sdg",
     "T3AFG80": "siglent-sdg",
@@ -35,7 +41,19 @@ SUPPORTED = {
     "AFG1022": "tektronix-afg",
 }
 
-RELATIVES = ("33509B", "33510B", "33519B", "33520B", "DG1022", "DG1022U", "DG1022A", "DG812 Pro", "DG832 Pro")
+RELATIVES = (
+    "33509B",
+    "33510B",
+    "33519B",
+    "33520B",
+    "DG1022",
+    "DG1022U",
+    "DG1022A",
+    "DG812 Pro",
+    "DG832 Pro",
+    "DG922 Pro",
+    "DG5072",
+)
 """Without arbitrary waveforms, or with another command set: named like supported models, but none of them."""
 
 
