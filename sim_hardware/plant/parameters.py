@@ -11,9 +11,12 @@ from sim_hardware.plant.nonidealities import Nonidealities
 GENERATOR_MAKERS = {
     "335": "Keysight Technologies",
     "336": "Keysight Technologies",
+    "EDU332": "Keysight Technologies",
+    "FG335": "Keysight Technologies",
     "33210": "Agilent Technologies",
     "33220": "Agilent Technologies",
     "33250": "Agilent Technologies",
+    "G5100": "Picotest Corp.",
     "DG10": "Rigol Technologies",
     "DG8": "Rigol Technologies",
     "DG9": "Rigol Technologies",
@@ -21,6 +24,7 @@ GENERATOR_MAKERS = {
     "DG4": "Rigol Technologies",
     "SDG1": "Siglent Technologies",
     "SDG2": "Siglent Technologies",
+    "SDG6": "Siglent Technologies",
     "AFG3": "TEKTRONIX",
     "AFG1": "TEKTRONIX",
 }
