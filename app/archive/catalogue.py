@@ -18,8 +18,26 @@ from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 from app.common import NO_PROGRESS, Progress
 
-SCHEMA = 7
+SCHEMA = 8
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
+
+FIGURE_FIELDS = frozenset(
+    [
+        "path",
+        "state",
+        "protocol",
+        "specimen",
+        "start_time",
+        "simulated",
+        "verdict",
+        "failed_checks",
+        "operator",
+        "bench",
+        "sensor",
+        "figures_json",
+    ]
+)
+"""Fields by which runs are compared; the others, of which some are long, are not read for it."""
 
 SHORT_SCAN_FILES = 20
 """A scan of so few files ends before a text could be read."""
@@ -88,6 +106,13 @@ class Catalogue:
         """Return every indexed run, newest first."""
         with self._connection() as db:
             rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
+            return list(map(RunSummary._make, rows))
+
+    def figure_entries(self) -> list[RunSummary]:
+        """Return the indexed runs that have figures, oldest first, with only the fields by which they are compared."""
+        with self._connection() as db:
+            names = ", ".join(name if name in FIGURE_FIELDS else f"'' AS {name}" for name in RunSummary._fields)
+            rows = db.execute(f"SELECT {names} FROM runs WHERE figures_json != '[]' ORDER BY start_time, path")  # noqa: S608
             return list(map(RunSummary._make, rows))
 
     def scan(self, progress: Progress = NO_PROGRESS, exclude: Collection[Path] = ()) -> ScanResult:

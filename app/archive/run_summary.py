@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
+from app.archive.figures import run_figures
 from app.archive.notes import Notes
 from app.common import OUTCOME_SYMBOLS, Severity, format_estimate, outcome_severity
 from drivers import LaserSensor
@@ -88,8 +89,8 @@ class RunSummary(NamedTuple):
     """Identities with serial numbers, and the state of the sensor's calibration, as text."""
     sensor: str = ""
     """Name and serial number of the displacement sensor."""
-    gain_relative_uncertainty: float = 0.0
-    """Standard uncertainty of the sensor's gain over the gain."""
+    figures_json: str = "[]"
+    """Figures for comparisons with other runs and specimens, see `app.archive.figures`."""
     modified_ns: int = 0
     size: int = 0
     notes_ns: int = 0
@@ -293,7 +294,7 @@ def _circumstances(run: Run) -> dict[str, Any]:
         "bench": str(configuration.get("name", "")),
         "instruments": instruments_text(run),
         "sensor": " ".join(filter(None, (sensor.name, sensor.serial and f"#{sensor.serial}"))),
-        "gain_relative_uncertainty": sensor.gain_relative_uncertainty,
+        "figures_json": json.dumps(run_figures(run)),
     }
 
 

@@ -45,6 +45,14 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
     "operator": ("app.cli.laboratory.people", "who measures today, and temperature and humidity: stored in every run"),
     "checked": ("app.cli.laboratory.people", "store that a second person checked runs"),
+    "fleet": (
+        "app.cli.laboratory.fleet",
+        "many specimens in one table: mean, spread, outliers, Cpk, trends; by batch, bench or month",
+    ),
+    "control-chart": (
+        "app.cli.laboratory.fleet",
+        "a golden specimen over time: drift of the bench, or of the specimen",
+    ),
     "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
         "app.cli.specimen.archive",

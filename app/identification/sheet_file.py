@@ -14,7 +14,7 @@ from model.identification import parameter_spec
 from protocols.runfile.names import other_specimen_message, safe_name
 
 SUFFIX = ".specimen.toml"
-TEXTS = ("serial", "photograph", "notes")
+TEXTS = ("serial", "batch", "photograph", "notes")
 ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")
 HEAD = """# Specimen sheet: what is known of it beforehand. Every value enters the fits of its runs with its uncertainty.
 # Uncertainties are standard uncertainties (k = 1): half a graduation, or limits of error, divided by the root of 3.
@@ -23,6 +23,7 @@ HEAD = """# Specimen sheet: what is known of it beforehand. Every value enters t
 
 specimen = {name}
 serial = ""
+batch = ""           # specimens made together, compared by 'tactor-bench fleet'
 photograph = ""      # path of a file, from the folder of this sheet
 notes = ""
 """

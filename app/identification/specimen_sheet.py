@@ -69,6 +69,7 @@ class SpecimenSheet:
     specimen: str = ""
     entries: Mapping[str, SheetEntry] = field(default_factory=dict)
     serial: str = ""
+    batch: str = ""
     photograph: str = ""
     notes: str = ""
     descriptions: Mapping[str, str] = field(default_factory=dict)

@@ -337,7 +337,12 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
         for e in sheet.values.values()
         if e.name in used
     ]
-    texts = [("serial number", sheet.serial), ("photograph", sheet.photograph), ("notes", sheet.notes)]
+    texts = [
+        ("serial number", sheet.serial),
+        ("batch", sheet.batch),
+        ("photograph", sheet.photograph),
+        ("notes", sheet.notes),
+    ]
     remarks = [f"{name}: {text}" for name, text in (*texts, *sheet.descriptions.items()) if text]
     heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
     blocks: list[Block] = [Paragraph(f"{'. '.join([*remarks, sheet.description])}.")]

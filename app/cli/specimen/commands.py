@@ -33,7 +33,7 @@ from model import ParameterError
 from model.identification import parameter_spec
 from protocols.base import format_with_uncertainty
 
-TEXT_FIELDS = ("serial", "photograph", "notes")
+TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ShowSheetCommand:
 
 
 def sheet_result(sheet: SpecimenSheet) -> CommandResult:
-    """Return a sheet as a table, with serial number, photograph and notes."""
+    """Return a sheet as a table, with serial number, batch, photograph and notes."""
     entries = list(sheet.values.values())
     scale = {e.name: sheet_unit(e.name) for e in entries}
     table = Table(
@@ -96,13 +96,13 @@ class NewSheetCommand:
 
 @dataclass(frozen=True)
 class SetSheetCommand:
-    """Set values, serial number, photograph or notes in the sheet of a specimen; a new sheet is written if it has none."""
+    """Set values, serial number, batch, photograph or notes in the sheet of a specimen; a new sheet is written if it has none."""
 
     specimen: str = option()
     settings: Sequence[str] = option(
         nargs="+",
         metavar="NAME=VALUE",
-        help="'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, photograph=FILE or notes=TEXT",
+        help="'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, batch=B1, photograph=FILE or notes=TEXT",
     )
     instrument: str = option(
         "--instrument", default="", help="what the values were measured with, e.g. 'caliper 150 mm'"
@@ -179,7 +179,7 @@ COMMANDS: Mapping[str, CommandGroup] = {
                 CommandSyntax(NewSheetCommand, example="example: specimen new T7"),
             ),
             "set": (
-                "set values with their uncertainties, serial number, photograph or notes",
+                "set values with their uncertainties, serial number, batch, photograph or notes",
                 CommandSyntax(
                     SetSheetCommand,
                     example="example: specimen set T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",

@@ -26,7 +26,7 @@ from model.identification import SPECIMEN_PARAMETERS
 TITLES = {"plate": "Plate and MFC", "masses": "Weighed masses", "clamp": "Clamp", "membrane": "Membrane"}
 OPTIONAL = ("mass_put_in", "mass_offset", "clamp_flexibility")
 """Values that Table I does not have and that a laboratory may know."""
-TEXT_LABELS = {"serial": "serial number", "photograph": "photograph", "notes": "notes"}
+TEXT_LABELS = {"serial": "serial number", "batch": "batch", "photograph": "photograph", "notes": "notes"}
 DESCRIPTION_HINTS = {
     "plate": "alloy, batch, how it was cut",
     "masses": "which masses, how they are fixed",

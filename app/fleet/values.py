@@ -1,0 +1,234 @@
+"""Values of many specimens: figures of their runs and parameters of their calibrations, with total uncertainty."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from app.archive import Catalogue, RunSummary
+from app.archive.figures import RunFigure
+from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
+from app.identification.calibrations import FORMAT, SUFFIX
+from app.identification.sheet_file import SUFFIX as SHEET_SUFFIX
+from model import Array
+from protocols.base import visible_text, visible_values
+
+CALIBRATION = "calibration"
+"""In place of a protocol, for parameters of an accepted calibration."""
+GROUPS = ("batch", "bench", "sensor", "operator", "month", "protocol")
+NO_BATCH = "no batch"
+
+
+class FleetError(Exception):
+    """There is nothing to compare; the message says what is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class FleetValue:
+    """One figure of one run, or a parameter of a calibration, SI; uncertainties are standard uncertainties."""
+
+    name: str
+    value: float
+    statistical: float
+    total: float
+    unit: str
+    condition: str
+    specimen: str
+    batch: str
+    start_time: str
+    protocol: str
+    bench: str
+    sensor: str
+    operator: str
+    path: str
+    simulated: bool
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since 1970; NaN if the time is damaged."""
+        try:
+            return datetime.fromisoformat(self.start_time).timestamp()
+        except (ValueError, OverflowError, OSError):
+            return float("nan")
+
+    @property
+    def month(self) -> str:
+        return self.start_time[:7]
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Values of the specimens of a folder, oldest first.
+
+    Attributes:
+        left_out: values of the other kind, simulated or real, which are never mixed.
+    """
+
+    values: tuple[FleetValue, ...]
+    left_out: int = 0
+    simulated: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the quantities, those of most specimens first."""
+        pairs = {(value.name, value.specimen) for value in self.values}
+        return tuple(name for name, _ in Counter(name for name, _ in sorted(pairs)).most_common())
+
+    def of(self, name: str) -> "FleetSelection":
+        """Return the values of a quantity in its most frequent protocol and condition.
+
+        Raises:
+            FleetError: there are none.
+        """
+        found = [value for value in self.values if value.name == name]
+        if not found:
+            known = ", ".join(self.names) or "none"
+            raise FleetError(f"no run or calibration has '{visible_text(name)}'; there are: {known}")
+        kind = Counter((value.protocol, value.condition, value.unit) for value in found).most_common(1)[0][0]
+        chosen = tuple(v for v in found if (v.protocol, v.condition, v.unit) == kind)
+        return FleetSelection(name, *kind, values=chosen, left_out=len(found) - len(chosen))
+
+    def filtered(
+        self,
+        specimens: Sequence[str] = (),
+        batch: str = "",
+        bench: str = "",
+        protocol: str = "",
+        since: str = "",
+        until: str = "",
+    ) -> "Fleet":
+        """Return the fleet of some values; empty arguments select all."""
+        kept = tuple(
+            v
+            for v in self.values
+            if (not specimens or v.specimen in specimens)
+            and (not batch or v.batch == batch)
+            and (not bench or v.bench == bench)
+            and (not protocol or v.protocol == protocol)
+            and (not since or v.start_time >= since)
+            and (not until or v.start_time < until)
+        )
+        return Fleet(kept, self.left_out, self.simulated)
+
+
+@dataclass(frozen=True)
+class FleetSelection:
+    """Values of one quantity that can be compared: of one protocol and condition, oldest first."""
+
+    name: str
+    protocol: str
+    condition: str
+    unit: str
+    values: tuple[FleetValue, ...]
+    left_out: int = 0
+
+    @property
+    def newest(self) -> tuple[FleetValue, ...]:
+        """The newest value of each specimen, by name of the specimen."""
+        found = {value.specimen: value for value in self.values}
+        return tuple(found[name] for name in sorted(found))
+
+    @property
+    def about(self) -> str:
+        """What the values are from, as text."""
+        source = "accepted calibrations" if self.protocol == CALIBRATION else f"{self.protocol} runs"
+        return f"{source}{f' at {self.condition}' if self.condition else ''}"
+
+
+def arrays(values: Sequence[FleetValue]) -> tuple[Array, Array]:
+    """Return values and total uncertainties, each (N,)."""
+    return np.array([v.value for v in values], float), np.array([v.total for v in values], float)
+
+
+def read_fleet(folder: Path, catalogue: Catalogue, simulated: bool | None = None) -> Fleet:
+    """Return the fleet of a folder by its catalogue, which is up to date after a scan, and its calibration files.
+
+    Args:
+        folder: of the runs; calibrations and sheets are in it, or in folders below that have runs.
+        catalogue: of the folder.
+        simulated: whether simulated runs are meant; None: real ones, and simulated ones if there are no others.
+
+    Raises:
+        FleetError: no run has a result.
+        sqlite3.Error: the index cannot be read.
+    """
+    entries = [entry for entry in catalogue.figure_entries() if entry.has_result]
+    folders = sorted({str(Path(entry.path).parent) for entry in entries} | {"."})
+    batches = _read_batches(folder, folders)
+    values = [*_run_values(entries, batches), *_calibration_values(folder, folders, batches)]
+    values.sort(key=lambda v: (v.start_time, v.path))
+    if simulated is None:
+        simulated = not any(not v.simulated for v in values)
+    kept = tuple(v for v in values if v.simulated == simulated)
+    if not kept:
+        kind = "simulated" if simulated else "real"
+        raise FleetError(
+            f"no {kind} run in {folder} has a result; 'tactor-bench runs {folder}' lists what there is"
+            + ("" if simulated else ", and --simulated shows the simulated ones")
+        )
+    return Fleet(kept, len(values) - len(kept), simulated)
+
+
+def _run_values(entries: Iterable[RunSummary], batches: Mapping[str, str]) -> Iterator[FleetValue]:
+    for entry in entries:
+        for record in json.loads(entry.figures_json):
+            yield FleetValue(
+                *RunFigure(*record),
+                entry.specimen,
+                batches.get(entry.specimen, NO_BATCH),
+                entry.start_time,
+                entry.protocol,
+                entry.bench,
+                entry.sensor,
+                entry.operator,
+                entry.path,
+                bool(entry.simulated),
+            )
+
+
+def _calibration_values(folder: Path, folders: Iterable[str], batches: Mapping[str, str]) -> Iterator[FleetValue]:
+    """Yield the parameters of all accepted versions; files that cannot be read are left to `tactor-bench calibration`."""
+    for path in (path for place in folders for path in (folder / place).glob(f"*{SUFFIX}")):
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+            record = visible_values(read_json_file(path))
+            if record["format"] != FORMAT:
+                continue
+            yield from [
+                FleetValue(
+                    estimate["name"],
+                    float(estimate["value"]),
+                    float(version.get("statistical", {}).get(estimate["name"], estimate["standard_error"])),
+                    float(estimate["standard_error"]),
+                    estimate["unit"],
+                    "",
+                    version["specimen"],
+                    batches.get(version["specimen"], NO_BATCH),
+                    version["accepted_at"],
+                    CALIBRATION,
+                    "",
+                    "",
+                    version["accepted_by"],
+                    path.name,
+                    bool(version["simulated"]),
+                )
+                for version in record["versions"]
+                for estimate in version["estimates"]
+                if estimate["name"] not in version.get("known", {})
+            ]
+
+
+def _read_batches(folder: Path, folders: Iterable[str]) -> dict[str, str]:
+    """Return the batches that specimen sheets state, by specimen; sheets that cannot be read are left to `specimen check`."""
+    found = {}
+    for path in (path for place in folders for path in (folder / place).glob(f"*{SHEET_SUFFIX}")):
+        with suppress(OSError, ValueError):
+            with path.open(encoding="utf-8") as file:
+                sheet = parse_toml(file.read(MAX_TOML_BYTES))
+            if isinstance(batch := sheet.get("batch"), str) and batch.strip():
+                found[visible_text(str(sheet.get("specimen", "")))] = visible_text(batch.strip())
+    return found
