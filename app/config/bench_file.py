@@ -68,6 +68,16 @@ class BenchConfig(ConfigTable):
     def simulated(self) -> bool:
         return self.simulation is not None
 
+    def same_bench(self, other: "BenchConfig") -> bool:
+        """Whether two benches have the same values; noise that is drawn at each loading does not count."""
+
+        def fixed(config: BenchConfig) -> BenchConfig:
+            drawn = {"noise_seed"} if (config.simulation or {}).get("fresh_noise") else set()
+            kept = {key: value for key, value in (config.simulation or {}).items() if key not in drawn}
+            return config.model_copy(update={"simulation": kept if config.simulated else None})
+
+        return fixed(self) == fixed(other)
+
     @property
     def simulation_parameters(self) -> SimulationParameters:
         """The true parameters of the simulated bench."""

@@ -380,6 +380,7 @@ class MainTabs(QTabWidget):
         from app.gui.bench_page.page import BenchPage
 
         page = BenchPage(self._adapter, self._config, self._open_bench, self._first_theme)
+        page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.bench_run_requested)
         page.commissioning_requested.connect(self.commissioning_requested)

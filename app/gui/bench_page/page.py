@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, QUrl, Signal
+from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QHideEvent
 from PySide6.QtWidgets import QSplitter, QWidget
 
@@ -73,6 +73,11 @@ class BenchPage(QSplitter):
             minimumHeight=36,
         )
         self.save_button = make_button("Save", self.save, tip="Write the commented bench file", name="bench.save")
+        self.discard_button = make_button(
+            "Discard changes", self.discard, tip="Show the bench as its file is", name="bench.discard"
+        )
+        self._edited: dict[str, BenchDraft] = {}
+        """Drafts of other benches with changes that are not saved, by name."""
         self.show_button = make_button(
             "Show file", self.show_file, tip="Open the folder of the file", name="bench.show"
         )
@@ -145,6 +150,14 @@ class BenchPage(QSplitter):
             self._watching = False
             self._adapter.session.monitor(active=False)
 
+    def restore_state(self, settings: QSettings) -> None:
+        """Restore what was typed beside *Scan*."""
+        self.editor.hosts_edit.setText(str(settings.value("bench/hosts", "")))
+
+    def save_state(self, settings: QSettings) -> None:
+        """Save what was typed beside *Scan*."""
+        settings.setValue("bench/hosts", self.editor.hosts_edit.text())
+
     def shutdown(self) -> None:
         """Stop background threads."""
         self._worker.close()
@@ -167,11 +180,21 @@ class BenchPage(QSplitter):
 
     def show_bench(self, name: str) -> None:
         """Show a bench file or a simulated bench; an empty name begins a new one."""
+        if self.draft is not None and self.draft.config != self.draft.saved:
+            self._edited[self.draft.name] = self.draft
+        kept = self._edited.pop(name, None)
 
         def load() -> tuple[BenchDraft, list[Path]]:
-            return (BenchDraft.load(name) if name else BenchDraft.new()), bench_files()
+            return kept or (BenchDraft.load(name) if name else BenchDraft.new()), bench_files()
 
         self._worker.submit(load, lambda loaded: self._show_draft(*loaded), self._on_error, latest_only="load")
+
+    def discard(self) -> None:
+        """Show the bench as its file is."""
+        if self.draft is not None:
+            name = self.draft.name
+            self.editor.draft = None
+            self.show_bench(name)
 
     def save(self, connect: bool = False) -> None:
         """Write the bench file."""
@@ -215,7 +238,9 @@ class BenchPage(QSplitter):
     def _can_run(self) -> bool:
         """Whether the bench that is shown is open as it is shown, and free."""
         draft, view = self.draft, self._state
-        return draft is not None and not draft.edited and self.is_open and view is not None and view.can_run
+        if draft is None or view is None or draft.edited or not self.is_open:
+            return False
+        return draft.config.same_bench(self._config) and view.can_run
 
     def _move_target(self, by_m: float) -> None:
         self._worker.submit(lambda: self._adapter.faults.move_target(by_m), on_error=self._on_error)
@@ -235,6 +260,7 @@ class BenchPage(QSplitter):
         edited = draft is not None and draft.edited
         busy = self._state is not None and self._state.busy
         self.save_button.setEnabled(edited and not busy)
+        self.discard_button.setEnabled(edited)
         self.show_button.setEnabled(draft is not None and draft.has_file)
         self.connect_button.setText("Save and connect" if edited else "Connect again" if self.is_open else "Connect")
         self.connect_button.setEnabled(draft is not None and not busy)
@@ -256,8 +282,15 @@ class BenchPage(QSplitter):
     def _build(self) -> None:
         configure(self, "bench/columns", childrenCollapsible=False)
         content, area = QWidget(), make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+        head = row(
+            self.connect_button,
+            self.save_button,
+            self.discard_button,
+            self.show_button,
+            (self.file_label, 1),
+            margins=(6, 0, 6, 0),
+        )
         column(
-            row(self.connect_button, self.save_button, self.show_button, (self.file_label, 1)),
             self.editor,
             self.live_button,
             self.live,
@@ -274,7 +307,9 @@ class BenchPage(QSplitter):
         content.setAutoFillBackground(False)
         area.setMinimumSize(300, 200)
         self.benches.setMinimumWidth(150)
-        for part, stretch in ((self.benches, 0), (area, 1)):
+        bench = QWidget()
+        column(head, (area, 1), parent=bench, margins=(0, 0, 0, 0), spacing=6)
+        for part, stretch in ((self.benches, 0), (bench, 1)):
             self.addWidget(part)
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])

@@ -11,6 +11,12 @@ from app.common import UnitError, read_value
 from app.config import ConfigTable
 from app.gui.widgets import FieldRow, bench_fields, column, field_error, grid, make_choice
 
+EDITOR_PADDING = 20
+"""Width of an editor beyond that of its text."""
+
+MAX_LABEL_WIDTH = 112
+"""Longer labels have two lines."""
+
 
 class TableForm(QWidget):
     """Editable fields of a table of the bench file; a fault is written below its field.
@@ -75,7 +81,11 @@ class TableForm(QWidget):
         row = FieldRow(self._fields[name], self.kind.model_fields[name].get_default())
         row.editor.setObjectName(f"bench.{table}.{name}")
         row.editor.setAccessibleName(f"{table} {row.editor.accessibleName()}".strip())
-        row.editor.setMinimumWidth(70)
+        row.editor.setMinimumWidth(row.editor.fontMetrics().horizontalAdvance("2026-11-22") + EDITOR_PADDING)
+        row.label.setWordWrap(True)
+        width = min(row.label.fontMetrics().horizontalAdvance(row.label.text()) + 2, MAX_LABEL_WIDTH)
+        row.label.setMinimumWidth(width)
+        row.label.setMaximumWidth(MAX_LABEL_WIDTH)
         row.editor.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         row.note_label.setObjectName(f"bench.{table}.{name}.fault")
         _show_fault(row, "")

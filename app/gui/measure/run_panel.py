@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolButton, QWidget
 
 from app.common import format_bytes, pluralize
@@ -32,6 +32,9 @@ from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 
 BenchGetter = Callable[[], Bench | None]
+
+MIN_CONTENT_HEIGHT = 140
+"""Of what is above the button Run."""
 
 
 class RunPanel(QWidget):
@@ -106,6 +109,11 @@ class RunPanel(QWidget):
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=40,
         )
+        self._content_area = make_scroll_area(
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumHeight=MIN_CONTENT_HEIGHT,
+        )
         self._show_form(protocol)
         self._build()
         self.protocol_box.currentIndexChanged.connect(self._on_protocol_chosen)
@@ -173,7 +181,10 @@ class RunPanel(QWidget):
             editor.setEnabled(not view.busy)
         self.rehearsal_label.setVisible(not view.busy)
         self.estimates_panel.set_busy(view.busy)
+        had_result = not self.result_card.isHidden()
         self.result_card.set_state(view)
+        if not had_result and not self.result_card.isHidden():
+            QTimer.singleShot(0, self, lambda: self._content_area.ensureWidgetVisible(self.result_card))
         self._can_run = view.can_run
         self._blocked_reason = view.blocked_reason
         self._update_rehearsal()
@@ -241,6 +252,7 @@ class RunPanel(QWidget):
             where.addWidget(editor, at, 1)
         where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)
+        content = QWidget()
         column(
             row((self.protocol_box, 1), self.preset_button),
             self.about_label,
@@ -250,11 +262,14 @@ class RunPanel(QWidget):
             self.warnings_label,
             self.estimates_panel,
             self.result_card,
-            self.run_button,
-            parent=self,
+            parent=content,
             margins=(0, 2, 8, 0),
             spacing=8,
         )
+        # A low window scrolls what is above the button; a result is never squeezed.
+        self._content_area.setWidget(content)
+        content.setAutoFillBackground(False)
+        column((self._content_area, 1), self.run_button, parent=self, margins=(0, 0, 0, 0), spacing=8)
 
 
 def protocol_summary(kind: type[Protocol]) -> str:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor
+from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
 from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, stable_range
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
-from app.gui.widgets import ElidedLabel, Menu, Theme, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, Theme, configure, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
 from app.session import describe_point
 from protocols.base import Quality
@@ -60,6 +60,8 @@ class EntrySelection:
 
 STRIP_LABELS = {NOTHING: "no lower plot", RESIDUAL: "lower plot: residual", PHASE: "lower plot: phase"}
 
+HEAD_SPACING, TICK_BOX_WIDTH = 10, 36
+
 HOLLOW_HINT = "hollow: not usable"
 HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
 
@@ -91,7 +93,7 @@ class ResponsePlot(PlotBase):
         self.series_boxes = [QCheckBox(series.label) for series in SERIES]
         self.hint_label = ElidedLabel()
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
-        self.strip_box = QComboBox()
+        self.strip_box = configure(QComboBox(), accessibleName="lower plot", minimumContentsLength=4)
         self.strip_box.addItems([STRIP_LABELS[quantity] for quantity in STRIP_QUANTITIES])
         self.strip_box.setToolTip("Lower plot: measured less model, or the phase")
         self.strip_box.currentIndexChanged.connect(self._select_strip)
@@ -182,16 +184,31 @@ class ResponsePlot(PlotBase):
         self.hint_label.setVisible(bool(hint))
         set_style_kind(self.hint_label, "fault" if hint and hint != HOLLOW_HINT else "note")
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        boxes = (*self.series_boxes, self.model_curves.band_box)
+        written = (self.fontMetrics().horizontalAdvance(f"Response {self.strip_box.currentText()}"),)
+        drawn = (
+            self.fontMetrics().horizontalAdvance(box.accessibleName()) + box.iconSize().width() + TICK_BOX_WIDTH
+            for box in boxes
+        )
+        needed = sum((*written, *drawn)) + (len(boxes) + 2) * HEAD_SPACING
+        for box in boxes:  # rather the symbol alone, with its tool tip, than half a word
+            box.setText(box.accessibleName() if needed <= self.width() else "")
+
     def _head_row(self) -> QHBoxLayout:
         for at, box in enumerate(self.series_boxes):
             box.setChecked(True)
             box.setToolTip(f"{SERIES[at].label}: measured points and the model's curve")
             box.toggled.connect(self._on_series_toggled)
         self.hint_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        curves = self.model_curves
+        curves, title = self.model_curves, caption_label("Response")
+        boxes = (*self.series_boxes, curves.band_box)
+        for box in boxes:
+            box.setAccessibleName(box.text())
         return row(
-            caption_label("Response"), *self.series_boxes, curves.band_box, self.selection.button,
-            (curves.source_label, 3), self.hint_label, self.strip_box, spacing=10,
+            title, *boxes, self.selection.button,
+            (curves.source_label, 3), self.hint_label, self.strip_box, spacing=HEAD_SPACING,
         )  # fmt: skip
 
     def _on_series_toggled(self) -> None:
@@ -207,8 +224,6 @@ class ResponsePlot(PlotBase):
         """The plot below the response; created when first used."""
         strip = ResidualStrip(self.plot, self._theme)
         self._layout.addWidget(strip)
-        self.aligned_plots.append(strip.plot)
-        strip.aligned_plots.append(self.plot)
         return strip
 
     def _draw_strip(self) -> None:

@@ -18,7 +18,7 @@ from app.gui.plots.base import (
 )
 from app.gui.plots.channel_strips import ChannelStrips
 from app.gui.plots.copy import PlotCopyButtons
-from app.gui.widgets import Theme, make_choice, make_label, row
+from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, make_label, row
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
@@ -52,7 +52,7 @@ class TimePlot(TracePlotBase):
         self._spans = QButtonGroup(self)
         self.strips = ChannelStrips(feed, theme)
         self.copy_buttons.append(PlotCopyButtons(self.strips, self._table))
-        self._axis_label = make_label(kind="note", wrap=False)
+        self._axis_label = configure(ElidedLabel(), kind="note")
         self.held_label = make_label(kind="note", wrap=False, name="traces.held")
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
@@ -168,6 +168,7 @@ class TimePlot(TracePlotBase):
         axis.setScale(1000.0 if short else 1.0)
         since = "the drive's last rising edge" if self.span.triggered else "now"
         self._axis_label.setText(f"{'milliseconds' if short else 'seconds'} before {since}")
+        self._axis_label.setToolTip(self._axis_label.text())
         self._displacement_plot.setXRange(-self.span.shown_s, 0, padding=0)
 
     def _build(self) -> None:

@@ -1,0 +1,177 @@
+"""Every page of the window at four screen sizes and one scale factor, searched for widgets that are cut or out of reach.
+
+    python -m tests.helpers.size_matrix --scale 1.25 [--pictures FOLDER]
+
+A process has one scale factor. Prints one line for each fault, and exits with 1 if there is one.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from PySide6.QtCore import QRect
+    from PySide6.QtWidgets import QWidget
+
+    from app.gui.main_window import MainWindow
+
+SCREENS = ((1280, 720), (1366, 768), (1920, 1080), (2560, 1440))
+SCALES = (1.0, 1.25, 1.5, 2.0)
+ALWAYS_WHOLE = ("status.state", "status.stop", "status.pause")
+"""State sign, Stop and Pause: never cut, never scrolled away."""
+
+STATES = {"idle": range(5), "finished": range(5), "live": (0, 4), "unsafe": (0, 4)}
+"""States with the pages that are looked at; the first and third in light, the others in dark."""
+FRAME = (4, 32)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scale", type=float, default=1.0, choices=SCALES)
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of each page at each size")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="tactor-bench-") as folder:
+        screen = Path(folder, "screen.json")
+        size = {"width": SCREENS[-1][0], "height": SCREENS[-1][1]}
+        screen.write_text(
+            json.dumps(
+                {
+                    "synchronousWindowSystemEvents": False,
+                    "windowFrameMargins": True,
+                    "screens": [
+                        {"name": "screen", "x": 0, "y": 0, **size, "logicalDpi": 96, "logicalBaseDpi": 96, "dpr": 1.0}
+                    ],
+                }
+            )
+        )
+        os.environ |= {
+            "QT_QPA_PLATFORM": f"offscreen:configfile={screen}",
+            "QT_SCALE_FACTOR": f"{options.scale:g}",
+            **{f"XDG_{name}_HOME": folder for name in ("CONFIG", "CACHE", "DATA", "STATE")},
+        }
+        found = 0
+        for fault in _faults(Path(folder), options.scale, options.pictures):
+            print(fault, flush=True)
+            found += 1
+    print(f"{options.scale:.0%}: {found or 'no'} faults")
+    return int(found > 0)
+
+
+def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
+    """Yield the faults of every page in every state, size and theme."""
+    from PySide6.QtCore import QSettings
+    from PySide6.QtWidgets import QApplication
+
+    from app.config.bench_file import load_bench
+    from app.gui.application import qt_application
+    from app.gui.widgets.theme import DARK, LIGHT
+    from protocols.measurements.sine_dwell import SineDwell
+    from tests.helpers.main_window import Bench, until, whole_window
+    from tests.helpers.session_events import LIVE, LOST
+
+    qt_application()
+    settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
+    config, runs = load_bench("sim"), folder / "runs"
+    with whole_window(Bench(config), config, SineDwell(frequencies_hz=(100.0, 160.0)), runs, settings) as window:
+        until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
+        for at, (state, pages) in enumerate(STATES.items()):
+            theme = (LIGHT, DARK)[at % 2]
+            window.set_theme(theme)
+            if state == "finished":
+                window.start_run()
+                until(lambda: window.state.outcome is not None, "for the run")
+            for event in {"live": LIVE, "unsafe": LOST}.get(state, ()):
+                window.adapter.observe(event)
+            window.tick()
+            for width, height in SCREENS:
+                window.resize(round(width / scale) - FRAME[0], round(height / scale) - FRAME[1])
+                for page in pages:
+                    window.tabs.setCurrentIndex(page)
+                    where = f"{width}x{height} {scale:.0%} {state} {window.tabs.tabText(page)}"
+                    for _ in range(4):
+                        QApplication.processEvents()
+                    if pictures is not None:
+                        pictures.mkdir(parents=True, exist_ok=True)
+                        name = f"{where.replace(' ', '-')}-{'light' if theme is LIGHT else 'dark'}.png"
+                        window.grab().save(str(pictures / name))
+                    found = list(cut_widgets(window))
+                    for _ in range(20 * bool(found)):  # a value that came this moment: its layout is not done
+                        QApplication.processEvents()
+                        time.sleep(0.01)
+                    yield from (f"{where}: {fault}" for fault in cut_widgets(window) if fault in found)
+
+
+def cut_widgets(window: "MainWindow") -> Iterator[str]:
+    """Yield what is cut, out of reach, or elided although it must not be."""
+    from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QWidget
+
+    from app.gui.widgets.elided_label import ElidedLabel
+
+    least = window.minimumSizeHint()
+    if least.width() > window.width() or least.height() > window.height():
+        yield f"the window is {window.width()} x {window.height()} and its contents need {least.width()} x {least.height()}"
+    for name in ALWAYS_WHOLE:
+        widget = window.findChild(QWidget, name)
+        if widget is None or not widget.isVisible():
+            yield f"{name} is not visible"
+        elif widget.visibleRegion().boundingRect() != widget.rect():
+            yield f"{name} is cut: {widget.visibleRegion().boundingRect()} of {widget.rect()}"
+    for widget in window.findChildren(QWidget):
+        if not widget.isVisible() or not isinstance(widget, QAbstractButton | QComboBox | QLabel):
+            continue
+        who = f"{type(widget).__name__} {widget.objectName() or repr(widget.property('text'))}"
+        outside = _outside(widget)
+        if outside:
+            yield f"{who} is cut by {outside}"
+        if isinstance(widget, QAbstractButton) and widget.text():
+            needed = max(map(widget.fontMetrics().horizontalAdvance, widget.text().split("\n")))
+            if isinstance(widget, QCheckBox):
+                needed = widget.minimumSizeHint().width()
+            if needed > widget.width():
+                yield f"{who}: {widget.text()!r} needs {needed} of {widget.width()} points"
+        elif isinstance(widget, QComboBox) and widget.minimumContentsLength() == 0:
+            needed = widget.fontMetrics().horizontalAdvance(widget.currentText())
+            if needed > widget.width() - 24:
+                yield f"{who}: {widget.currentText()!r} needs {needed} of {widget.width() - 24} points"
+        elif isinstance(widget, QLabel) and widget.text() and not isinstance(widget, ElidedLabel):
+            if widget.wordWrap():
+                needed = widget.heightForWidth(widget.width())
+                if needed > widget.height() + 1:
+                    yield f"{who}: {widget.text()!r} needs a height of {needed}, not {widget.height()}"
+            elif widget.minimumSizeHint().width() > widget.width() + 1:
+                yield f"{who}: {widget.text()!r} needs {widget.minimumSizeHint().width()} of {widget.width()} points"
+
+
+def _outside(widget: "QWidget") -> str:
+    """Return the name of what cuts a widget; what can be scrolled into view is not cut."""
+    from PySide6.QtWidgets import QAbstractScrollArea, QMainWindow
+
+    inner: QRect = widget.rect()
+    at, parent = widget, widget.parentWidget()
+    while parent is not None:
+        inner = inner.translated(at.pos())
+        grandparent = parent.parentWidget()
+        if isinstance(grandparent, QAbstractScrollArea) and parent is grandparent.viewport():
+            area = grandparent
+            sideways, upright = area.horizontalScrollBar(), area.verticalScrollBar()
+            if sideways.maximum() == 0 and (inner.left() < 0 or inner.right() > parent.width()):
+                return f"the width of {area.objectName() or type(area).__name__}"
+            if upright.maximum() == 0 and (inner.top() < 0 or inner.bottom() > parent.height()):
+                return f"the height of {area.objectName() or type(area).__name__}"
+            return ""
+        if not parent.rect().adjusted(-1, -1, 1, 1).contains(inner):
+            return f"{parent.objectName() or type(parent).__name__} ({inner} in {parent.rect()})"
+        if isinstance(parent, QMainWindow):
+            return ""
+        at, parent = parent, grandparent
+    return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
