@@ -90,7 +90,7 @@ class MainWindow(QMainWindow):
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
         self.tabs = MainTabs(protocol, adapter, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
-        self.central = CentralStack(self.tabs)
+        self.central = CentralStack(self.tabs, self.theme)
         self._build(config.name)
         self._restore(folder, specimen)
         self.set_theme(self.theme)
@@ -213,6 +213,7 @@ class MainWindow(QMainWindow):
         self.setStyleSheet(style_sheet(theme))
         self.status_bar.set_theme(theme)
         self.tabs.set_theme(theme)
+        self.central.set_theme(theme)
 
     def set_appearance(self, appearance: str) -> None:
         """Choose the theme, one of `APPEARANCES`, now and for later starts."""

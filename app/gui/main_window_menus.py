@@ -19,7 +19,17 @@ if TYPE_CHECKING:
 MENUS = {
     "&File": ("runs.import", "campaign.new", "campaign.open", "", "settings"),
     "&Run": ("run", "pause", "stop", "", "reconnect", "faults.toggle", "faults.clear"),
-    "&View": ("page.measure", "page.campaign", "page.explore", "page.runs", "page.bench", "", "specimen", "palette"),
+    "&View": (
+        "page.measure",
+        "page.campaign",
+        "page.explore",
+        "page.runs",
+        "page.bench",
+        "",
+        "specimen",
+        "identification",
+        "palette",
+    ),
 }
 """Actions of the first menus; an empty name is a separator. The menu of the page has those of the page that is shown."""
 

@@ -20,9 +20,11 @@ from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_grou
 if TYPE_CHECKING:
     from app.gui.help.palette import CommandPalette, PaletteEntry
     from app.gui.help.settings_page import Setting, SettingsPage
+    from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
     from app.gui.specimen.page import SpecimenPage
+    from app.gui.widgets import Theme
 
-C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage")
+C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage")
 
 
 class CentralStack(QWidget):
@@ -32,8 +34,9 @@ class CentralStack(QWidget):
     bench_chosen = Signal(str)
     """Path of a bench file."""
 
-    def __init__(self, tabs: MainTabs) -> None:
+    def __init__(self, tabs: MainTabs, theme: Theme) -> None:
         super().__init__()
+        self._theme = theme
         self.tabs, self.shortcut_sheet, self.welcome, self.hint = tabs, ShortcutSheet(), WelcomePage(), FirstRunHint()
         self.stack = QStackedWidget()
         for widget in (tabs, self.shortcut_sheet, self.welcome):
@@ -43,6 +46,7 @@ class CentralStack(QWidget):
         column(self.hint, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
         tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.shown_specimen))
+        tabs.identification_requested.connect(lambda: self.show_identification(tabs.identification_subject))
         self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
         self.welcome.closed.connect(self.show_pages)
@@ -60,6 +64,7 @@ class CentralStack(QWidget):
                 "palette": self.toggle_palette,
                 "settings": self.toggle_settings,
                 "specimen": self.toggle_specimen,
+                "identification": self.toggle_identification,
             },
         )
 
@@ -88,7 +93,7 @@ class CentralStack(QWidget):
 
     def toggle_specimen(self) -> None:
         """Show the sheet of the specimen of the visible page, or the pages again."""
-        if "specimen_page" in self.__dict__ and self.stack.currentWidget() is self.specimen_page:
+        if self._shows("specimen_page"):
             self.show_pages()
         else:
             self.show_specimen(*self.tabs.shown_specimen)
@@ -98,10 +103,39 @@ class CentralStack(QWidget):
         self._show_cover(self.specimen_page)
         self.specimen_page.show_specimen(folder, specimen)
 
+    @cached_property
+    def identification_page(self) -> IdentificationPage:
+        """The page that identifies a specimen; created when first used."""
+        from app.gui.specimen.identification_page import IdentificationPage
+
+        return self._add_cover(IdentificationPage(self._theme))
+
+    def toggle_identification(self) -> None:
+        """Identify the specimen of the visible page, or show the pages again."""
+        if self._shows("identification_page"):
+            self.show_pages()
+        else:
+            self.show_identification(self.tabs.identification_subject)
+
+    def show_identification(self, subject: IdentificationSubject) -> None:
+        """Show the identification of a specimen."""
+        self._show_cover(self.identification_page)
+        self.identification_page.show_subject(subject)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme to the covers that have plots."""
+        self._theme = theme
+        if "identification_page" in self.__dict__:
+            self.identification_page.set_theme(theme)
+
     def shutdown(self) -> None:
-        """Wait for what is being written."""
-        if "specimen_page" in self.__dict__:
-            self.specimen_page.shutdown()
+        """Stop background threads; what is being written is finished."""
+        for name in ("specimen_page", "identification_page"):
+            if name in self.__dict__:
+                getattr(self, name).shutdown()
+
+    def _shows(self, cover: str) -> bool:
+        return cover in self.__dict__ and self.stack.currentWidget() is getattr(self, cover)
 
     def _add_cover(self, cover: C) -> C:
         cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
     from app.gui.runs.page import RunsPage
+    from app.gui.specimen.identification_page import IdentificationSubject
 
 
 class Page(Protocol):
@@ -81,6 +82,8 @@ class MainTabs(QTabWidget):
     commissioning_requested = Signal(object)
     """A `CommissioningJob`."""
     stop_requested = Signal()
+    identification_requested = Signal()
+    """The specimen of the visible page is to be identified."""
     speed_requested = Signal(object)
     """Speed of the simulated bench; None is the virtual clock."""
 
@@ -241,6 +244,19 @@ class MainTabs(QTabWidget):
         on_campaign = self.currentIndex() == CAMPAIGN and CAMPAIGN in self._created
         return self._specimen_of(self.campaign.controller) if on_campaign else (self.folder, self.specimen)
 
+    @property
+    def identification_subject(self) -> IdentificationSubject:
+        """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
+        from app.gui.specimen.identification_page import IdentificationSubject
+
+        folder, specimen = self.shown_specimen
+        runs: tuple[Path, ...] = ()
+        if self.currentIndex() == EXPLORE and EXPLORE in self._created:
+            runs = tuple(run.path for run in self.explore.overlaid.runs)
+        elif self.currentIndex() == CAMPAIGN and CAMPAIGN in self._created:
+            runs = self.campaign.controller.counting_runs
+        return IdentificationSubject(runs[0].parent if runs else folder, specimen, runs)
+
     # -- interface to the main window ---------------------------------------------------------------------------------
 
     def preload_pages(self) -> None:
@@ -355,6 +371,7 @@ class MainTabs(QTabWidget):
         page.restore_state(self._settings)
         self.sheets.add(page.board.header.sheet_button, lambda: self._specimen_of(controller))
         controller.changed.connect(self.sheets.update_changed)
+        page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
 
     def _make_explore(self) -> ExplorePage:
@@ -364,6 +381,7 @@ class MainTabs(QTabWidget):
         page = ExplorePage(self._first_theme, fit_runs)
         page.folder = lambda: self.folder
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
+        page.toolbar.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         page.restore_state(self._settings)
         return page
 

@@ -1,6 +1,8 @@
+from .acceptance import MIN_REASON_LENGTH as MIN_REASON_LENGTH
 from .acceptance import AcceptanceError as AcceptanceError
 from .acceptance import accept_identification as accept_identification
 from .acceptance import doubt_about as doubt_about
+from .acceptance import is_reason as is_reason
 from .active_model import PAPER_MODEL as PAPER_MODEL
 from .active_model import ActiveModel as ActiveModel
 from .active_model import load_active_model as load_active_model
@@ -52,6 +54,7 @@ from .uncertainty_tables import budget_bars as budget_bars
 from .uncertainty_tables import budget_record as budget_record
 from .uncertainty_tables import budget_tables as budget_tables
 from .uncertainty_tables import contradictions as contradictions
+from .uncertainty_tables import format_relative as format_relative
 from .uncertainty_tables import format_shares as format_shares
 from .uncertainty_tables import known_tables as known_tables
 from .uncertainty_tables import largest_sources as largest_sources

@@ -30,6 +30,11 @@ def doubt_about(identification: IdentificationResult) -> str:
     return "" if adequacy.adequate else f"NOT ADEQUATE: {adequacy.message}"
 
 
+def is_reason(text: str) -> bool:
+    """Return whether a text is long enough to be a reason."""
+    return sum(map(str.isalnum, text)) >= MIN_REASON_LENGTH
+
+
 def accept_identification(
     identification: IdentificationResult,
     folder: Path,
@@ -60,7 +65,7 @@ def accept_identification(
             "or fix parameters with --fix. Without --accept the command names what to measure next"
         )
     doubt, reason = doubt_about(identification), reason.strip()
-    if doubt and sum(map(str.isalnum, reason)) < MIN_REASON_LENGTH:
+    if doubt and not is_reason(reason):
         raise AcceptanceError(
             f"nothing is accepted: the result is {doubt}. Find the cause; or write why it is to be used all the same (--reason TEXT), "
             f"with at least {MIN_REASON_LENGTH} letters: the reason is kept with the calibration and printed with it"

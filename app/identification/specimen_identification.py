@@ -110,6 +110,7 @@ def identify(
     track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
     sheet: SheetChoice = None,
     stepwise: bool = False,
+    cancelled: Callable[[], bool] | None = None,
 ) -> IdentificationResult:
     """Identify the specimen of these runs; `open_run` may correct them; `n` shapes, default: `shape_count_of_file`.
 
@@ -119,6 +120,7 @@ def identify(
         SheetError: the specimen sheet is invalid.
         ObservationError: the runs do not belong together, or have no usable points.
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
+        FitCancelled: `cancelled` returned true.
     """
     paths = tuple(paths)
     specimen, campaign, left_out = read_observations(track(paths), open_run)
@@ -126,7 +128,9 @@ def identify(
     known = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
-    return identify_observations(specimen, campaign, method, options, left_out, sheet=known, stepwise=stepwise)
+    return identify_observations(
+        specimen, campaign, method, options, left_out, sheet=known, stepwise=stepwise, cancelled=cancelled
+    )
 
 
 def identify_observations(
@@ -138,6 +142,7 @@ def identify_observations(
     progress: Callable[..., None] | None = None,
     sheet: SpecimenSheet | None = None,
     stepwise: bool = False,
+    cancelled: Callable[[], bool] | None = None,
 ) -> IdentificationResult:
     """Identify from observations already read; `exclusions` are messages that are added to the notes.
 
@@ -175,7 +180,7 @@ def identify_observations(
             shapes=options.n,
             sheet=sheet,
         )
-    fit = first_fit = joint_fit(observations, options, progress)
+    fit = first_fit = joint_fit(observations, options, progress, cancelled)
     adequacy = assess_adequacy(fit)
     steps = tuple(extend_stepwise(fit, adequacy)) if stepwise else ()
     if steps:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, log10
+from math import floor, isfinite, log10
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,16 @@ class BudgetBar:
     @property
     def size_text(self) -> str:
         """Total and statistical uncertainty in percent of the value, both to two digits of the larger."""
-        if self.total is None or self.statistical is None:
-            return ""
-        digits = max(0, 1 - floor(log10(100 * self.total))) if self.total > 0 else 1
-        return f"{100 * self.total:.{digits}f} %, statistical {100 * self.statistical:.{digits}f} %"
+        total, statistical = format_relative(self.total, self.statistical)
+        return f"{total}, statistical {statistical}" if statistical else total
+
+
+def format_relative(total: float | None, statistical: float | None) -> tuple[str, str]:
+    """Format total and statistical uncertainty, relative, in percent and to two digits of the total; empty where one is unknown."""
+    if total is None or not isfinite(total):
+        return "", ""
+    digits = max(0, 1 - floor(log10(100 * total))) if total > 0 else 1
+    return f"{100 * total:.{digits}f} %", "" if statistical is None else f"{100 * statistical:.{digits}f} %"
 
 
 def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
@@ -80,7 +86,7 @@ def budget_bars(identification: IdentificationResult) -> tuple[BudgetBar, ...]:
             name,
             abs(float(budget.total[i]) / values[name]) if values[name] else None,
             abs(float(budget.statistical[i]) / values[name]) if values[name] else None,
-            _named_shares(budget, i),
+            _named_shares(budget, i, 0.0),
         )
         for i, name in enumerate(budget.names)
         if name not in identification.known
@@ -158,11 +164,11 @@ def format_shares(budget: UncertaintyBudget, at: int) -> str:
     return ", ".join(f"{source} {100 * share:.0f} %" for source, share in _named_shares(budget, at))
 
 
-def _named_shares(budget: UncertaintyBudget, at: int) -> tuple[tuple[str, float], ...]:
+def _named_shares(budget: UncertaintyBudget, at: int, least_rest: float = MIN_SHARE) -> tuple[tuple[str, float], ...]:
     shares = sorted(zip(budget.shares[:, at].tolist(), budget.sources, strict=True), reverse=True)
     named = [(source, share) for share, source in shares if share >= MIN_SHARE]
     rest = sum(share for share, _ in shares if share < MIN_SHARE)
-    return (*named, *([(OTHERS, rest)] if rest >= MIN_SHARE else []))
+    return (*named, *([(OTHERS, rest)] if rest > least_rest else []))
 
 
 def budget_record(budget: UncertaintyBudget | None) -> dict[str, Any] | None:

@@ -13,6 +13,7 @@ from app.identification import (
     budget_bars,
     budget_record,
     contradictions,
+    format_relative,
     format_shares,
     held_parameters,
     sheet_unit,
@@ -164,8 +165,7 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
                 e.name,
                 parameter_description(e.name),
                 typeset_measurement(e.value, e.standard_error, e.unit),
-                _share(e.standard_error, e.value),
-                _share(statistical.get(e.name), e.value),
+                *_shares(e.value, e.standard_error, statistical.get(e.name)),
                 "" if paper is None else f"{typeset_number(factor * paper)} {typeset_unit(unit)}",
                 _percent(e.value / paper - 1) if paper else "",
                 ", ".join(dict.fromkeys(map(_item_name, e.source))),
@@ -367,8 +367,11 @@ def budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     return ReportPlot("Uncertainty budget", (panel,), caption, row_height_in=0.5 + BAR_HEIGHT_IN * len(bars))
 
 
-def _share(error: float | None, value: float) -> str:
-    return f"{100 * abs(error / value):.2g} %" if error is not None and value else EMPTY_CELL
+def _shares(value: float, total: float, statistical: float | None) -> tuple[str, ...]:
+    if not value:
+        return EMPTY_CELL, EMPTY_CELL
+    part = None if statistical is None else abs(statistical / value)
+    return tuple(text or EMPTY_CELL for text in format_relative(abs(total / value), part))
 
 
 def _format_value(value: float, unit: str) -> str:

@@ -20,12 +20,14 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
+    make_choice,
     make_label,
     make_progress_bar,
     make_splitter,
     row,
     set_style_kind,
     shortcut_label,
+    tooltip,
     update_actions,
 )
 from app.session import WindowState
@@ -117,9 +119,11 @@ class CampaignHeader(QWidget):
             toolTip="The results of this campaign come from a simulated bench, whatever bench is open",
         )
         self.sheet_button = SheetButton("campaign")
+        self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "campaign.identify")
         line = row(
             self.name_label,
             self.sheet_button,
+            self.identify_button,
             self.simulated_label,
             self.progress_label,
             (self.bar, 1),

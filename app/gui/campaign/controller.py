@@ -66,6 +66,12 @@ class CampaignController(QObject):
         """Whether items that need no operator are started one after the other."""
 
     @property
+    def counting_runs(self) -> tuple[Path, ...]:
+        """The runs of the open campaign that count."""
+        rows = () if self.summary is None else self.summary.items
+        return tuple(row.state.run for row in rows if row.state.run is not None and row.state.estimates)
+
+    @property
     def is_busy(self) -> bool:
         """Whether a background job is pending."""
         return bool(self._file_worker.pending or self._fit_worker.pending)
@@ -239,7 +245,7 @@ class CampaignController(QObject):
         self.summary = summary
         self.changed.emit()
         campaign = self._campaign
-        runs = tuple(row.state.run for row in summary.items if row.state.run is not None and row.state.estimates)
+        runs = self.counting_runs
         if campaign is None or runs == self._fitted_runs:
             return
         self._fitted_runs = runs

@@ -70,6 +70,7 @@ class ExploreToolbar(QObject):
         self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self.sheet_button = SheetButton("explore")
+        self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
         self._chips = row(spacing=4)
         self.run_chips: list[QPushButton] = []
         self.start_row = row(
@@ -83,7 +84,14 @@ class ExploreToolbar(QObject):
         )
         self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
         self.overlay_row = row(
-            self.keep_button, self.overlay_button, self.fit_button, self._chips, None, self.clear_button, spacing=6
+            self.keep_button,
+            self.overlay_button,
+            self.fit_button,
+            self.identify_button,
+            self._chips,
+            None,
+            self.clear_button,
+            spacing=6,
         )
 
     def toggle_skin(self) -> None:

@@ -68,6 +68,12 @@ ACTIONS = {
             ("F7",),
             "Dimensions and masses of this specimen, with their uncertainties",
         ),
+        ActionInfo(
+            "identification",
+            "Identification: parameters, uncertainty budget and acceptance, or close it",
+            ("Shift+F7",),
+            "Parameters from these runs with their uncertainty budget, and acceptance",
+        ),
         ActionInfo("sheet.undo", "Undo in the sheet", ("Ctrl+Z",), page="Specimen sheet", repeats=True),
         ActionInfo("sheet.redo", "Redo in the sheet", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Specimen sheet", repeats=True),
         ActionInfo("settings", "Settings, or close them", ("Ctrl+,",)),

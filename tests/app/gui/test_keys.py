@@ -22,11 +22,15 @@ ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repea
 
 
 def titles_of_pages(stage: Stage) -> list[str]:
-    """Make every page and the one of the specimen, and return their titles."""
+    """Make every page and those of the specimen, and return their titles."""
     tabs = stage.window.tabs
     for at in range(tabs.count()):
         tabs.page(at)
-    return [*(tabs.tabText(at) for at in range(tabs.count())), stage.window.central.specimen_page.title]
+    return [
+        *(tabs.tabText(at) for at in range(tabs.count())),
+        stage.window.central.specimen_page.title,
+        stage.window.central.identification_page.title,
+    ]
 
 
 def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:

@@ -1,0 +1,419 @@
+"""Identification page over the pages: parameters of a specimen from its runs, their uncertainty budget, and acceptance."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QTableWidgetItem, QVBoxLayout, QWidget
+
+from app.archive import Catalogue, RunFilter, RunState, RunSummary
+from app.common import Severity, display_unit, pluralize
+from app.gui.specimen.budget_plot import BudgetPlot
+from app.gui.widgets import (
+    SELECTABLE,
+    BackgroundWorker,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_button,
+    make_choice,
+    make_label,
+    make_panel,
+    make_read_only_table,
+    make_scroll_area,
+    row,
+    shortcut_label,
+)
+from app.identification import (
+    ADEQUACY_TEXT,
+    MIN_REASON_LENGTH,
+    IdentificationResult,
+    accept_identification,
+    budget_bars,
+    contradictions,
+    dimensions_line,
+    doubt_about,
+    format_relative,
+    held_parameters,
+    identify,
+    is_reason,
+    unstated_errors,
+)
+from model import EstimatedQuantity
+from model.identification import Explanation, FitCancelled, FitOptions
+from protocols.base import format_with_uncertainty
+
+COLUMNS = ("parameter", "value ± total", "unit", "total", "statistical", "from")
+PATH_ROLE = Qt.ItemDataRole.UserRole
+ACCEPTABLE = "The result can be accepted as the calibration of this specimen."
+DECISION_NEEDED = "The result is {}. Find the cause; or write why it is to be used all the same: the reason is kept with the calibration and printed with it."
+REASON_NEEDED = (
+    f"Nothing is accepted: write why the result is to be used all the same, with at least {MIN_REASON_LENGTH} letters"
+)
+ADEQUACY_SEVERITY = {True: Severity.SUCCESS, False: Severity.ERROR, None: Severity.WARNING}
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationSubject:
+    """What is identified: a specimen of a folder, from given runs or from all of its runs there that have a result."""
+
+    folder: Path
+    specimen: str
+    runs: tuple[Path, ...] = ()
+
+
+class IdentificationPage(QWidget):
+    """Identifies a specimen by the joint fit, in the background, with its sheet."""
+
+    title = "Identification"
+    closed = Signal()
+    accepted = Signal()
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._worker = BackgroundWorker("identification", self)
+        self._cancelled = threading.Event()
+        self._also: tuple[str, ...] = ()
+        self._fitted_runs: tuple[Path, ...] = ()
+        self.subject = IdentificationSubject(Path(), "")
+        self.result: IdentificationResult | None = None
+        self.heading = make_label(kind="heading", wrap=False, name="identification.heading")
+        self.simulated_label = make_label(
+            "SIMULATED", "simulated-mark", wrap=False, name="identification.simulated", visible=False
+        )
+        self.runs_button = configure(make_choice("Runs", "Choose the runs", checkable=True), "identification.runs")
+        self.run_list = configure(QListWidget(), "identification.run-list", accessibleName="runs of the identification")
+        self.identify_button = make_button(
+            "Identify", self.identify, "go", "Fit the model to the runs that are ticked", "identification.fit"
+        )
+        self.message_label = configure(StatusLine(), "identification.message")
+        self.verdict_label = make_label(kind="running", name="identification.verdict")
+        self.finding_label = make_label(name="identification.finding", textInteractionFlags=SELECTABLE)
+        self.text_label = make_label(name="identification.text", textInteractionFlags=SELECTABLE)
+        self.table = make_read_only_table(COLUMNS, "identification.table", "identified parameters", wordWrap=False)
+        self.table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.budget_title = make_label("Uncertainty budget: shares of the squared total", "caption", wrap=False)
+        self.budget_plot = BudgetPlot(theme)
+        self.proposals = QWidget()
+        self._proposal_rows: QVBoxLayout = column(parent=self.proposals, margins=(0, 0, 0, 0), spacing=6)
+        self.reason_edit, self.by_edit, self.note_edit = (
+            configure(QLineEdit(), f"identification.{name}", accessibleName=label, placeholderText=label)
+            for name, label in (
+                ("reason", "why it is used all the same"),
+                ("by", "accepted by"),
+                ("note", "note"),
+            )
+        )
+        self.accept_label = make_label(name="identification.accept-text")
+        self.accept_button = make_button(
+            "Accept",
+            self.accept,
+            "",
+            "Store it as the active calibration of the specimen; earlier versions are kept",
+            "identification.accept",
+        )
+        self.accept_message = configure(StatusLine(), "identification.accept-message")
+        self._build()
+        self.run_list.itemChanged.connect(lambda _: self._update_runs_button())
+        self.reason_edit.textChanged.connect(lambda _: self.accept_message.show_message(""))
+        self._clear()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        self.budget_plot.set_theme(theme)
+        self._show_verdict()
+
+    def show_subject(self, subject: IdentificationSubject) -> None:
+        """Show a specimen; its runs are listed and fitted."""
+        if subject == self.subject and (self.result is not None or self._worker.pending):
+            return
+        self.subject, self._also = subject, ()
+        self.heading.setText(f"Identification of {subject.specimen}" if subject.specimen else "No specimen")
+        self._clear()
+        if not subject.specimen:
+            self.message_label.show_message("Enter the name of the specimen first, on the page Measure.", is_error=True)
+            return
+        self.message_label.show_message("looking for runs …", persistent=True)
+        self._worker.submit(
+            lambda: subject.runs or _runs_of(subject), self._on_runs, self._on_error, latest_only="runs"
+        )
+
+    def identify(self, also: Sequence[str] | None = None) -> None:
+        """Fit the model to the runs that are ticked; while a fit runs: cancel it."""
+        if self._worker.pending:
+            self._cancelled.set()
+            return
+        self._also = self._also if also is None else tuple(also)
+        runs, options = self.chosen_runs, FitOptions(also=self._also)
+        if not runs:
+            self.message_label.show_message("Tick a run first.", is_error=True)
+            return
+        self._clear()
+        self._fitted_runs = runs
+        self._cancelled.clear()
+        self._show_fitting(True)
+        self._worker.submit(
+            lambda: identify(runs, options=options, cancelled=self._cancelled.is_set),
+            self._on_identified,
+            self._on_error,
+        )
+
+    def accept(self) -> None:
+        """Store the result as the active calibration."""
+        result, runs = self.result, self._fitted_runs
+        if result is None:
+            return
+        if doubt_about(result) and not is_reason(self.reason_edit.text()):
+            self._on_refused(ValueError(REASON_NEEDED))
+            return
+        by, note, reason = (edit.text().strip() for edit in (self.by_edit, self.note_edit, self.reason_edit))
+        self.accept_button.setEnabled(False)
+
+        def store() -> str:
+            version, path = accept_identification(result, self.subject.folder, runs, by, note, reason)
+            decision = f"; {version.decision}" if version.decision else ""
+            return f"Accepted as version {version.version} of {result.specimen}, now active, in {path}{decision}"
+
+        self._worker.submit(store, self._on_accepted, self._on_refused)
+
+    @property
+    def chosen_runs(self) -> tuple[Path, ...]:
+        """The runs that are ticked."""
+        items = [self.run_list.item(at) for at in range(self.run_list.count())]
+        return tuple(item.data(PATH_ROLE) for item in items if item.checkState() is Qt.CheckState.Checked)
+
+    def shutdown(self) -> None:
+        """Cancel the fit and stop the background thread."""
+        self._cancelled.set()
+        self._worker.close()
+
+    # -- inside ----------------------------------------------------------------------------------------------------------
+
+    def _on_runs(self, runs: Sequence[Path]) -> None:
+        self.run_list.clear()
+        for path in runs:
+            item = QListWidgetItem(path.name)
+            item.setData(PATH_ROLE, path)
+            item.setCheckState(Qt.CheckState.Checked)
+            self.run_list.addItem(item)
+        self._update_runs_button()
+        if runs:
+            self.identify()
+        else:
+            self.message_label.show_message(
+                f"There is no run of {self.subject.specimen} with a result in {self.subject.folder}.", is_error=True
+            )
+
+    def _on_identified(self, result: IdentificationResult) -> None:
+        self.result = result
+        self._show_fitting(False)
+        self.simulated_label.setVisible(result.observations.simulated)
+        self._show_verdict()
+        heading = [dimensions_line(result), held_parameters(result)]
+        if exact := unstated_errors(result):
+            heading.append(f"exact for want of a stated uncertainty: {', '.join(exact)}.")
+        notes = [
+            *contradictions(result),
+            f"not identifiable from these runs: {'; '.join(result.unidentified)}" if result.unidentified else "",
+        ]
+        notes += [result.verdict, *result.notes]
+        lines = [f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in (*heading, *notes) if text]
+        self.text_label.setText("\n".join(lines))
+        self._fill_table(result)
+        bars = budget_bars(result)
+        self.budget_title.setVisible(bool(bars))
+        self.budget_plot.show_bars(bars)
+        self._show_proposals(result)
+        doubt = doubt_about(result)
+        self.accept_label.setText(DECISION_NEEDED.format(doubt.partition(":")[0]) if doubt else ACCEPTABLE)
+        self.reason_edit.setVisible(bool(doubt))
+        self.accept_button.setEnabled(True)
+        self._content.show()
+
+    def _on_accepted(self, text: str) -> None:
+        self.accept_button.setEnabled(True)
+        self.accept_message.show_message(text, persistent=True)
+        self.accepted.emit()
+
+    def _on_refused(self, error: Exception) -> None:
+        self.accept_button.setEnabled(True)
+        self.accept_message.show_message(_sentence(error), is_error=True)
+        if self.reason_edit.isVisible():
+            self.reason_edit.setFocus()
+
+    def _on_error(self, error: Exception) -> None:
+        self._show_fitting(False)
+        if isinstance(error, FitCancelled):
+            self.message_label.show_message("The fit was cancelled.", persistent=True)
+        else:
+            self.message_label.show_message(_sentence(error), is_error=True)
+
+    def _show_fitting(self, fitting: bool) -> None:
+        self.identify_button.setText("Cancel" if fitting else "Identify again")
+        count = pluralize(len(self._fitted_runs), "run")
+        also = f" with {', '.join(self._also)} free" if self._also else ""
+        self.message_label.show_message(f"fitting {count}{also} …" if fitting else "", persistent=True)
+
+    def _show_verdict(self) -> None:
+        if self.result is None:
+            return
+        adequacy = self.result.adequacy
+        adequate = None if adequacy is None else adequacy.adequate
+        message = "not tested" if adequacy is None else adequacy.message
+        self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
+        self.finding_label.setText(f"{message[:1].upper()}{message[1:]}.")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(ADEQUACY_SEVERITY[adequate])}")
+
+    def _fill_table(self, result: IdentificationResult) -> None:
+        statistical = result.statistical_errors
+        self.table.setRowCount(len(result.identified))
+        for at, e in enumerate(result.identified):
+            for place, text in enumerate(_cells(e, statistical.get(e.name))):
+                self.table.setItem(at, place, QTableWidgetItem(text))
+        self.table.resizeRowsToContents()
+        rows = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
+        self.table.setFixedHeight(rows + self.table.horizontalHeader().sizeHint().height() + 4)
+
+    def _show_proposals(self, result: IdentificationResult) -> None:
+        while (item := self._proposal_rows.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        diagnosis = None if result.adequacy is None else result.adequacy.diagnosis
+        for explanation in () if diagnosis is None else diagnosis.likeliest:
+            self._proposal_rows.addWidget(self._make_proposal(explanation))
+        if self._also:
+            without = make_button(
+                f"Fit without {', '.join(self._also)}",
+                lambda: self.identify(()),
+                "choice",
+                name="identification.without",
+            )
+            line = QWidget()
+            row(
+                make_label(f"Free in addition: {', '.join(self._also)}.", wrap=False),
+                without,
+                None,
+                parent=line,
+                margins=(0, 0, 0, 0),
+            )
+            self._proposal_rows.addWidget(line)
+        self.proposals.setVisible(self._proposal_rows.count() > 0)
+
+    def _make_proposal(self, explanation: Explanation) -> QWidget:
+        name, fit = explanation.cause.name, explanation.fit
+        moved = "; ".join(
+            f"{s.name} {s.before:.4g} → {s.after:.4g} ± {s.standard_error:.2g}" for s in explanation.shifts
+        )
+        chi = f"chi-square with it {explanation.chi_square:.5g} for {explanation.degrees_of_freedom} degrees of freedom"
+        text = make_label(
+            f"May be the cause: {explanation.cause_words}. {chi}. It moves {moved}."
+            if moved
+            else f"May be the cause: {explanation.cause_words}. {chi}."
+        )
+        assert fit is not None
+        panel = QWidget()
+        parts: list[QWidget] = [text]
+        if explanation.cause.kind == "parameter" and name not in self._also:
+            parts.append(
+                make_button(
+                    f"Fit with {name}",
+                    lambda: self.identify((*self._also, name)),
+                    "choice",
+                    f"The fit in which {name} is free as well",
+                    f"identification.also.{name}",
+                )
+            )
+        layout = row((parts[0], 1), *parts[1:], parent=panel, margins=(0, 0, 0, 0), spacing=10)
+        assert layout is not None
+        return panel
+
+    def _clear(self) -> None:
+        self.result = None
+        self._content.hide()
+        self.simulated_label.hide()
+        self.message_label.show_message("")
+        self.accept_message.show_message("")
+        self.reason_edit.clear()
+
+    def _update_runs_button(self) -> None:
+        chosen, every = len(self.chosen_runs), self.run_list.count()
+        self.runs_button.setText(f"Runs: {chosen} of {every}")
+
+    def _build(self) -> None:
+        self.run_list.setFixedHeight(7 * (self.fontMetrics().height() + 6))
+        self.run_list.hide()
+        self.runs_button.toggled.connect(self.run_list.setVisible)
+        self._content = QWidget()
+        labels = []
+        for text, edit in (("by", self.by_edit), ("note", self.note_edit)):
+            label = QLabel(text)
+            label.setBuddy(edit)
+            labels.append(label)
+        column(
+            self.verdict_label,
+            self.finding_label,
+            self.proposals,
+            self.text_label,
+            self.table,
+            self.budget_title,
+            self.budget_plot,
+            make_panel(
+                self.accept_label,
+                self.reason_edit,
+                row(labels[0], (self.by_edit, 1), labels[1], (self.note_edit, 2), self.accept_button, spacing=8),
+                self.accept_message,
+                margins=(12, 8, 12, 8),
+                spacing=6,
+            ),
+            None,
+            parent=self._content,
+            margins=(0, 0, 8, 0),
+            spacing=8,
+        )
+        area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+        area.setWidget(self._content)
+        self._content.setAutoFillBackground(False)
+        close = make_button(shortcut_label("Close", "identification"), self.closed.emit, name="identification.close")
+        column(
+            row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),
+            self.run_list,
+            self.message_label,
+            (area, 1),
+            parent=self,
+            margins=(16, 8, 8, 6),
+            spacing=6,
+        )
+
+
+def _cells(e: EstimatedQuantity, statistical: float | None) -> tuple[str, ...]:
+    """Return the texts of a row; both uncertainties are rounded alike."""
+    factor, unit = display_unit(e.unit)
+    value = format_with_uncertainty(factor * e.value, factor * e.standard_error)
+    relative = [
+        None if error is None or not e.value else abs(error / e.value) for error in (e.standard_error, statistical)
+    ]
+    shares = format_relative(*relative)
+    return e.name, value, unit, *shares, ", ".join(e.source)
+
+
+def _runs_of(subject: IdentificationSubject) -> tuple[Path, ...]:
+    """Return the runs of a specimen that have a result; simulated ones only where there are no others."""
+    catalogue = Catalogue(subject.folder)
+    catalogue.scan()
+    entries = [e for e in RunFilter(specimen=subject.specimen).apply(catalogue.entries()) if _counts(e)]
+    real = [e for e in entries if not e.simulated]
+    return tuple(subject.folder / e.path for e in sorted(real or entries, key=lambda e: (e.start_time, e.path)))
+
+
+def _counts(run: RunSummary) -> bool:
+    return run.readable and (run.has_result or run.state == RunState.IMPORTED)
+
+
+def _sentence(error: Exception) -> str:
+    text = str(error)
+    return f"{text[:1].upper()}{text[1:]}"

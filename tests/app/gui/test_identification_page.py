@@ -1,0 +1,105 @@
+"""Identification page: parameters, budget and held values; the likeliest cause is freed; doubtful results need a reason."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+
+from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
+from app.identification import calibrations
+from tests.helpers.importing import brought
+from tests.helpers.laboratory import Laboratory, measure
+from tests.helpers.main_window import OpenStage, Stage, find, until
+
+pytestmark = pytest.mark.deep
+
+REASON = "only the compliance is needed for the mount"
+
+
+def table(path: Path, head: str, *columns: Any) -> Path:
+    """Write columns as a table."""
+    lines = (",".join(f"{value:.8g}" for value in row) for row in zip(*columns, strict=True))
+    path.write_text("\n".join((head, *lines, "")))
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Folder of T7's runs: loads, and nine added masses of which 70 % act."""
+    found: Any = measure(Laboratory(mass_fraction=7.73 / 11), 3, small=True).runs
+    loading, _, masses, *_ = found
+    force = (loading.load_n, 1e6 * loading.deflection_m, 1e6 * loading.errors_m)
+    peaks = (1e3 * masses.mass_kg, masses.frequency_hz, masses.errors_hz)
+    brought(table(tmp_path / "s.csv", "load [N],deflection [um],u_deflection [um]", *force), "--specimen", "T7")
+    head = "mass [g],frequency [Hz],u_frequency [Hz]"
+    return brought(table(tmp_path / "m.csv", head, *peaks), "--specimen", "T7").parent
+
+
+def identified(stage: Stage, folder: Path) -> IdentificationPage:
+    """Open the identification of T7 and wait for its fit."""
+    page = stage.window.central.identification_page
+    stage.window.central.show_identification(IdentificationSubject(folder, "T7"))
+    until(lambda: page.result is not None and not page._worker.pending, "for the fit")
+    return page
+
+
+def test_the_mass_fraction_is_proposed_first_and_the_fit_with_it_is_accepted(
+    open_stage: OpenStage, folder: Path
+) -> None:
+    stage = open_stage(folder=folder)
+    page = identified(stage, folder)
+    assert page.verdict_label.text() == "NOT ADEQUATE"
+    assert "act as 7" in page.finding_label.text()
+    lines = page.text_label.text().split("\n")
+    assert lines[0].startswith("No specimen sheet: dimensions are those of the paper's Table I")
+    assert lines[1].startswith("Held, as if exact: ")
+    assert "c0 159 kg/(m s)" in lines[1]
+    page.accept_button.click()
+    assert "write why the result is to be used all the same" in page.accept_message.text()
+    assert calibrations.read_calibrations(folder, "T7").versions == ()
+    without = page.result.joint_fit.chi_square
+    find(page, "identification.also.mass_fraction").click()
+    until(lambda: page.result is not None and not page._worker.pending, "for the fit with it")
+    assert page.verdict_label.text() == "ADEQUATE"
+    assert page.result.joint_fit.chi_square < without
+    names = [page.table.item(at, 0).text() for at in range(page.table.rowCount())]
+    assert {"k2", "mass_fraction"} <= set(names)
+    assert {bar.name for bar in page.budget_plot.bars} == set(names)
+    for bar in page.budget_plot.bars:
+        assert sum(share for _, share in bar.shares) == pytest.approx(1)
+    assert "k2: " in page.budget_plot.accessibleDescription()
+    assert page.reason_edit.isHidden()
+    page.accept_button.click()
+    until(page.accept_message.text, "for the calibration")
+    assert "Accepted as version 1 of T7, now active" in page.accept_message.text()
+    assert "mass_fraction" in {e.name for e in calibrations.read_calibrations(folder, "T7").get().estimates}
+
+
+def test_a_doubtful_result_is_accepted_with_a_written_reason_only(open_stage: OpenStage, folder: Path) -> None:
+    page = identified(open_stage(folder=folder), folder)
+    page.reason_edit.setText(REASON)
+    page.by_edit.setText("K. Tanaka")
+    page.accept_button.click()
+    until(page.accept_message.text, "for the calibration")
+    accepted = calibrations.read_calibrations(folder, "T7").get()
+    assert (accepted.reason, accepted.accepted_by) == (REASON, "K. Tanaka")
+    assert accepted.doubt.startswith("NOT ADEQUATE")
+
+
+def test_runs_are_chosen_and_a_specimen_without_any_says_so(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = identified(stage, folder)
+    assert page.runs_button.text() == "Runs: 2 of 2"
+    item = page.run_list.item(0)
+    item.setCheckState(Qt.CheckState.Unchecked)
+    assert page.runs_button.text() == "Runs: 1 of 2"
+    page.identify_button.click()
+    until(lambda: page.result is not None and not page._worker.pending, "for the fit")
+    assert len(page.result.observations.runs) == 1
+    stage.window.tabs.measure.run_panel.specimen_edit.setText("T9")
+    stage.window.central.show_pages()
+    stage.press(Qt.Key.Key_F7, Qt.KeyboardModifier.ShiftModifier)
+    until(lambda: not page._worker.pending, "for the runs")
+    assert page.message_label.text().startswith("There is no run of T9 with a result")
+    assert page._content.isHidden()
