@@ -52,6 +52,7 @@ from .generators.expected_setting import expect_value as expect_value
 from .generators.keysight_33200 import Keysight33200 as Keysight33200
 from .generators.keysight_33500 import Keysight33500 as Keysight33500
 from .generators.rigol_dg import RigolDg as RigolDg
+from .generators.rigol_dg800 import RigolDg800 as RigolDg800
 from .generators.scpi_burst_generator import ScpiBurstGenerator as ScpiBurstGenerator
 from .generators.siglent_sdg import SiglentSdg as SiglentSdg
 from .generators.tektronix_afg import TektronixAfg as TektronixAfg

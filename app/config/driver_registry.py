@@ -34,6 +34,7 @@ BUILT_IN = {
         "keysight-33500": "drivers.generators.keysight_33500:Keysight33500",
         "keysight-33200": "drivers.generators.keysight_33200:Keysight33200",
         "rigol-dg": "drivers.generators.rigol_dg:RigolDg",
+        "rigol-dg800": "drivers.generators.rigol_dg800:RigolDg800",
         "siglent-sdg": "drivers.generators.siglent_sdg:SiglentSdg",
         "tektronix-afg": "drivers.generators.tektronix_afg:TektronixAfg",
     },

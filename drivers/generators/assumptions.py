@@ -11,8 +11,9 @@ from enum import StrEnum
 
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.generators.keysight_33200 import FULL_SCALES, Keysight33200
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight_33500 import Keysight33500, has_two_channels
 from drivers.generators.rigol_dg import PACKET_POINTS, RigolDg
+from drivers.generators.rigol_dg800 import DG4000, RigolDg800
 from drivers.generators.siglent_sdg import FULL_SCALE, SiglentSdg, max_points
 from drivers.generators.tektronix_afg import TektronixAfg
 
@@ -22,6 +23,15 @@ PYMEASURE, QCODES, TM_DEVICES = "PyMeasure at 32503b8", "QCoDeS at 19fae2b", "tm
 MENLO = "Menlo Systems' DG1000Z driver"
 GUIDE_33220A = "33220A User's Guide"
 DG1000Z_GUIDE = "DG1000Z Programming Guide"
+DG2000_GUIDE = "DG2000 Programming Guide (PGB12000)"
+EDU_GUIDE = "EDU33210 User's Guide (EDU33212-90002)"
+SDG6022X = "a public SDG6022X driver (firmware 6.01.01.37R6 and 38R3)"
+
+TRUEFORM = "33500B, 33600A, EDU33210, FG33530"
+OLDER_KEYSIGHT = "33210A, 33220A, 33250A, G5100A"
+DG800_SERIES = "DG800, DG900, DG2000, DG4000"
+SIGLENT_SERIES = "SDG1000X, SDG2000X, SDG6000X, T3AFG"
+TEKTRONIX_SERIES = "AFG3000, AFG31000, AFG1000"
 
 CARD_INPUT, CARD_OUTPUT = "card", "card-output"
 """Where the table names a driver: the card that measures, and the driver of its analogue output."""
@@ -80,10 +90,18 @@ class Assumption:
         """Whether it is about a model: `DG1000Z` means DG1032Z too, `two channels` a Keysight 33522B."""
         names = self.models.split(", ")
         if "two channels" in names:
-            return model.startswith("33") and model[4:5] == "2"
-        if self.driver == "dc-supply":
-            return any(_is_supply(model.upper(), name) for name in names)
-        return any(model.upper().startswith(name.rstrip("ABCXZ").rstrip("0")) for name in names)
+            return self.driver == "keysight-33500" and has_two_channels(model)
+        is_named = _is_supply if self.driver == "dc-supply" else _is_generator
+        return any(is_named(model.upper(), name) for name in names)
+
+
+def _is_generator(model: str, name: str) -> bool:
+    """Return whether a name of the table is that of a generator: `DG1000Z` means DG1032Z too, `AFG3000` not AFG31052."""
+    digits = name.rstrip("ABCXZ")
+    begin = digits.rstrip("0")
+    if begin == digits:
+        return model.startswith(begin)
+    return re.match(re.escape(begin) + r"\d" * (len(digits) - len(begin)) + r"(?!\d)", model) is not None
 
 
 def _is_supply(model: str, name: str) -> bool:
@@ -183,41 +201,55 @@ def _common_assumptions(
 SURGES = {"rigol-dg": f"contradicted by {MENLO} for a DG1000Z at another offset than 0: look at the trace"}
 
 IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
-    ("keysight-33500", "33500B, 33600A", Keysight33500, "the first point of the waveform is 0", ""),
+    (
+        "keysight-33500",
+        TRUEFORM,
+        Keysight33500,
+        "the first point of the waveform is 0",
+        f"{EDU_GUIDE} p. 138, 160 (a burst begins and ends at its start phase, 0 degrees are the first point); others unproven",
+    ),
     (
         "keysight-33200",
-        "33210A, 33220A, 33250A",
+        OLDER_KEYSIGHT,
         Keysight33200,
         "the first point of the waveform is 0",
-        f"{GUIDE_33220A} p. 227; 33210A guide p. 215",
+        f"{GUIDE_33220A} p. 227; 33210A guide p. 215; G5100A: unproven",
     ),
     (
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         RigolDg,
         "`BURS:IDLE CENTER`",
-        f"{DG1000Z_GUIDE} 2-165, DG800 2-129 (the setting); what CENTER of an uneven waveform is: unproven",
+        f"{DG1000Z_GUIDE} 2-165 (the setting); what CENTER of an uneven waveform is: unproven",
     ),
-    ("siglent-sdg", "SDG1000X, SDG2000X, T3AFG", SiglentSdg, "the first point of the waveform is 0", ""),
+    (
+        "rigol-dg800",
+        DG800_SERIES,
+        RigolDg800,
+        "`BURS:IDLE CENTER`; on a DG4000, which has no such setting, the first point of the waveform is the middle of its range",
+        f"{DG2000_GUIDE}, BURSt:IDLE (the setting); what CENTER of an uneven waveform is, and DG4000: unproven",
+    ),
+    ("siglent-sdg", SIGLENT_SERIES, SiglentSdg, "the first point of the waveform is 0", ""),
     (
         "tektronix-afg",
-        "AFG3000, AFG1000",
+        TEKTRONIX_SERIES,
         TektronixAfg,
-        "the first point of the waveform is the middle of its range",
-        "",
+        "the first point of the waveform is the middle of its range; AFG31000: `BURS:IDLE START`",
+        "AFG31000: a public driver (BURSt:IDLE: START is the first point); others unproven",
     ),
 )
 
 POLARITY = {
-    "keysight-33500": f"{QCODES} (output_polarity)",
+    "keysight-33500": f"{QCODES} (output_polarity); {EDU_GUIDE} p. 93 (about the offset)",
     "keysight-33200": f"{PYMEASURE} (keysight33250A)",
     "rigol-dg": "Rigol DG4000 Programming Guide, OUTPut:POLarity (about the offset); DG1000Z has the same command",
+    "rigol-dg800": f"{DG2000_GUIDE}, OUTPut:POLarity; Rigol DG4000 Programming Guide (about the offset)",
     "siglent-sdg": f"{BENCHCTRL}: `OUTP PLRT` and `INVT`; about the offset: unproven",
-    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG1000: unproven",
+    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG31000, AFG1000: unproven",
 }
 
 RANGE_HOLD = {
-    "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); the gap without it: E1441A guide p. 99",
+    "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); {EDU_GUIDE} p. 85, 91; the gap without it: E1441A guide p. 99",
     "keysight-33200": "E1441A guide p. 99, Picotest G5100A guide p. 166",
     "rigol-dg": f"{DG1000Z_GUIDE} 2-185",
 }
@@ -225,7 +257,7 @@ RANGE_HOLD = {
 KEYSIGHT_33500 = (
     Assumption(
         "keysight-33500",
-        "33500B, 33600A",
+        TRUEFORM,
         "amplitude of an uneven waveform",
         "its span",
         "Keysight community thread 22573 (33522B)",
@@ -233,31 +265,43 @@ KEYSIGHT_33500 = (
     ),
     Assumption(
         "keysight-33500",
-        "33500B, 33600A",
+        TRUEFORM,
         "smallest amplitude used",
         f"{Keysight33500.IDLE_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
         "a public 33522A driver: minimum 2 mVpp",
     ),
+    Assumption("keysight-33500", TRUEFORM, "filter STEP", "smooths without overshoot", checks=(OutputCheck.SHAPE,)),
     Assumption(
-        "keysight-33500", "33500B, 33600A", "filter STEP", "smooths without overshoot", checks=(OutputCheck.SHAPE,)
+        "keysight-33500",
+        TRUEFORM,
+        "output limits",
+        "before or after inversion: not relied on",
     ),
     Assumption(
         "keysight-33500",
-        "33500B, 33600A",
-        "output limits",
-        "before or after inversion: not relied on",
+        "EDU33210",
+        "points",
+        "1 000 000 at most, smoothed by the filter STEP",
+        f"{EDU_GUIDE} p. 156",
+    ),
+    Assumption("keysight-33500", "FG33530", "commands", "those of a 33500B"),
+    Assumption(
+        "keysight-33500",
+        "EDU33210, FG33530",
+        "`ABORt`, byte order, `DATA:ARB`",
+        "as on a 33500B: arming is refused if one is unknown",
     ),
     Assumption(
         "keysight-33500",
         "two channels",
         "combining, coupling, tracking",
         "`COMB:FEED`, `VOLT:COUP`, `FREQ:COUP`, `TRAC`: off",
-        "public 33512B adapter and agilent33500 driver (commands); their effect on the output: unproven",
+        "public 33512B adapter and agilent33500 driver, EDU33210 guide p. 151 (commands); their effect on the output: unproven",
         (OutputCheck.REST,),
     ),
     Assumption(
         "keysight-33500",
-        "33500B, 33600A",
+        TRUEFORM,
         "gating",
         "`OUTP:MODE NORM`, where the model knows it",
         checks=(OutputCheck.REST, OutputCheck.OFFSET),
@@ -267,14 +311,14 @@ KEYSIGHT_33500 = (
 KEYSIGHT_33200 = (
     Assumption(
         "keysight-33200",
-        "33210A, 33220A, 33250A",
+        OLDER_KEYSIGHT,
         "amplitude of an uneven waveform",
         "its span",
         checks=(OutputCheck.UNEVEN,),
     ),
     Assumption(
         "keysight-33200",
-        "33210A, 33220A, 33250A",
+        OLDER_KEYSIGHT,
         "smallest amplitude",
         f"{Keysight33200.MIN_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
         f"{PYMEASURE} (agilent33220A: limits double with High Z)",
@@ -288,26 +332,19 @@ KEYSIGHT_33200 = (
     ),
     Assumption(
         "keysight-33200",
-        "33210A, 33220A",
+        "33210A, 33220A, G5100A",
         "converter",
         "±8191, big-endian",
-        f"{PYMEASURE} (agilent33220A)",
+        f"{PYMEASURE} (agilent33220A); G5100A: unproven",
         (OutputCheck.SHAPE,),
     ),
 )
 
 RIGOL = (
     Assumption("rigol-dg", "DG1000Z", "points of a packet", f"{PACKET_POINTS}, 8 at least", MENLO),
-    Assumption("rigol-dg", "DG800", "points of a packet", f"{PACKET_POINTS}"),
     Assumption(
-        "rigol-dg",
-        "DG1000Z, DG800",
-        "trigger source after a burst",
-        "set anew before each",
-        MENLO,
-        (OutputCheck.START,),
+        "rigol-dg", "DG1000Z", "trigger source after a burst", "set anew before each", MENLO, (OutputCheck.START,)
     ),
-    Assumption("rigol-dg", "DG800", "points", "unsigned 14-bit, little-endian", checks=(OutputCheck.SHAPE,)),
     Assumption(
         "rigol-dg",
         "DG1000Z",
@@ -318,30 +355,114 @@ RIGOL = (
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "amplitude of an uneven waveform",
         "that of the converter's range",
         checks=(OutputCheck.UNEVEN,),
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "gating, coupling, tracking, sum",
         "`OUTP:MODE`, `COUP`, `TRACK`, `SUM`: off, where the model knows them",
-        f"{DG1000Z_GUIDE} (commands); DG800: unproven",
+        f"{DG1000Z_GUIDE} (commands)",
         (OutputCheck.REST,),
     ),
     Assumption(
         "rigol-dg",
-        "DG1000Z, DG800",
+        "DG1000Z",
         "offset",
         "`APPL?`, not `VOLT:OFFS?`",
         "nominal-io/instro (rigol_dg1022z)",
         (OutputCheck.REST, OutputCheck.OFFSET),
     ),
+    Assumption(
+        "rigol-dg800",
+        "DG800, DG900, DG2000",
+        "range hold, sample-rate mode",
+        "none: neither `VOLT:RANG` nor `FUNC:ARB:SRAT` exists",
+        f"{DG2000_GUIDE}, command lists; DG800, DG900: a public driver of the three series (sample rate), unproven (range)",
+    ),
+    Assumption("rigol-dg800", "DG4000", "range hold", "none"),
+    Assumption(
+        "rigol-dg800",
+        "DG800, DG900, DG2000",
+        "points of a waveform",
+        f"{PACKET_POINTS}, in one packet",
+        f"{MENLO}: half of what the guides say",
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "points of a waveform",
+        f"{DG4000.points}; fewer are stretched",
+        "DG4000 Programming Guide, TRACe:DATA:DAC",
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "channel of an upload",
+        "that of the front panel: it is verified that channel 1 took it",
+        "DG4000 Programming Guide, TRACe:DATA:DAC (the current channel)",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "points",
+        "unsigned 14-bit, little-endian",
+        f"range: {DG2000_GUIDE}, TRACe:DATA:DAC16; byte order: a public DG4202 driver (firmware 00.01.14), others unproven",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "trigger source after a burst",
+        "set anew before each",
+        MENLO,
+        (OutputCheck.START,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        DG800_SERIES,
+        "amplitude of an uneven waveform",
+        "that of the converter's range",
+        checks=(OutputCheck.UNEVEN,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG900, DG2000",
+        "coupling, tracking, sum",
+        "`COUP`, `TRACK`, `SUM`: off",
+        f"{DG2000_GUIDE} (commands)",
+        (OutputCheck.REST,),
+    ),
+    Assumption(
+        "rigol-dg800",
+        "DG4000",
+        "noise, modulation, coupling",
+        "`OUTP:NOIS`, `MOD`, `COUP`: off, where the model knows them",
+        "a public DG4202 driver (firmware 00.01.14)",
+        (OutputCheck.REST,),
+    ),
 )
 
 SIGLENT = (
+    Assumption(
+        "siglent-sdg",
+        "SDG6000X",
+        "header and size of an upload",
+        f"with levels, little-endian, {max_points('SDG6022X')} points",
+        f"{SDG6022X} (levels); size and byte order as on an SDG2000X: unproven",
+        (OutputCheck.SHAPE,),
+    ),
+    Assumption(
+        "siglent-sdg",
+        "SDG6000X",
+        "selection of a waveform by its name",
+        "may be ignored: it is uploaded again",
+        SDG6022X,
+    ),
     Assumption(
         "siglent-sdg",
         "SDG2000X",
@@ -378,35 +499,48 @@ SIGLENT = (
         f"{max_points('SDG1032X')} points",
         BENCHCTRL,
     ),
-    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "uploads over USB", "lost: refused", BENCHCTRL),
-    Assumption("siglent-sdg", "SDG1000X, SDG2000X", "LAN clients", "one at a time", DMM6500),
+    Assumption("siglent-sdg", "SDG1000X, SDG2000X, SDG6000X", "uploads over USB", "lost: refused", BENCHCTRL),
+    Assumption("siglent-sdg", "SDG1000X, SDG2000X, SDG6000X", "LAN clients", "one at a time", DMM6500),
     Assumption(
         "siglent-sdg",
-        "SDG1000X, SDG2000X",
+        "SDG1000X, SDG2000X, SDG6000X",
         "selection of a waveform",
         "restores no other levels than the present ones, or is read back",
         checks=(OutputCheck.SETTINGS,),
     ),
     Assumption(
         "siglent-sdg",
-        "SDG1000X, SDG2000X",
+        "SDG1000X, SDG2000X, SDG6000X",
         "combining, coupling, modulation, sweep",
         "off",
         f"{BENCHCTRL}; SDG2000X: PG02-E05B",
         (OutputCheck.REST,),
     ),
     Assumption(
-        "siglent-sdg", "SDG1000X, SDG2000X", "over-voltage protection", "`VOLTPRT` may open the relay", "PG02-E05B"
+        "siglent-sdg",
+        "SDG1000X, SDG2000X, SDG6000X",
+        "over-voltage protection",
+        "`VOLTPRT` may open the relay",
+        "PG02-E05B",
     ),
 )
 
 TEKTRONIX = (
     Assumption(
+        "tektronix-afg",
+        "AFG31000",
+        "sequencer",
+        "`SEQC:STAT OFF`, where the model knows it",
+        "a public driver after programmer manual 077-148-803",
+        (OutputCheck.REST,),
+    ),
+    Assumption("tektronix-afg", "AFG31000", "edit memory", "65 536 points are used, of 131 072", TM_DEVICES),
+    Assumption(
         "tektronix-afg", "AFG3000", "smallest amplitude used", "100 mVpp into a high-impedance load", TM_DEVICES
     ),
     Assumption(
         "tektronix-afg",
-        "AFG3000",
+        "AFG3000, AFG31000",
         "channels tied together",
         "`CONC:STAT` and `COMB:FEED`: off",
         TM_DEVICES,

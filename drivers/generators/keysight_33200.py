@@ -1,10 +1,11 @@
-"""Agilent/Keysight 33210A, 33220A and 33250A function generators.
+"""Agilent/Keysight 33210A, 33220A and 33250A and Picotest G5100A function generators.
 
 As a 33500B, but: one volatile waveform of 14-bit integers (33250A: 12-bit) that each download overwrites, a rate in whole
 periods, at most 50 000 cycles in a burst, at least 20 mVpp into a high-impedance load, no limits and no ABORt. A 33210A
-needs its option 002 for waveforms.
+needs its option 002 for waveforms. A G5100A has the commands of a 33220A.
 
-Sources: 33220A User's Guide p. 227 (burst phase of waveforms) and chapter DATA; 33210A guide p. 166, p. 215.
+Sources: 33220A User's Guide p. 227 (burst phase of waveforms) and chapter DATA; 33210A guide p. 166, p. 215; Picotest G5100A
+guide p. 166 (range hold); public G5100A drivers (NICOS, lantz) for its SCPI headers.
 """
 
 from collections.abc import Iterable
@@ -28,8 +29,8 @@ FULL_SCALES = {"33250": 2047}
 class Keysight33200(ScpiBurstGenerator):
     """A `Source` that freezes its range and holds each point of a waveform until the next."""
 
-    MODELS = ("33210", "33220", "33250")
-    PRODUCT_NAMES = "Agilent and Keysight 33210A, 33220A and 33250A"
+    MODELS = ("33210", "33220", "33250", "G5100")
+    PRODUCT_NAMES = "Agilent and Keysight 33210A, 33220A and 33250A, and Picotest G5100A"
     CAN_FREEZE_RANGE = True
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     IDLE_AMPLITUDE_VPP = MIN_AMPLITUDE_VPP = 0.02

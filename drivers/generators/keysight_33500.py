@@ -1,9 +1,10 @@
-"""Keysight 33500B/33600A (Trueform) function generators.
+"""Keysight 33500B, 33600A, EDU33210 and FG33530 (Trueform) function generators.
 
-Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTPut, VOLTage; their pitfalls are
-collected in docs/generators.md.
+Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTPut, VOLTage; EDU33210 Series User's Guide
+(EDU33212-90002) p. 84 to 94, 134 to 139, 151, 156; their pitfalls are collected in docs/generators.md.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
@@ -30,12 +31,18 @@ TWO_CHANNEL_SETTINGS = (
 """With these, the second channel is added to the first, or moves it."""
 
 
+def has_two_channels(model: str) -> bool:
+    """Whether a model has two channels: the last of its five digits is 2."""
+    digits = re.search(r"33\d{3}", model)
+    return digits is not None and digits[0].endswith("2")
+
+
 class Keysight33500(ScpiBurstGenerator):
     """A `Source` that smooths its waveforms, freezes its range and limits its own output."""
 
-    MODELS = ("335", "336")
-    MODEL_PATTERN = r"33[56][12][12]"
-    PRODUCT_NAMES = "Keysight 33500B and 33600A"
+    MODELS = ("335", "336", "EDU332", "FG335")
+    MODEL_PATTERN = r"33[56][12][12]|EDU3321[12]|FG3353[12]"
+    PRODUCT_NAMES = "Keysight 33500B, 33600A, EDU33210 and FG33530"
     CAN_FREEZE_RANGE = True
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     INTERPOLATES_POINTS = True
@@ -49,7 +56,7 @@ class Keysight33500(ScpiBurstGenerator):
 
     @property
     def _has_two_channels(self) -> bool:
-        return self.identity.model[4:5] == "2"
+        return has_two_channels(self.identity.model)
 
     def _neutral_settings(self) -> Iterable[NeutralSetting]:
         return self.NEUTRAL_SETTINGS + (TWO_CHANNEL_SETTINGS if self._has_two_channels else ())

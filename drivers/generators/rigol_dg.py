@@ -1,4 +1,4 @@
-"""Rigol DG1000Z and DG800 function generators.
+"""Rigol DG1000Z function generators, and what all older Rigol function generators share.
 
 Peculiarities: a packet of a waveform carries 16 384 bytes, half of what the guide says, and 8 points at least; nothing
 follows a packet in its message; the trigger source is set anew before each burst. VOLT:OFFS? replies 0 whatever a DC level
@@ -6,7 +6,7 @@ is, only the query APPL? reports it (the command APPL would switch the output on
 as ON and OFF; a download selects the waveform function by itself, and one of more than 8192 points the sample-rate mode, so
 that mode is set from the start.
 
-Sources: Menlo Systems' DG1000Z driver (packets, trigger source); DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold); DG800 Programming Guide 2-43, 2-47, 2-64.
+Sources: Menlo Systems' DG1000Z driver (packets, trigger source); DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold).
 """
 
 import math
@@ -16,7 +16,6 @@ import numpy as np
 
 from drivers.errors import LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
-from drivers.generators.burst_generator import LEVEL_TOLERANCE_V
 from drivers.generators.expected_setting import (
     ExpectedSetting,
     NeutralSetting,
@@ -30,46 +29,13 @@ FULL_SCALE = 16383
 PACKET_POINTS = 8192
 
 
-class RigolDg(ScpiBurstGenerator):
-    """A `Source` that freezes its range and holds each point of a waveform until the next."""
+class RigolBurstGenerator(ScpiBurstGenerator):
+    """A burst generator with Rigol's headers: its offset is read from `APPL?`, its trigger source set before each burst."""
 
-    MODELS = ("DG10", "DG8")
-    MODEL_PATTERN = r"DG10[2-6]2Z|DG8\d\d(?! ?PRO)"
-    PRODUCT_NAMES = "Rigol DG1000Z and DG800"
-    CAN_FREEZE_RANGE = True
     SOURCE_PREFIX = ":SOUR1:"
     OUTPUT_HEADER = ":OUTP1"
     LOAD_HEADER = ":OUTP1:LOAD"
-    RATE_HEADER = "FUNC:ARB:SRAT"
-    RATE_IS_SAMPLE_RATE = True
-    IDLE_AMPLITUDE_VPP = 0.01
     TRIGGER_COMMAND = ":SOUR1:BURS:TRIG"
-    NEUTRAL_SETTINGS = (
-        NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL")),
-        NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True),
-        NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True),
-        NeutralSetting(":SOUR1:TRACK", "OFF", ("OFF", "0"), optional=True),
-        NeutralSetting(":SOUR2:TRACK", "OFF", ("OFF", "0"), optional=True),
-        NeutralSetting(":SOUR1:SUM", "OFF", ("OFF", "0"), optional=True),
-    )
-
-    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
-        yield self._expected_load()
-        yield from self._common_expected_settings(rest_v)
-        yield from (
-            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
-            expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
-            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
-            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
-            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            expect_keyword(":SOUR1:BURS:IDLE", "CENTER"),
-            expect_range(":SOUR1:VOLT", 0.0, 2 * self.IDLE_AMPLITUDE_VPP),
-            expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
-        )
-        if self._has_output_limits:
-            yield expect_value(":OUTP1:VOLL:LOW", low_v - self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
-            yield expect_value(":OUTP1:VOLL:HIGH", high_v + self.IDLE_AMPLITUDE_VPP / 2, LEVEL_TOLERANCE_V)
-            yield expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
 
     def idle_level_v(self) -> float:
         answer = self._scpi.query(":SOUR1:APPL?")
@@ -83,13 +49,46 @@ class RigolDg(ScpiBurstGenerator):
                 f"check the cable at {self._scpi.link.name}"
             ) from None
 
-    @property
-    def _has_output_limits(self) -> bool:
-        return self.identity.model.upper().startswith("DG8")
+    def _trigger(self) -> None:
+        self._write_checked(":SOUR1:BURS:TRIG:SOUR MAN")
+        super()._trigger()
+
+
+class RigolDg(RigolBurstGenerator):
+    """A `Source` that freezes its range and holds each point of a waveform until the next."""
+
+    MODELS = ("DG10",)
+    MODEL_PATTERN = r"DG10[2-6]2Z"
+    PRODUCT_NAMES = "Rigol DG1000Z"
+    CAN_FREEZE_RANGE = True
+    RATE_HEADER = "FUNC:ARB:SRAT"
+    RATE_IS_SAMPLE_RATE = True
+    IDLE_AMPLITUDE_VPP = 0.01
+    NEUTRAL_SETTINGS = (
+        NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL")),
+        NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True),
+        NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True),
+        NeutralSetting(":SOUR1:TRACK", "OFF", ("OFF", "0"), optional=True),
+        NeutralSetting(":SOUR2:TRACK", "OFF", ("OFF", "0"), optional=True),
+        NeutralSetting(":SOUR1:SUM", "OFF", ("OFF", "0"), optional=True),
+    )
+
+    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
+        del low_v, high_v  # this model has no output limits
+        yield self._expected_load()
+        yield from self._common_expected_settings(rest_v)
+        yield from (
+            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
+            expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
+            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
+            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            expect_keyword(":SOUR1:BURS:IDLE", "CENTER"),
+            expect_range(":SOUR1:VOLT", 0.0, 2 * self.IDLE_AMPLITUDE_VPP),
+            expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
+        )
 
     def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
-        if self._has_output_limits:
-            self._write_checked(":OUTP1:VOLL:STAT OFF")
         self._set_high_impedance_load()
         self._write_checked(":SOUR1:VOLT:UNIT VPP", ":SOUR1:VOLT:RANG:AUTO ON", ":SOUR1:SWE:STAT OFF")
         self._write_checked(f":SOUR1:VOLT {self.IDLE_AMPLITUDE_VPP}", ":SOUR1:BURS:STAT OFF")
@@ -101,9 +100,6 @@ class RigolDg(ScpiBurstGenerator):
         )
         self._write_checked(":SOUR1:BURS:IDLE CENTER", ":SOUR1:BURS:STAT ON")
         self._freeze_range(rest_v, high_v - low_v)
-        if self._has_output_limits:
-            low_v, high_v = low_v - self.IDLE_AMPLITUDE_VPP / 2, high_v + self.IDLE_AMPLITUDE_VPP / 2
-            self._write_checked(f":OUTP1:VOLL:LOW {low_v:.6f}", f":OUTP1:VOLL:HIGH {high_v:.6f}", ":OUTP1:VOLL:STAT ON")
 
     def _download_waveform(self, points: Points) -> None:
         counts = np.rint((points + 1) / 2 * (FULL_SCALE - 1)).astype("<u2")  # an even span, so that 0 is a count
@@ -113,9 +109,5 @@ class RigolDg(ScpiBurstGenerator):
             block = definite_length_block(packet.tobytes())
             self._scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
 
-    def _trigger(self) -> None:
-        self._write_checked(":SOUR1:BURS:TRIG:SOUR MAN")
-        super()._trigger()
-
     def _max_points(self) -> int:
-        return PACKET_POINTS if self._has_output_limits else 1_000_000
+        return 1_000_000

@@ -1,4 +1,4 @@
-"""Siglent SDG1000X and SDG2000X function generators (also sold as Teledyne T3AFG).
+"""Siglent SDG1000X, SDG2000X and SDG6000X function generators (also sold as Teledyne T3AFG).
 
 Not SCPI: parameters come in pairs (`C1:BSWV OFST,2.5`), replies carry the header and units, and there is no error queue: a
 value that the instrument cannot do is clipped silently. So every setting is read back, and a different value is an error.
@@ -50,9 +50,9 @@ REPLY_DIGITS = 1e-5
 class SiglentSdg(BurstGenerator):
     """A `Source` that keeps one amplitude and carries every drive in the points of its waveform."""
 
-    MODELS = ("SDG1", "SDG2", "T3AFG")
+    MODELS = ("SDG1", "SDG2", "SDG6", "T3AFG")
     MODEL_PATTERN = r"SDG|T3AFG(?!(5|10)$)"
-    PRODUCT_NAMES = "Siglent SDG1000X and SDG2000X"
+    PRODUCT_NAMES = "Siglent SDG1000X, SDG2000X and SDG6000X"
     CAN_FREEZE_RANGE = False
     SINGLE_SESSION = True
 
@@ -66,6 +66,7 @@ class SiglentSdg(BurstGenerator):
         super().__init__(link, clock, step_v=step_v, step_interval_s=step_interval_s)
         self._kept: dict[str, str] = {}  # digests of the waveforms in the instrument by name, the last used one last
         self._unknown: frozenset[str] = frozenset()
+        self._selects_by_name = True  # an SDG6022X with firmware 6.01.01.37R6 ignores it, one with 38R3 does not
 
     def reconnect(self) -> None:
         super().reconnect()
@@ -80,7 +81,7 @@ class SiglentSdg(BurstGenerator):
 
     @property
     def _is_sdg1000(self) -> bool:
-        return not self.identity.model.upper().startswith("SDG2")
+        return not self.identity.model.upper().startswith(("SDG2", "SDG6"))
 
     def _query_parameters(self, command: str) -> dict[str, str]:
         """Return the parameters of a reply by name."""
@@ -251,7 +252,9 @@ class SiglentSdg(BurstGenerator):
         levels = [self._query_number("BSWV", name) for name in ("FRQ", "AMP", "OFST")]
         # Selecting a waveform may restore the levels that it was stored with: only one that has the present ones is used again.
         digest = hashlib.sha256(data + repr(levels[1:]).encode()).hexdigest()
-        name = next((kept for kept, held in self._kept.items() if held == digest), "")
+        name = next((kept for kept, held in self._kept.items() if held == digest), "") if self._selects_by_name else ""
+        if name and self.identity.model.upper().startswith("SDG6") and not self._is_selected(name):
+            self._selects_by_name, name = False, ""  # it is uploaded again, which selects it
         if not name:
             name = self._name_to_overwrite()
             self._kept.pop(name, None)
@@ -271,7 +274,9 @@ class SiglentSdg(BurstGenerator):
         """Store a waveform and read it back; it is selected as soon as it has arrived."""
         hertz, vpp, offset = levels
         # A header with levels was seen to work on an SDG1032X, one without on an SDG2122X, each not to work on the other.
-        brought = f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0," if self._is_sdg1000 else ""
+        # On an SDG6022X a public driver sends levels, too.
+        bare = self.identity.model.upper().startswith("SDG2")
+        brought = "" if bare else f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0,"
         self._scpi.link.write(f"C1:WVDT WVNM,{name},{brought}WAVEDATA,{data.decode('latin-1')}")
         self._clock.sleep(UPLOAD_SETTLE_S + len(data) / UPLOAD_BYTES_PER_S)
         stored = self._repeat_until_answered(
@@ -283,14 +288,17 @@ class SiglentSdg(BurstGenerator):
                 "were sent, or with others; it was not played. Use its LAN port (TCPIP::...::5025::SOCKET)"
             )
 
-    def _select(self, name: str) -> None:
-        """Select a stored waveform; a selection that did not take is sent again."""
+    def _is_selected(self, name: str) -> bool:
+        """Select a stored waveform, and return whether it is; a selection that did not take is sent again."""
         for _ in range(SELECTION_ATTEMPTS):
             if self._repeat_until_answered(self._selected_name) == name:
-                return
+                return True
             self._scpi.link.write(f"C1:ARWV NAME,{name}")  # bare: a quoted name is ignored
             self._clock.sleep(UPLOAD_SETTLE_S)
-        if self._repeat_until_answered(self._selected_name) != name:
+        return self._repeat_until_answered(self._selected_name) == name
+
+    def _select(self, name: str) -> None:
+        if not self._is_selected(name):
             raise InstrumentError(
                 f"{self._scpi.instrument}: the waveform {name} was selected {SELECTION_ATTEMPTS} times and is not; nothing was "
                 "played. Look at the instrument's front panel"
@@ -317,7 +325,7 @@ class SiglentSdg(BurstGenerator):
 
 def max_points(model: str) -> int:
     """Return the longest waveform of a model."""
-    return 32_000 if model.upper().startswith("SDG2") else 16_384
+    return 32_000 if model.upper().startswith(("SDG2", "SDG6")) else 16_384
 
 
 NOTHING = "nothing"

@@ -1,13 +1,16 @@
-"""Tektronix AFG3000 and AFG1000 function generators.
+"""Tektronix AFG3000, AFG31000 and AFG1000 function generators.
 
 Peculiarities: no range that could be frozen; a trigger source whose default, the internal timer, repeats the burst for
 ever; a built-in DC whose offset has no effect (AFG1000), which an idle burst does not need; and on an AFG1000 a load that
 can neither be set nor queried remotely: set High Z once at the front panel. If that is forgotten, the amplifier's input
-gets twice the volts, which is measured at arming, before high voltage is enabled.
+gets twice the volts, which is measured at arming, before high voltage is enabled. On an AFG31000 the level between bursts is
+a setting of its own, and a sequencer may be on in the place of the generator.
 
-Sources: AFG3000 Series Programmer Manual (DATA, TRIGger); the README of asvela/tektronix-func-gen for the AFG1022.
+Sources: AFG3000 Series Programmer Manual (DATA, TRIGger); the README of asvela/tektronix-func-gen for the AFG1022;
+public AFG31000 drivers (Karabo: BURSt:IDLE; after programmer manual 077-148-803: SEQControl:STATe); tm_devices at db887dd.
 """
 
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -25,7 +28,7 @@ class TektronixAfg(ScpiBurstGenerator):
 
     MODELS = ("AFG3", "AFG1")
     MODEL_PATTERN = r"AFG1|AFG3\d{3}(?!\d)|AFG31(02|05|10)[12]"
-    PRODUCT_NAMES = "Tektronix AFG3000 and AFG1000"
+    PRODUCT_NAMES = "Tektronix AFG3000, AFG31000 and AFG1000"
     CAN_FREEZE_RANGE = False
     SOURCE_PREFIX = "SOUR1:"
     OUTPUT_HEADER = "OUTP1:STAT"
@@ -40,12 +43,19 @@ class TektronixAfg(ScpiBurstGenerator):
         ),
     )
 
+    AFG31000_SETTINGS = (NeutralSetting("SEQC:STAT", "OFF", ("0", "OFF"), optional=True),)
+
+    @property
+    def _is_afg31000(self) -> bool:
+        return re.match(r"AFG31\d{3}", self.identity.model, re.IGNORECASE) is not None
+
     @property
     def _is_afg1000(self) -> bool:
         return self.identity.model.upper().startswith("AFG1")
 
     def _neutral_settings(self) -> Iterable[NeutralSetting]:
-        return self.NEUTRAL_SETTINGS + (() if self._is_afg1000 else self.AFG3000_SETTINGS)
+        yield from (*self.NEUTRAL_SETTINGS, *(() if self._is_afg1000 else self.AFG3000_SETTINGS))
+        yield from self.AFG31000_SETTINGS if self._is_afg31000 else ()
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         yield from self._common_expected_settings(rest_v)
@@ -56,6 +66,8 @@ class TektronixAfg(ScpiBurstGenerator):
             expect_keyword("TRIG:SOUR", "EXT"),
             expect_value("SOUR1:VOLT", high_v - low_v, LEVEL_TOLERANCE_V),
         )
+        if self._is_afg31000:
+            yield expect_keyword("SOUR1:BURS:IDLE", "START", "STAR")
         if not self._is_afg1000:
             half_v = (high_v - low_v) / 2
             yield self._expected_load()
@@ -74,6 +86,8 @@ class TektronixAfg(ScpiBurstGenerator):
         self._write_checked("SOUR1:FUNC:SHAP EMEM", "SOUR1:FREQ 100")
         # On the external trigger the burst waits for ever, and *TRG fires it all the same.
         self._write_checked("TRIG:SOUR EXT", "SOUR1:BURS:MODE TRIG", "SOUR1:BURS:NCYC 1", "SOUR1:BURS:TDEL 0")
+        if self._is_afg31000:
+            self._write_checked("SOUR1:BURS:IDLE START")  # the first point; it may be the last one, too
         self._write_checked("SOUR1:BURS:STAT ON", f"SOUR1:VOLT {2 * half_v:.6f}")
         if (
             not self._is_afg1000

@@ -44,6 +44,7 @@ from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS
 from .records import Array as Array
 from .records import CurveColumn as CurveColumn
 from .records import EstimatedQuantity as EstimatedQuantity
+from .records import FitLine as FitLine
 from .records import InterferenceLine as InterferenceLine
 from .records import PlanEntry as PlanEntry
 from .records import Recording as Recording

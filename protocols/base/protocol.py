@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers import Drive
 from drivers.deprecated import renamed
-from protocols.base.records import EstimatedQuantity, InterferenceLine, PlanEntry, Recording, ResultCurve
+from protocols.base.records import EstimatedQuantity, FitLine, InterferenceLine, PlanEntry, Recording, ResultCurve
 from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
@@ -117,6 +117,11 @@ class Protocol(BaseModel, ABC):
     def folded_onto(self, point: Any, lines: Sequence[InterferenceLine]) -> bool:
         """Return whether a line from above half the sample rate lies at the frequency of a point. Pure."""
         return False
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:  # noqa: ARG003 - for subclasses
+        """Return the lines that the estimates describe, over the axes of the protocol; none where there is no such line. Pure."""
+        return ()
 
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -136,6 +136,23 @@ class ResultCurve:
 
 
 @dataclass(frozen=True, slots=True)
+class FitLine:
+    """A line fitted to points of a run, as plots draw it: straight between its places.
+
+    Attributes:
+        label: what was fitted.
+        x: (N,), rising, in the unit of the column of the first axis.
+        y: (N,), in the unit of the column of the second axis.
+        indices: of the points that it was fitted to.
+    """
+
+    label: str
+    x: Array
+    y: Array
+    indices: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class PlanEntry:
     """One entry of a protocol's plan: gives one point and is measured whole or not at all.
 

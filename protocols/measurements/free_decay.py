@@ -18,6 +18,7 @@ from protocols.base import (
     CheckResult,
     CurveColumn,
     EstimatedQuantity,
+    FitLine,
     PlanEntry,
     Protocol,
     Quality,
@@ -37,7 +38,9 @@ from protocols.measurements.fields import (
     SampleRate,
     point_quality,
 )
+from protocols.measurements.fit_lines import mean_line
 from protocols.measurements.result_checks import repeatability_check, signal_to_noise_check, usable_points
+from protocols.signals.decay import DecayFit
 
 SOURCE = "free decay after a step"
 
@@ -112,11 +115,8 @@ class FreeDecay(Protocol):
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> DecayPoint:
-        from protocols.signals import fit_decay
-
         recording, edge = recordings[-1], int(float(key[0]))
-        _, moved = self._decay_after_edge(recording, edge)
-        decay = fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
+        decay = self._fit(recording, edge)
         drive_off = abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01
         return DecayPoint(
             edge=float(edge),
@@ -130,12 +130,25 @@ class FreeDecay(Protocol):
         )
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
-        time, moved = self._decay_after_edge(recordings[-1], int(float(key[0])))
+        recording, edge = recordings[-1], int(float(key[0]))
+        time, moved = self._decay_after_edge(recording, edge)
+        fitted = self._fit(recording, edge).displacement(np.arange(moved.size) / recording.rate_hz)
         columns = {
             "time": CurveColumn(time, "s", "time since the edge"),
             "displacement": CurveColumn(moved, "m", "displacement"),
+            "displacement_fit": CurveColumn(fitted, "m", "one decaying oscillation, fitted"),
         }
         return (ResultCurve("free decay", f"after edge {float(key[0]):g}", "time", "displacement", columns),)
+
+    def _fit(self, recording: Recording, edge: int) -> DecayFit:
+        from protocols.signals import fit_decay
+
+        _, moved = self._decay_after_edge(recording, edge)
+        return fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        return mean_line(points, *cls.axes, "mean resonance")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]

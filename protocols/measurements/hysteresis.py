@@ -19,6 +19,7 @@ from protocols.base import (
     CheckResult,
     CurveColumn,
     EstimatedQuantity,
+    FitLine,
     PlanEntry,
     Play,
     Protocol,
@@ -29,6 +30,7 @@ from protocols.base import (
     Step,
 )
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.signals import fit_frequency, fit_sine, fold, measure_loops
 
@@ -199,19 +201,19 @@ class Hysteresis(Protocol):
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        good = [p for p in points if Quality(p.quality).usable and p.share_errors > 0]
-        if len({round(p.frequency, 3) for p in good}) < MIN_FREQUENCIES:
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        """The loop's width over frequency: hysteresis where it meets zero, damping and delay in its slope."""
+        used = line_indices(points, *cls.axes)
+        if (found := _width_over_frequency([points[i] for i in used])) is None:
             return ()
-        f, share = np.array([p.frequency for p in good]), np.array([p.share for p in good])
-        weight = 1 / np.array([p.share_errors for p in good])
-        basis = np.stack([np.ones_like(f), f], axis=1) * weight[:, None]
-        inverse = np.linalg.inv(basis.T @ basis)
-        line = inverse @ basis.T @ (share * weight)
-        left = share * weight - basis @ line
-        # Where the widths do not lie on a line (creep, a bend), the errors increase.
-        scale = max(float(left @ left) / (len(good) - 2), 1.0)
-        errors = np.sqrt(np.diag(inverse) * scale)
+        ends = np.array([0.0, max(points[i].frequency for i in used)])
+        return (FitLine("hysteresis + loop width per frequency", ends, found[0][0] + found[0][1] * ends, used),)
+
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
+        if (found := _width_over_frequency(points)) is None:
+            return ()
+        line, errors = found
         return (
             EstimatedQuantity("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
             EstimatedQuantity("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
@@ -240,3 +242,19 @@ def _advance(samples: Array, shift: float) -> Array:
     at = np.arange(samples.size, dtype=float) + shift
     inside = at[(at >= 0) & (at <= samples.size - 1)]
     return np.asarray(np.interp(inside, np.arange(samples.size), samples))
+
+
+def _width_over_frequency(points: Iterable[Any]) -> tuple[Array, Array] | None:
+    """Return intercept and slope of the loops' relative width over frequency, and their standard errors; None for too few frequencies."""
+    good = [p for p in points if Quality(p.quality).usable and p.share_errors > 0]
+    if len({round(p.frequency, 3) for p in good}) < MIN_FREQUENCIES:
+        return None
+    f, share = np.array([p.frequency for p in good]), np.array([p.share for p in good])
+    weight = 1 / np.array([p.share_errors for p in good])
+    basis = np.stack([np.ones_like(f), f], axis=1) * weight[:, None]
+    inverse = np.linalg.inv(basis.T @ basis)
+    line = inverse @ basis.T @ (share * weight)
+    left = share * weight - basis @ line
+    # Where the widths do not lie on a line (creep, a bend), the errors increase.
+    scale = max(float(left @ left) / (len(good) - 2), 1.0)
+    return np.asarray(line), np.sqrt(np.diag(inverse) * scale)

@@ -21,6 +21,7 @@ from drivers import Drive, LinearSweep, Sine
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
+    FitLine,
     PlanEntry,
     Prompt,
     Protocol,
@@ -35,6 +36,7 @@ from protocols.base import (
 )
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.measurements.result_checks import (
     added_mass_checks,
@@ -43,6 +45,7 @@ from protocols.measurements.result_checks import (
     usable_points,
 )
 from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse
+from protocols.signals.modal_fit import ModalFit
 
 RINGDOWN_S = 0.3
 """Recorded after a sweep, until the free vibration has decayed."""
@@ -213,14 +216,28 @@ class MassResonance(Protocol):
         return self._point(key, recordings, simulated, self._response(recordings))
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
-        return (frequency_response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
+        response = self._response(recordings)
+        return (self._curve(key, response, *self._fit_mode(response)),)
 
     def results(
         self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
     ) -> Generator[Any, None, None]:
         response = self._response(recordings)
         yield self._point(key, recordings, simulated, response)
-        yield frequency_response_curve(response, f"with {1e3 * float(key[0]):g} g")
+        yield self._curve(key, response, *self._fit_mode(response))
+
+    def _curve(
+        self, key: tuple[float | str, ...], response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit
+    ) -> ResultCurve:
+        return frequency_response_curve(response, f"with {1e3 * float(key[0]):g} g", (near.frequency_hz, mode.fitted))
+
+    def _fit_mode(self, response: FrequencyResponse) -> tuple[FrequencyResponse, ModalFit]:
+        """Return the lines around the peak, and the mode fitted to them."""
+        from protocols.signals import fit_sdof, response_peak
+
+        peak = response_peak(response, (self.low_hz, self.high_hz))
+        near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
+        return near, fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
 
     def _point(
         self,
@@ -229,12 +246,11 @@ class MassResonance(Protocol):
         simulated: bool,
         response: FrequencyResponse,
     ) -> MassPoint:
-        from protocols.signals import fit_sdof, joined_spectrum_peak, response_peak
+        from protocols.signals import joined_spectrum_peak, response_peak
 
         check_response_present(response)
         peak = response_peak(response, (self.low_hz, self.high_hz))
-        near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
-        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        _, mode = self._fit_mode(response)
         spectrum = math.nan, math.nan
         with contextlib.suppress(
             ValueError
@@ -268,6 +284,22 @@ class MassResonance(Protocol):
             resolution=response.resolution_hz,
             quality=point_quality(recordings, simulated, {Quality.DRIVE_OFF: drive_off}),
         )
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        """A constant stiffness under the added mass: 1/f² on a straight line over the mass."""
+        used = line_indices(points, *cls.axes)
+        mass, f, error = (
+            np.array([getattr(points[i], n) for i in used]) for n in ("mass", "frequency", "frequency_errors")
+        )
+        if np.unique(mass).size < 3 or not (error > 0).all():
+            return ()
+        slope, intercept = np.polyfit(mass, f**-2, 1, w=f**3 / (2 * error))
+        drawn = np.linspace(mass.min(), mass.max(), CURVE_POINTS)
+        squared = intercept + slope * drawn
+        if not (squared > 0).all():
+            return ()
+        return (FitLine("stiffness constant: 1/f² linear in the mass", drawn, squared**-0.5, used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """None: identifying k2 from resonance against mass needs the model, see `identify`."""

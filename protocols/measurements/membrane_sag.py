@@ -18,6 +18,7 @@ from protocols.base import (
     Ask,
     CheckResult,
     EstimatedQuantity,
+    FitLine,
     Outcome,
     PlanEntry,
     Prompt,
@@ -29,6 +30,7 @@ from protocols.base import (
     Step,
 )
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
+from protocols.measurements.fit_lines import mean_line
 from protocols.measurements.result_checks import repeatability_check, usable_points
 from protocols.signals import combine_errors, estimate_level
 
@@ -145,6 +147,10 @@ class MembraneSag(Protocol):
             noise=hanging.noise,
             quality=point_quality(parts, simulated, {}),
         )
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        return mean_line(points, *cls.axes, "mean sag")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]

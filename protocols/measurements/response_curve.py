@@ -2,15 +2,25 @@
 
 import numpy as np
 
+from model import Array, Complex
 from protocols.base import CurveColumn, ResultCurve
 from protocols.signals import FrequencyResponse
 
 MIN_RESPONSE_SIGMAS = 5.0
 """A response with weaker lines counts as no response."""
 
+ModeLine = tuple[Array, Complex]
+"""Frequencies of the lines to which a mode was fitted, Hz, and the fit there."""
 
-def frequency_response_curve(response: FrequencyResponse, label: str = "") -> ResultCurve:
-    """Modulus, its error, phase and coherence over frequency: what any reader can draw."""
+
+def frequency_response_curve(response: FrequencyResponse, label: str = "", mode: ModeLine | None = None) -> ResultCurve:
+    """Modulus, its error, phase and coherence over frequency, and the fitted mode: what any reader can draw."""
+    columns = {}
+    if mode is not None:
+        fitted = np.full(response.frequency_hz.size, np.nan)
+        lines_hz, line = mode
+        fitted[(response.frequency_hz >= lines_hz[0]) & (response.frequency_hz <= lines_hz[-1])] = np.abs(line)
+        columns = {"response_fit": CurveColumn(fitted, "m/V", "one mode fitted around the peak, modulus")}
     return ResultCurve(
         name="frequency response",
         label=label,
@@ -24,6 +34,7 @@ def frequency_response_curve(response: FrequencyResponse, label: str = "") -> Re
             "coherence": CurveColumn(
                 response.coherence, "1", "share of the displacement's power that follows the drive"
             ),
+            **columns,
         },
     )
 

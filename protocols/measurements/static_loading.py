@@ -17,6 +17,7 @@ from protocols.base import (
     Ask,
     CheckResult,
     EstimatedQuantity,
+    FitLine,
     PlanEntry,
     Protocol,
     Quality,
@@ -27,6 +28,7 @@ from protocols.base import (
     WaitForDetection,
 )
 from protocols.measurements.fields import LevelDuration, SampleRate
+from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.load_point import (
     KEEP,
     MAX_ATTEMPTS,
@@ -35,6 +37,7 @@ from protocols.measurements.load_point import (
     SIDE_LABELS,
     LoadPoint,
     WeightStepWatcher,
+    compliance,
     compliance_estimates,
     load_point,
     place_weight_prompt,
@@ -176,6 +179,17 @@ class StaticLoading(Protocol):
         return load_point(
             (side, mass_kg, repeat), recordings, self._measure_level, load_n, self.zero_limit_m, simulated
         )
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        """The compliance of either side: a line through zero."""
+        lines = []
+        for side, name in SIDE_LABELS.items():
+            used = tuple(i for i in line_indices(points, *cls.axes) if points[i].side == side)
+            if (found := compliance([points[i] for i in used])) is not None:
+                ends = np.array([0.0, max(points[i].load for i in used)])
+                lines.append(FitLine(f"compliance, {name}", ends, found[0] * ends, used))
+        return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         return compliance_estimates([point for point in points if Quality(point.quality).usable])

@@ -8,7 +8,6 @@ the band, octaves of it are swept one after the other (`pieces`).
 
 import math
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -20,6 +19,7 @@ from drivers import Drive, PeriodicSweep
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
+    FitLine,
     PlanEntry,
     Protocol,
     Quality,
@@ -41,6 +41,7 @@ from protocols.measurements.fields import (
     SampleRate,
     point_quality,
 )
+from protocols.measurements.fit_lines import mean_line
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.measurements.result_checks import (
     coherence_check,
@@ -59,6 +60,7 @@ from protocols.measurements.sweep_pieces import (
     piece_bands,
 )
 from protocols.signals import FrequencyResponse
+from protocols.signals.modal_fit import ModalFit
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
@@ -112,17 +114,26 @@ class SweepPoint:
         )
 
 
-def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, quality: int) -> SweepPoint:
-    """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
+def fit_one_mode(response: FrequencyResponse) -> tuple[FrequencyResponse, ModalFit | None]:
+    """Return the lines around the peak, and the mode fitted to them; None where no single mode fits."""
     from protocols.signals import fit_sdof
 
+    peak_hz = float(response.frequency_hz[response.modulus.argmax()])
+    near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
+    try:
+        return near, fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+    except ValueError:
+        return near, None
+
+
+def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, quality: int) -> SweepPoint:
+    """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
     top = int(response.modulus.argmax())
     peak_hz = float(response.frequency_hz[top])
-    near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
+    near, mode = fit_one_mode(response)
     natural_hz = natural_error_hz = damping = damping_error = math.nan
     core = near.coherence
-    with suppress(ValueError):  # what is measured is kept: its height shows whether a membrane is on the tactor
-        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+    if mode is not None:  # else what is measured is kept: its height shows whether a membrane is on the tactor
         natural_hz, natural_error_hz = mode.natural_hz, mode.natural_error_hz
         damping, damping_error = mode.damping_ratio, mode.damping_error
         half = natural_hz * min(damping, 0.5)
@@ -243,9 +254,14 @@ class Sweep(Protocol):
         return sweep_point(float(key[0]), response, amplitude_v, quality)
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
-        return (
-            frequency_response_curve(self._response(recordings), f"of sweep {key[0]:g}" if self.repeats > 1 else ""),
-        )
+        response = self._response(recordings)
+        near, mode = fit_one_mode(response)
+        line = None if mode is None else (near.frequency_hz, mode.fitted)
+        return (frequency_response_curve(response, f"of sweep {key[0]:g}" if self.repeats > 1 else "", line),)
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        return mean_line(points, *cls.axes, "mean resonance")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable and math.isfinite(p.resonance)]

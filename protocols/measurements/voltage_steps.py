@@ -15,8 +15,20 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Hold
-from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
+from protocols.base import (
+    CheckResult,
+    EstimatedQuantity,
+    FitLine,
+    PlanEntry,
+    Play,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Step,
+)
 from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate, point_quality
+from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.result_checks import (
     CABLE_REMEDY,
     group_values,
@@ -231,6 +243,19 @@ class VoltageSteps(Protocol):
             drift=seen.before.drift_per_s,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
+
+    @classmethod
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+        """The deflection per volt above and below rest: lines through rest."""
+        lines = []
+        for sign, name in ((-1.0, "below"), (1.0, "above")):
+            used = tuple(i for i in line_indices(points, *cls.axes) if sign * points[i].drive_step > LEVEL_TOLERANCE_V)
+            if (found := deflection_per_volt([points[i] for i in used])) is not None:
+                rest_v = float(np.mean([points[i].level - points[i].drive_step for i in used]))
+                farthest_v = max((points[i].level for i in used), key=lambda level: sign * level)
+                x = np.array(sorted((rest_v, farthest_v)))
+                lines.append(FitLine(f"deflection per volt {name} rest", x, found[0] * (x - rest_v), used))
+        return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [point for point in points if Quality(point.quality).usable]

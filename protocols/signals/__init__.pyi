@@ -16,6 +16,7 @@ from .levels import estimate_step as estimate_step
 from .levels import find_ramp as find_ramp
 from .loop import fold as fold
 from .loop import measure_loops as measure_loops
+from .loop import subtract_mean_line as subtract_mean_line
 from .modal_fit import fit_sdof as fit_sdof
 from .peak import joined_spectrum_peak as joined_spectrum_peak
 from .peak import response_peak as response_peak

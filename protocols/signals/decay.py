@@ -42,6 +42,12 @@ class DecayFit:
     noise: float
     degrees_of_freedom: int
 
+    def displacement(self, time_s: Array) -> Array:
+        """Return x at times from the first sample fitted, (N,)."""
+        w = 2 * np.pi * self.natural_hz
+        ringing = np.exp((-self.damping_ratio + 1j * np.sqrt(1 - self.damping_ratio**2)) * w * time_s + 1j * self.phase)
+        return np.asarray(self.offset + self.amplitude * ringing.real)
+
 
 def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> DecayFit:
     """Fit one decaying oscillation.

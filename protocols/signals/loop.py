@@ -104,6 +104,21 @@ def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
     return HysteresisLoop(*width, *largest, *stroke, *area, *asymmetry, cycles - 1)
 
 
+def subtract_mean_line(drive: Array, displacement: Array) -> Array:
+    """Return a closed loop less the mean of its rising and falling branch at the same drive, (N,).
+
+    Args:
+        drive: (N,), once around from anywhere.
+        displacement: (N,).
+    """
+    low, top = int(drive.argmin()), int(drive.argmax())
+    around = np.roll(np.arange(drive.size), -low)
+    there = around[: (top - low) % drive.size + 1]
+    back = np.append(around[(top - low) % drive.size :], low)
+    rising, falling = (_branch(drive, drive[part], displacement[part]) for part in (there, back))
+    return np.asarray(displacement - 0.5 * (rising + falling))
+
+
 def _measure_cycle(x: Array, y: Array) -> tuple[float, ...]:
     """Width in the middle, largest width, stroke, area, asymmetry of one cycle."""
     low = int(x.argmin())

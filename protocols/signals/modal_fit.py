@@ -1,6 +1,6 @@
 """Modal fit: natural frequency and damping of one mode by a complex least-squares fit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ class ModalFit:
         amplitude: a + i b, in the unit of the response.
         constant: compliance of the higher modes, in the unit of the response.
         degrees_of_freedom: of the standard errors.
+        fitted: (F,), the fit at the lines that were given.
     """
 
     natural_hz: float
@@ -29,6 +30,7 @@ class ModalFit:
     amplitude: complex
     constant: float
     degrees_of_freedom: int
+    fitted: Complex = field(default_factory=lambda: np.zeros(0, complex), compare=False, repr=False)
 
     @property
     def peak_hz(self) -> float:
@@ -70,7 +72,7 @@ def fit_sdof(
     fitted, simpler = (_fit_poles(f / peak, np.asarray(H / scale, complex), weight, unknowns) for unknowns in (7, 6))
     if fitted is None or simpler is None:
         raise ValueError(none)
-    values, errors, freedom, terms = fitted
+    values, errors, freedom, terms, line = fitted
     # Neighbouring lines share noise: a smooth function of them has (1 + 2 rho) times its variance.
     errors = np.hypot(errors * np.sqrt(1 + 2 * correlation), values - simpler[0])
     natural = float(values[0]) * peak
@@ -84,11 +86,12 @@ def fit_sdof(
         amplitude=scale * complex(terms[0], terms[1]),
         constant=scale * float(terms[2]),
         degrees_of_freedom=freedom,
+        fitted=scale * line,
     )
 
 
-def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Array, Array, int, Array] | None:
-    """f0 and zeta, their standard errors, the degrees of freedom, and the linear terms a, b, c ... of 6 or 7 unknowns.
+def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Array, Array, int, Array, Complex] | None:
+    """f0 and zeta, their standard errors, the degrees of freedom, the linear terms a, b, c ... of 6 or 7 unknowns, and the fit.
 
     The linear terms are solved for within (variable projection), so that only f0 and zeta are searched. None where there is
     no minimum, or fewer values than unknowns.
@@ -118,5 +121,7 @@ def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Arra
         return None
     jacobian = np.asarray(fit.jac)  # with the linear terms projected out: its Gram matrix is that of f0 and zeta alone
     errors = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * 2 * fit.cost / freedom)
-    linear = np.linalg.lstsq(columns(*fit.x), target, rcond=None)[0]
-    return np.asarray(fit.x), errors, freedom, np.asarray(linear)
+    basis = columns(*fit.x)
+    linear = np.linalg.lstsq(basis, target, rcond=None)[0]
+    real, imaginary = np.split(basis @ linear, 2)
+    return np.asarray(fit.x), errors, freedom, np.asarray(linear), np.asarray((real + 1j * imaginary) / weight)

@@ -93,6 +93,18 @@ NOISE_LAGS = np.arange(3, 11)
 HARMONIC_LAGS = -np.arange(2, 9)
 """Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
 
+FAST_SWEEP_BINS = 128
+"""Bins under one line below which a sweep is fast: harmonics then arrive within some ten units of lag and are taken out."""
+
+HARMONIC_GATE = -2.2
+"""Lag, in units of 1 / resolution, before which what arrives is taken out of a fast sweep: outside the Hann window's main lobe."""
+
+EDGE_WIDTHS = 2.0
+"""Distance of a usable line from the ends of a sweep, in units of the inverse root of the sweep's rate: the width of its edges."""
+
+HARMONIC_PASSES = 3
+"""Of taking them out: the first response bends with what leaked of them."""
+
 SWEEP_DEGREES_OF_FREEDOM = 40.0
 """Degrees of freedom of a sweep's standard error: 8 gates of which 4.4 are independent, times 4.8 lines, times 2."""
 
@@ -137,17 +149,19 @@ def estimate_swept_response(
     if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
     # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
-    # cycles of the lowest frequency it has nothing in the band; the response, which lasts milliseconds, does not notice.
+    # cycles of the lowest frequency it has nothing in the band. The lines that were passed while it fades are left out.
     faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
-    n = fast_length(duration)
-    bin_hz = rate_hz / n
-    least_hz = MIN_BINS_PER_LINE * bin_hz
+    least_hz = MIN_BINS_PER_LINE * rate_hz / fast_length(duration)
     width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
     if width < least_hz * (1 - 1e-9):
         raise ValueError(
             f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
             "use a coarser resolution or a longer sweep"
         )
+    # Lags of a transform of the sweep's length wrap: early harmonics would arrive late, among the noise.
+    fast = width * fast_length(duration) / rate_hz < FAST_SWEEP_BINS
+    n = fast_length(2 * duration if fast else duration)
+    bin_hz = rate_hz / n
     blocks = make_block_averager(band_hz, width, bin_hz, rate_hz / 2)
     if blocks.count < POOLED_LINES:
         raise ValueError(
@@ -161,12 +175,33 @@ def estimate_swept_response(
     strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
     used = np.zeros(S_xx.size, bool)
     used[strong[0] + 2 : strong[-1] - 1] = True
-    with np.errstate(divide="ignore", invalid="ignore"):
-        H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
-    # Beyond the outermost of the strong lines the response is taken as it is there.
-    H = H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)]
-    variance = _noise_variance(cross, power, H, blocks, is_rising(X)) / np.where(used, S_xx, np.inf) ** 2
-    S_nn = variance * S_xx / np.sum(blocks.window**2)
+    arrival_s, edge_s = _arrival_s(X, blocks), _edge_s(x[swept], S_xx, rate_hz) + faded / rate_hz
+    used &= (arrival_s > edge_s) & (arrival_s < duration / rate_hz - edge_s)
+    if not used.any():
+        raise ValueError(
+            f"a sweep of {duration / rate_hz:.3g} s has no line between {band_hz[0]:g} and {band_hz[1]:g} Hz that its beginning and end "
+            "leave undisturbed: use a longer sweep"
+        )
+
+    def response(cross: NDArray[np.complex64]) -> Complex:
+        """Beyond the outermost of the strong lines the response is taken as it is there."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
+        return np.asarray(H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)], complex)
+
+    rising, H = is_rising(X), response(cross)
+    cleaned = cross
+    for _ in range(HARMONIC_PASSES if fast else 0):
+        cleaned = cross - _harmonics(cross, power, H, blocks, rising)
+        H = response(cleaned)
+    noise = _noise_variance(cleaned, power, H, blocks, rising)
+    if fast:  # at the end of the sweep, lags on that side lie beyond its samples; there the harmonics are far away on the other
+        reach_s = (NOISE_LAGS[-1] + 1) / (blocks.length * bin_hz)
+        beyond = arrival_s + reach_s > duration / rate_hz if rising else arrival_s < reach_s
+        before = _power_at_lags(_left(cross, power, H, blocks), blocks, NOISE_LAGS[:4], not rising)
+        noise = np.where(beyond, pool_lines(before.mean(1), POOLED_LINES), noise)
+    variance = noise / np.where(used, S_xx, np.inf) ** 2
+    S_nn = variance * S_xx / np.sum(blocks.window**2) * fast_length(duration) / n
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
     H[1:-1] -= CURVATURE_BIAS * (H[2:] - 2 * H[1:-1] + H[:-2])
@@ -184,23 +219,53 @@ def estimate_swept_response(
     )
 
 
-def _noise_variance(
-    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
-) -> Array:
-    """Variance of each line's S_yx, from the gates next to it on the side on which no harmonic arrives."""
-    # Linear interpolation between the lines, which are half a block apart; beyond the outermost the response is taken as it is there.
+def _arrival_s(X: NDArray[np.complex64], blocks: BlockAverager) -> Array:
+    """When the sweep was at each line, (count,), from the first sample on: the group delay."""
+    turn = np.append(X[1:] * X[:-1].conj(), np.complex64(0))
+    return np.mod(-np.angle(blocks.windows(turn) @ blocks.window), 2 * np.pi) / (2 * np.pi * blocks.bin_hz)
+
+
+def _edge_s(drive: Array, S_xx: Array, rate_hz: float) -> Array:
+    """How far from its ends a sweep passes each line undisturbed by them, (count,): some times the inverse root of its rate."""
+    amplitude = 0.5 * float(np.ptp(drive))
+    with np.errstate(divide="ignore"):
+        return EDGE_WIDTHS * 2 * np.sqrt(S_xx) / (amplitude * rate_hz)
+
+
+def _left(
+    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager
+) -> NDArray[np.complex64]:
+    """What a response, drawn straight from line to line, leaves of the products of the bins."""
+    # The lines are half a block apart; beyond the outermost the response is taken as it is there.
     hop = blocks.length // 2
     ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
     share = np.arange(hop, dtype=np.float32) / np.float32(hop)
     straight = (ends[:-1, None] + np.multiply.outer(np.diff(ends), share)).ravel()
     within = slice(0, straight.size)
-    left = cross[within] - straight * power[within]
-    # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
-    side = 1 if rising else -1
-    gates = np.concatenate((NOISE_LAGS, HARMONIC_LAGS))
-    shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
-    seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
-    at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [NOISE_LAGS.size], axis=1)
+    return np.asarray(cross[within] - straight * power[within])
+
+
+def _harmonics(
+    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
+) -> NDArray[np.complex64]:
+    """What arrives so early, of the products of the bins, that no response does: the harmonics, which pass a frequency before it."""
+    from scipy.fft import fft, fftfreq, ifft
+
+    left = _left(cross, power, H, blocks)
+    lag = fftfreq(left.size, 1 / left.size) * blocks.length / left.size  # in units of 1 / resolution
+    lags = ifft(left)
+    lags[(lag if rising else -lag) > HARMONIC_GATE] = 0
+    return np.concatenate((fft(lags), np.zeros(cross.size - left.size, np.complex64)))
+
+
+def _noise_variance(
+    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
+) -> Array:
+    """Variance of each line's S_yx, from the gates next to it on the side on which no harmonic arrives."""
+    left = _left(cross, power, H, blocks)
+    at_gates, at_harmonics = np.split(
+        _power_at_lags(left, blocks, np.concatenate((NOISE_LAGS, HARMONIC_LAGS)), rising), [NOISE_LAGS.size], axis=1
+    )
     # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window allow.
     m = np.abs(HARMONIC_LAGS)
     leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
@@ -208,3 +273,12 @@ def _noise_variance(
     return np.asarray(
         pool_lines(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1)
     )
+
+
+def _power_at_lags(left: NDArray[np.complex64], blocks: BlockAverager, lags: NDArray[np.int_], rising: bool) -> Array:
+    """Power of what is left at lags in units of 1 / resolution, (count, lags)."""
+    # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
+    side = 1 if rising else -1
+    shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), lags) / blocks.length)
+    seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
+    return np.asarray(seen.real**2 + seen.imag**2)

@@ -1,4 +1,4 @@
-"""Simulated Agilent 33210A/33220A/33250A: as a 33500B, with one volatile waveform and no abort.
+"""Simulated Agilent 33210A/33220A/33250A or Picotest G5100A: as a 33500B, with one volatile waveform and no abort.
 
 Pitfalls: no limits that would reject a wrong level, 50 000 cycles at most, integers in big-endian order, a download that
 immediately replaces the waveform being played, at least 10 mVpp into 50 ohm (PyMeasure agilent33220A at 32503b8: limits
@@ -24,7 +24,7 @@ FULL_SCALE = {"33250": 2047}
 
 
 class SimulatedKeysight33200(SimulatedKeysightGenerator):
-    """33210A, 33220A and 33250A."""
+    """33210A, 33220A, 33250A and G5100A."""
 
     MAX_BURST_CYCLES = 50_000.0
     ARBITRARY_KEYWORD = "USER"

@@ -1,4 +1,4 @@
-"""Simulated Keysight 33500B (Trueform) function generator, after its programming guide.
+"""Simulated Keysight 33500B, 33600A, EDU33210 or FG33530 (Trueform) function generator, after its programming guide.
 
 Pitfalls that matter on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared it puts twice
 the volts on a high-impedance input; APPLy turns the output on; another amplitude range and another function switch relays;
@@ -7,6 +7,7 @@ be used once; clearing the memory selects another waveform; the byte order of a 
 and, with two channels, combining, coupling and tracking are settings that persist.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar
@@ -98,7 +99,7 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
 
 
 class SimulatedKeysight33500(SimulatedKeysightGenerator):
-    """33500B and 33600A: named waveforms, a sample rate, a filter, output limits, ABORt."""
+    """33500B, 33600A, EDU33210 and FG33530: named waveforms, a sample rate, a filter, output limits, ABORt."""
 
     def __init__(
         self,
@@ -154,7 +155,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
 
     def _other_channel_commands(self) -> list[ScpiCommand]:
         """Return the commands that only two-channel models know: others answer -113."""
-        if self._model[4:5] != "2":
+        if not re.search(r"33\d\d2", self._model):
             return []
         return [
             ScpiCommand(

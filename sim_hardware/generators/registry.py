@@ -8,6 +8,7 @@ from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.keysight_33200 import SimulatedKeysight33200
 from sim_hardware.generators.keysight_33500 import SimulatedKeysight33500
 from sim_hardware.generators.rigol_dg import SimulatedRigolDg
+from sim_hardware.generators.rigol_dg800 import SimulatedRigolDg800
 from sim_hardware.generators.siglent_sdg import SimulatedSiglentSdg
 from sim_hardware.generators.tektronix_afg import SimulatedTektronixAfg
 from sim_hardware.generators.traits import draw_traits
@@ -33,7 +34,8 @@ def make_generator(
     models: dict[str, Callable[..., GeneratorModel]] = {
         "Keysight": SimulatedKeysight33500,
         "Agilent": SimulatedKeysight33200,
-        "Rigol": SimulatedRigolDg,
+        "Picotest": SimulatedKeysight33200,
+        "Rigol": SimulatedRigolDg if family == "DG10" else SimulatedRigolDg800,
         "TEKTRONIX": partial(SimulatedTektronixAfg, high_z=parameters.high_z_by_hand),
         "Siglent": partial(SimulatedSiglentSdg, seed=seed),
     }

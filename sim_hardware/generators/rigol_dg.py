@@ -1,4 +1,4 @@
-"""Simulated Rigol DG1000Z or DG800 function generator, after its programming guide.
+"""Simulated Rigol DG1000Z function generator, after its programming guide.
 
 Pitfalls: VOLT:OFFS? replies 0 in DC mode whatever the level that APPL? reports; a download selects the waveform function,
 and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied
@@ -9,7 +9,6 @@ other channel are settings that persist.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,8 +32,13 @@ PACKET_POINTS, MIN_PACKET_POINTS = 8192, 8
 FREQUENCY_MODE_POINTS = 8192
 
 
+def stretch(points: Array, size: int) -> Array:
+    """Return a waveform with `size` points, as these instruments stretch a shorter one: from its first to its last."""
+    return np.asarray(np.interp(np.linspace(0, points.size - 1, size), np.arange(points.size), points))
+
+
 class SimulatedRigolDg(SimulatedScpiGenerator):
-    """DG1000Z and DG800; only the latter has output limits."""
+    """DG1000Z."""
 
     MAX_FREQUENCY_HZ = 25e6
     MAX_BURST_CYCLES = 1e6
@@ -51,7 +55,6 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         traits: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(generator, now, identity, traits)
-        self._is_dg800 = ",DG8" in identity.upper()
         self._reset_waveform()
 
     def _reset_waveform(self) -> None:
@@ -74,37 +77,37 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        levels, core = self._levels, self._generator
-        limits = [
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit:LOW",
-                partial(levels.set_limit, high=False),
-                lambda _: self.format_number(levels.limits_v[0]),
-            ),
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit:HIGH",
-                partial(levels.set_limit, high=True),
-                lambda _: self.format_number(levels.limits_v[1]),
-            ),
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit[:STATe]", levels.set_limits_on, lambda _: self.format_switch(levels.limits_on)
-            ),
-        ]
+        levels = self._levels
         shared = [c for c in levels.commands(SOURCE_PATTERN) if "LIMit" not in c.pattern and ":RANGe" not in c.pattern]
         own_offset = next(c for c in shared if c.pattern.endswith(":OFFSet"))
         return [
             ScpiCommand(own_offset.pattern, own_offset.set, self._query_offset),
             *(c for c in shared if c is not own_offset),
-            *(limits if self._is_dg800 else []),
-            ScpiCommand(
-                SOURCE_PATTERN + "VOLTage:RANGe:AUTO",
-                levels.set_auto_range,
-                lambda _: self.format_switch(core.settings.auto_range),
-            ),
-            *([] if self.traits.get("gate") == "absent" else [self._gate_command()]),
+            *self._range_commands(),
             *self._other_channel_commands(),
             ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
             *super().commands,
+            *self._rate_commands(),
+            self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
+            self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
+            *self._idle_commands(),
+            *self._download_commands(),
+            ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
+            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
+        ]
+
+    def _range_commands(self) -> list[ScpiCommand]:
+        return [
+            ScpiCommand(
+                SOURCE_PATTERN + "VOLTage:RANGe:AUTO",
+                self._levels.set_auto_range,
+                lambda _: self.format_switch(self._generator.settings.auto_range),
+            ),
+            self._gate_command(),
+        ]
+
+    def _rate_commands(self) -> list[ScpiCommand]:
+        return [
             ScpiCommand(
                 SOURCE_PATTERN + "FUNCtion:ARB:MODE",
                 self._set_rate_mode,
@@ -113,13 +116,13 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             ScpiCommand(
                 SOURCE_PATTERN + "FUNCtion:ARB:SRATe", self._set_rate, lambda _: self.format_number(self._rate_hz)
             ),
-            self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
-            self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
-            ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword),
-            ScpiCommand(SOURCE_PATTERN + "TRACe:DATA:DAC[16]", self._download),
-            ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
         ]
+
+    def _idle_commands(self) -> list[ScpiCommand]:
+        return [ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword)]
+
+    def _download_commands(self) -> list[ScpiCommand]:
+        return [ScpiCommand(SOURCE_PATTERN + "TRACe:DATA:DAC[16]", self._download)]
 
     def trigger(self) -> None:
         if self._trigger_lost:
@@ -137,8 +140,6 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         )  # in full, unlike a Keysight (DG1000Z and DG4000 programming guides)
 
     def _other_channel_commands(self) -> list[ScpiCommand]:
-        if self._is_dg800 and self._model[4:5] != "2":
-            return []
         return [
             ScpiCommand("COUPling[1][:STATe]", self._set_coupling, lambda _: self._query_coupling()),
             self._keyword_command(SOURCE_PATTERN + "TRACK", "OFF", "ON", "INVerted"),
@@ -190,7 +191,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         match_keyword(a[0], "VOLATILE")
         last = match_keyword(a[1], "CON", "END") == "END"
         points = decode_block(a[2], "<u2", 0, FULL_SCALE)
-        if not MIN_PACKET_POINTS <= points.size <= PACKET_POINTS or (self._is_dg800 and not last):
+        if not MIN_PACKET_POINTS <= points.size <= PACKET_POINTS:
             raise ScpiError(-225)
         self._packets.append(2 * points / (FULL_SCALE - 1) - 1)
         if not last:
@@ -199,9 +200,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         if self._points.size > FREQUENCY_MODE_POINTS:
             self._sample_rate_mode = True
         elif not self._sample_rate_mode:
-            self._points = np.interp(
-                np.linspace(0, self._points.size - 1, FREQUENCY_MODE_POINTS), np.arange(self._points.size), self._points
-            )
+            self._points = stretch(self._points, FREQUENCY_MODE_POINTS)
         self._output_waveform(function="ARB")
 
     def _output_waveform(self, **settings: Any) -> None:

@@ -1,4 +1,4 @@
-"""Simulated Siglent SDG1000X or SDG2000X function generator, after its programming guide and as real ones were seen.
+"""Simulated Siglent SDG1000X, SDG2000X or SDG6000X function generator, after its programming guide and as real ones were seen.
 
 Pitfalls: an impossible value is clipped silently, and there is no error queue; burst parameters are ignored before
 `STATE,ON`; no range can be frozen; parameters that do not apply are missing from the reply; polarity, inversion, combining
@@ -9,6 +9,7 @@ the first byte 0x0A ends a waveform's message; what WVDT wrote is selected; ARWV
 without an index; a quoted name is ignored; numbers have six digits; queries are not answered while a waveform is taken in;
 one session is served; the third waveform above 64 kB hangs remote and panel while the output goes on, and one of less than
 four bytes destroys the instrument. A header with all fields was silently not stored by a B&K 4055B, which is an SDG2000X.
+An SDG6022X with firmware 6.01.01.37R6 ignores a selection by name, and one with 38R3 has no rate mode (a public driver of it).
 """
 
 import math
@@ -48,6 +49,7 @@ class SimulatedSiglentSdg:
         self.identity = identity
         self.traits = dict(traits or {})
         self._is_sdg1000 = ",SDG1" in identity.upper()
+        self._is_sdg2000 = ",SDG2" in identity.upper()
         self._random = random.Random(f"{identity} {seed}")
         self.hung = False
         self._large_downloads = 0
@@ -97,7 +99,7 @@ class SimulatedSiglentSdg:
             ScpiCommand("C[1]:MDWV", partial(self._set_mode, "MDWV"), partial(self._query_mode, "MDWV")),
             *(
                 []
-                if self._is_sdg1000
+                if self._is_sdg1000 or self.traits.get("rate-mode") == "absent"
                 else [ScpiCommand("C[1]:SRATE", self._set_rate_mode, lambda _: self._query_rate())]
             ),
         ]
@@ -246,7 +248,7 @@ class SimulatedSiglentSdg:
             return
         requested = _parse_pairs(parameters[:-1])
         raw = data.encode("latin-1")
-        if not self._is_sdg1000 and len(requested) > 1:
+        if self._is_sdg2000 and len(requested) > 1:
             return  # silently not stored
         self._large_downloads += len(raw) > LARGE_BYTES
         self.hung = self.hung or self._large_downloads >= 3 or len(raw) < 4
@@ -261,7 +263,7 @@ class SimulatedSiglentSdg:
 
     def _select(self, a: Arguments) -> None:
         name = _parse_pairs(a).get("NAME", "")
-        if name not in self._stored_waveforms:
+        if name not in self._stored_waveforms or self.traits.get("recall") == "ignored":
             return
         if name != self._selected_name and self.traits.get("stale") == "often" and self._random.random() < 0.4:
             return

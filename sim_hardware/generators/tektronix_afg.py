@@ -1,8 +1,9 @@
-"""Simulated Tektronix AFG3000 or AFG1000 function generator, after its programmer manual.
+"""Simulated Tektronix AFG3000, AFG31000 or AFG1000 function generator, after its programmer manual.
 
 Pitfalls: a burst is triggered by the internal timer by default, again and again; no range can be frozen; an AFG1000's
 built-in DC ignores the offset, and its load can be set at the front panel only; polarity, and with two channels concurrent
-settings and added noise or external signals persist.
+settings and added noise or external signals persist. An AFG31000 may
+wait at the first point of a burst, its last one or the offset, as a setting says, and may play its sequencer instead.
 """
 
 import re
@@ -20,6 +21,7 @@ from sim_hardware.wires.scpi_engine import (
     ScpiError,
     check_argument_count,
     match_keyword,
+    parse_boolean,
     parse_number,
     single_argument,
 )
@@ -28,7 +30,7 @@ FULL_SCALE = 16382
 
 
 class SimulatedTektronixAfg(SimulatedScpiGenerator):
-    """AFG3000 and AFG1000.
+    """AFG3000, AFG31000 and AFG1000.
 
     Args:
         high_z: the load set at the front panel of an AFG1000.
@@ -51,6 +53,8 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     ) -> None:
         super().__init__(generator, now, identity, traits)
         self._is_afg1000 = ",AFG1" in identity.upper()
+        self._is_afg31000 = re.match(r"AFG31\d{3}", self._model) is not None
+        self._idle_keyword = self.traits.get("idle-setting", "START")
         self._memory_points = 8192 if self._is_afg1000 else 65_536
         self._edit_memory = np.zeros(1000)
         self._high_z = high_z
@@ -62,12 +66,15 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         super().reset()
         self._delay_s = 0.0
         self._generator.apply_settings(period_s=1e-3)
+        self._idle_keyword = self.traits.get("idle-setting", "START")
         if self._is_afg1000 and self._high_z:
             self._levels.set_load(["INF"])
 
     @property
     def _min_emf_vpp(self) -> float:
-        # Into 50 ohm 10, 20 and 50 mVpp by the group of models, AFG1000 1 mVpp (tm_devices at db887dd).
+        # Into 50 ohm 10, 20 and 50 mVpp by the group of models, AFG1000 and AFG31000 1 mVpp (tm_devices at db887dd).
+        if re.match(r"AFG31\d{3}", self._model):
+            return MIN_EMF_VPP
         return {"AFG30": 0.02, "AFG31": 0.04, "AFG32": 0.1}.get(self._model[:5], MIN_EMF_VPP)
 
     @property
@@ -86,12 +93,37 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
                 SOURCE_PATTERN + "FREQuency:MODE", self._set_sweep, lambda _: "SWE" if core.settings.sweep else "CW"
             ),
             *self._other_channel_commands(),
+            *self._afg31000_commands(),
             ScpiCommand(SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)),
             ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             ScpiCommand("DATA:DEFine", self._define_edit_memory),
             ScpiCommand("DATA[:DATA]", self._download),
             ScpiCommand("DATA:POINts", None, lambda _: str(self._edit_memory.size)),
         ]
+
+    def _afg31000_commands(self) -> list[ScpiCommand]:
+        if not self._is_afg31000:
+            return []
+        idle = ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword)
+        if self.traits.get("sequencer") == "absent":
+            return [idle]
+        sequencer = ScpiCommand(
+            "SEQControl:STATe",
+            lambda a: self._add_other_channel(parse_boolean(single_argument(a))),
+            lambda _: self.format_switch(bool(self._generator.settings.added_v)),
+        )
+        return [idle, sequencer]
+
+    def _set_idle(self, a: Arguments) -> None:
+        self._idle_keyword = match_keyword(single_argument(a), "START", "DC", "END")
+        self._wait_where_set()
+
+    def _wait_where_set(self) -> None:
+        if self._is_afg31000:
+            wave = self._generator.settings.wave
+            last = float(wave.points[-1]) if wave else 0.0
+            levels = {"START": None, "DC": 0.0, "END": last}
+            self._generator.apply_settings(idle=levels[self._idle_keyword])
 
     def _other_channel_commands(self) -> list[ScpiCommand]:
         if self._is_afg1000:
@@ -122,6 +154,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         super()._select_function(function)
         if function == "ARB":
             self._load_waveform(self._edit_memory)
+            self._wait_where_set()
         elif function == "DC" and self._is_afg1000:
             self._generator.apply_settings(emf_offset_v=0.0)
 
@@ -151,3 +184,4 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         self._edit_memory = points
         if self._generator.settings.function == "ARB":
             self._load_waveform(points)
+            self._wait_where_set()

@@ -4,6 +4,7 @@ What real instruments were seen to do is not drawn: each model has it, with its 
 """
 
 import random
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ class Trait:
     Args:
         name: of the trait, in parameters and test names.
         options: what is possible; the first is the kindest.
-        models: how the names of the models begin that have it.
+        models: how the names of the models begin that have it, as regular expressions.
         why: what is not known, and what is.
     """
 
@@ -25,11 +26,13 @@ class Trait:
     why: str
 
 
+KEYSIGHT = ("33", "EDU", "FG", "G51")
+
 TRAITS = (
     Trait(
         "selection",
         ("keeps-levels", "restores-levels"),
-        ("SDG1",),
+        ("SDG1", "SDG6"),
         "whether selecting a waveform restores the levels it was stored with: sources differ between firmwares",
     ),
     Trait(
@@ -53,7 +56,7 @@ TRAITS = (
     Trait(
         "unknown-header",
         ("rest-of-message", "whole-message"),
-        ("33", "DG", "AFG"),
+        (*KEYSIGHT, "DG", "AFG"),
         "whether an unknown header leaves the rest of its message unread",
     ),
     Trait(
@@ -63,10 +66,34 @@ TRAITS = (
         "whether it has OUTPut:POLarity: no public driver uses it",
     ),
     Trait(
-        "gate",
+        "recall",
+        ("works", "ignored"),
+        ("SDG6",),
+        "whether a waveform is selected by its name: not with firmware 6.01.01.37R6, but with 38R3, on an SDG6022X",
+    ),
+    Trait(
+        "rate-mode",
         ("present", "absent"),
-        ("DG8",),
-        "whether it has OUTPut:MODE: the DG1000Z guide lists it",
+        ("SDG6",),
+        "whether it has SRATE: an SDG6022X with firmware 6.01.01.38R3 has not",
+    ),
+    Trait(
+        "idle-setting",
+        ("START", "DC", "END"),
+        (r"AFG31\d{3}",),
+        "where a burst waits after a reset: its setting exists, its factory value is in no source",
+    ),
+    Trait(
+        "sequencer",
+        ("present", "absent"),
+        (r"AFG31\d{3}",),
+        "whether it knows SEQControl without the option",
+    ),
+    Trait(
+        "noise",
+        ("present", "absent"),
+        ("DG4",),
+        "whether it has OUTPut:NOISe: seen on a DG4202 (firmware 00.01.14), in no guide of the other models",
     ),
     Trait(
         "trigger-source",
@@ -81,79 +108,79 @@ DEVIATIONS = (
     Trait(
         "idle",
         ("first-point", "bottom"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "level between bursts: below the offset by the peak of the amplitude",
     ),
     Trait(
         "after",
         ("as-between-bursts", "zero"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "level after a burst: 0 V until the next setting",
     ),
     Trait(
         "output-polarity",
         ("as-replied", "inverted"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "an inverted output that replies normal polarity",
     ),
     Trait(
         "upload",
         ("quiet", "drops"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "a relay opens whenever another waveform is played",
     ),
     Trait(
         "range",
         ("held", "switches"),
-        ("33", "DG"),
+        (*KEYSIGHT, "DG10"),
         "a held range that follows the amplitude nevertheless",
     ),
     Trait(
         "abort",
         ("quiet", "drops"),
-        ("33", "DG"),
+        (*KEYSIGHT, "DG10"),
         "a relay opens when a burst is aborted",
     ),
     Trait(
         "scale",
         ("nominal", "quarter", "fourfold"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "amplitude of all waveforms",
     ),
     Trait(
         "uneven",
         ("as-documented", "otherwise"),
-        ("33", "DG"),
+        (*KEYSIGHT, "DG10"),
         "whether the amplitude is the span of the points or of the converter",
     ),
     Trait(
         "offset",
         ("nominal", "low"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "volts of the offset: 6 % low",
     ),
     Trait(
         "filter",
         ("smooth", "rings"),
-        ("335", "336"),
+        ("335", "336", "EDU", "FG"),
         "the filter between the points of a waveform overshoots",
     ),
     Trait(
         "surge",
         ("none", "at-start"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "a pulse when a burst begins (Menlo Systems: DG1000Z with an offset)",
     ),
     Trait(
         "start",
         ("triggered", "sometimes-lost"),
-        ("33", "DG", "SDG", "AFG"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
         "every second trigger starts nothing",
     ),
     Trait(
         "combining",
         ("as-replied", "stays"),
-        ("33", "DG", "SDG", "AFG3"),
+        (*KEYSIGHT, "DG", "SDG", "AFG3"),
         "another channel is added to the output although the setting replies off",
     ),
 )
@@ -161,14 +188,18 @@ DEVIATIONS = (
 commissioning of an instrument."""
 
 
+def _has(trait: Trait, model: str) -> bool:
+    return any(re.match(begin, model.upper()) for begin in trait.models)
+
+
 def deviations_of(model: str) -> tuple[Trait, ...]:
     """Return the deviations that a model can be given."""
-    return tuple(t for t in DEVIATIONS if model.upper().startswith(t.models))
+    return tuple(t for t in DEVIATIONS if _has(t, model))
 
 
 def traits_of(model: str) -> tuple[Trait, ...]:
     """Return the traits of a model."""
-    return tuple(t for t in TRAITS if model.upper().startswith(t.models))
+    return tuple(t for t in TRAITS if _has(t, model))
 
 
 def draw_traits(model: str, seed: int, chosen: str = "") -> dict[str, str]:

@@ -22,7 +22,7 @@ from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.helpers.sources import GENERATORS, source_bench
 
-WAITING = ("SDG1032X", "SDG2042X", "AFG3022C", "AFG1022")
+WAITING = ("DG812", "DG4162", "SDG1032X", "SDG2042X", "AFG3022C", "AFG1022")
 """Generators whose drives can only be waited for."""
 
 

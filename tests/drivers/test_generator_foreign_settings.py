@@ -25,6 +25,9 @@ FOREIGN_SETTINGS = {
         "SOUR2:TRAC INV",
     ),
     "33511B": ("OUTP:POL INV", "OUTP:MODE GAT"),
+    "EDU33212A": ("OUTP:POL INV", "SOUR1:COMB:FEED CH2", "SOUR1:VOLT:COUP ON", "SOUR1:TRAC ON", "SOUR2:TRAC INV"),
+    "FG33532A": ("OUTP:POL INV", "SOUR1:COMB:FEED CH2"),
+    "G5100A": ("OUTP:POL INV",),
     "33220A": ("OUTP:POL INV",),
     "33250A": ("OUTP:POL INV",),
     "33210A": ("OUTP:POL INV",),
@@ -36,7 +39,9 @@ FOREIGN_SETTINGS = {
         ":SOUR2:TRACK ON",
         ":SOUR1:SUM ON",
     ),
-    "DG811": (":OUTP1:POL INV", ":OUTP1:MODE GAT"),
+    "DG811": (":OUTP1:POL INV",),
+    "DG972": (":OUTP1:POL INV", ":COUP ON", ":SOUR1:TRACK INV", ":SOUR2:TRACK ON", ":SOUR1:SUM ON"),
+    "DG4162": (":OUTP1:POL INV", ":OUTP1:NOIS ON", ":SOUR1:MOD ON", ":COUP ON", ":SOUR2:FUNC USER"),
     "AFG3022C": (
         "OUTP1:POL INV",
         'SOUR1:COMB:FEED "EXTERNAL"',
@@ -44,6 +49,7 @@ FOREIGN_SETTINGS = {
         "SOUR1:FREQ:CONC:STAT ON",
     ),
     "AFG3021C": ("OUTP1:POL INV", 'SOUR1:COMB:FEED "EXTERNAL"'),
+    "AFG31022": ("OUTP1:POL INV", "SEQC:STAT ON", "SOUR1:BURS:IDLE END"),
     "AFG1022": ("OUTP1:POL INV",),
 }
 """What each model's previous user may leave, by the model: polarity, gating, the other channel added, coupled or tracked."""
@@ -51,10 +57,14 @@ FOREIGN_SETTINGS = {
 DRIVERS = {
     "335": "33511B",
     "332": "33220A",
-    "DG": "DG1032Z",
+    "EDU": "33511B",
+    "FG3": "33511B",
+    "G51": "33220A",
+    "DG1": "DG1032Z",
+    "DG": "DG812",
     "AFG": "AFG3022C",
 }
-PRESENT = {"AFG1022": "polarity=present", "DG811": "gate=present"}
+PRESENT = {"AFG31022": "sequencer=present", "AFG1022": "polarity=present", "DG4162": "noise=present"}
 CASES = [(model, setting) for model, settings in FOREIGN_SETTINGS.items() for setting in settings]
 
 
@@ -102,7 +112,13 @@ def test_a_setting_changed_between_two_runs_is_noticed_and_corrected(model: str,
     play_to_one_side(source, bench)
 
 
-ABSENT = [("AFG1022", "polarity=absent"), ("DG811", "gate=absent"), ("AFG3021C", ""), ("DG811", "")]
+ABSENT = [
+    ("AFG1022", "polarity=absent"),
+    ("DG4162", "noise=absent"),
+    ("AFG3021C", ""),
+    ("DG811", ""),
+    ("AFG31022", "sequencer=absent idle-setting=END"),
+]
 
 
 @pytest.mark.parametrize("unknown", ["rest-of-message", "whole-message"])

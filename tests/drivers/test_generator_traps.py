@@ -10,7 +10,7 @@ from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import BenchError, InstrumentError
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.rigol_dg800 import RigolDg800
 from drivers.generators.siglent_sdg import SiglentSdg
 from drivers.generators.tektronix_afg import TektronixAfg
 from sim_hardware.bench import SimulatedBench
@@ -133,6 +133,50 @@ def test_a_rigol_plays_at_the_rate_it_was_told_whatever_the_size_of_a_waveform(
     assert_safe_voltage(report)
 
 
+def opened(model: str) -> tuple[RigolDg800, SimulatedBench, Tapped]:
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, VirtualClock())
+    link = Tapped(bench.link())
+    return RigolDg800(link, bench.clock), bench, link
+
+
+def test_a_dg4000_whose_panel_shows_channel_2_is_not_armed() -> None:
+    """Its upload has no channel: it goes to the one that the front panel shows."""
+    source, bench, link = opened("DG4162")
+    link.write(":SYST:CHAN:CUR CH2;:SYST:ERR?")
+    link.read()
+    with pytest.raises(InstrumentError, match=r"into channel 2, .* it was not played\. Press CH1 on the instrument"):
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert not source.is_output_on()
+    assert bench.report().outside_rest_s == 0
+
+
+def test_a_dg4000_whose_channel_is_changed_between_two_drives_plays_neither_and_is_armed_again() -> None:
+    source, bench, link = opened("DG4162")
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    link.write(":SYST:CHAN:CUR CH2;:SYST:ERR?")
+    link.read()
+    with pytest.raises(InstrumentError, match=r"Press CH1 on the instrument, and arm again"):
+        source.start_drive(Steps((2.5, 3.0, 2.5), 0.05, 0.05))
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
+    assert bench.report().outside_rest_s == 0
+    bench.disable_hv()
+    link.write(":SYST:CHAN:CUR CH1;:SYST:ERR?")
+    link.read()
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize(("model", "points"), [("DG812", 8192), ("DG4162", 16_384)])
+def test_a_waveform_is_sent_with_as_many_points_as_the_instrument_would_stretch_it_to(model: str, points: int) -> None:
+    source, _, link = opened(model)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
+    sizes = [int(m.partition(",#5")[2][:5]) for m in sent(link, "DATA:DAC")]
+    assert sizes == [2 * points] * 2
+
+
 def test_a_siglent_clips_without_a_word_and_is_caught_reading_back() -> None:
     source, bench, link = made("SDG1032X")
     source.initialize_at_rest(2.5, 0.0, 5.0)
@@ -166,7 +210,7 @@ def test_a_siglent_waveform_is_stored_with_the_levels_that_hold() -> None:
     assert_safe_voltage(bench.report())
 
 
-@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C", "DG812"])
 def test_a_box_that_cannot_freeze_its_range_keeps_one_amplitude_for_ever(model: str) -> None:
     source, bench, link = live(model)
     ready = len(link.sent)
@@ -175,7 +219,7 @@ def test_a_box_that_cannot_freeze_its_range_keeps_one_amplitude_for_ever(model: 
         bench.clock.sleep(0.1)
         source.stop()
     assert_safe_voltage(bench.report())
-    assert not [m for m in link.sent[ready:] if m.startswith(("SOUR1:VOLT ", "C1:BSWV AMP"))]
+    assert not [m for m in link.sent[ready:] if m.startswith(("SOUR1:VOLT ", ":SOUR1:VOLT ", "C1:BSWV AMP"))]
 
 
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
@@ -224,7 +268,7 @@ def test_the_keysight_memory_is_cleared_when_it_is_full_without_a_jump() -> None
 
 @pytest.mark.parametrize(
     ("model", "driver"),
-    [("33220A", Keysight33200), ("DG812", RigolDg), ("SDG2042X", SiglentSdg), ("AFG1022", TektronixAfg)],
+    [("33220A", Keysight33200), ("DG812", RigolDg800), ("SDG2042X", SiglentSdg), ("AFG1022", TektronixAfg)],
 )
 def test_auto_asks_the_box_who_it_is(model: str, driver: Callable[..., BurstGenerator]) -> None:
     bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, VirtualClock())

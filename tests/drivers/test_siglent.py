@@ -170,3 +170,19 @@ def test_over_a_socket_a_second_session_is_not_answered_and_the_first_plays() ->
         third.write("*IDN?")
         assert "SDG2122X" in third.read()
         third.close()
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize(("recall", "uploads"), [("works", 3), ("ignored", 4)])
+def test_an_sdg6000x_that_ignores_a_selection_by_name_takes_the_waveform_again(recall: str, uploads: int) -> None:
+    """Firmware 6.01.01.37R6 of an SDG6022X does, 38R3 does not."""
+    source, bench, link = opened("SDG6022X", f"recall={recall} stale=never silence=brief")
+    source.initialize_at_rest(*ARMED)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    for amplitude in (0.5, 1.0, 0.5):
+        source.start_drive(Sine(50.0, amplitude, 2.5, 5))
+        bench.clock.sleep(0.2)
+        source.stop()
+    assert sum("WVDT WVNM" in message for message in link.sent) == uploads
+    assert bench.report().outside_rest_s == pytest.approx(0.3, rel=0.05)

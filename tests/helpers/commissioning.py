@@ -13,7 +13,7 @@ from protocols.commissioning.sequence import Commissioned
 from sim_hardware.generators.traits import deviations_of
 from tests.helpers.simulated_bench import simulated
 
-FREEZING = ("33", "DG")
+FREEZING = ("33", "EDU", "FG", "G51", "DG10")
 """Instruments that idle at a small amplitude."""
 
 MOVING = {"scale", "offset", "combining", "output-polarity"}

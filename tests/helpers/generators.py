@@ -6,6 +6,7 @@ from drivers.generators.burst_generator import BurstGenerator
 from drivers.generators.keysight_33200 import Keysight33200
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.rigol_dg800 import RigolDg800
 from drivers.generators.siglent_sdg import SiglentSdg
 from drivers.generators.tektronix_afg import TektronixAfg
 from drivers.transport.visa import VisaLink
@@ -17,6 +18,7 @@ BOXES: dict[str, type[BurstGenerator]] = {
     "33511B": Keysight33500,
     "33220A": Keysight33200,
     "DG1032Z": RigolDg,
+    "DG812": RigolDg800,
     "SDG1032X": SiglentSdg,
     "AFG3022C": TektronixAfg,
     "AFG1022": TektronixAfg,

@@ -19,6 +19,7 @@ GENERATORS = (
     "33250A",
     "DG1032Z",
     "DG812",
+    "DG4162",
     "SDG1032X",
     "SDG2042X",
     "AFG3022C",

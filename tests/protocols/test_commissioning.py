@@ -25,7 +25,22 @@ from tests.helpers.commissioning import (
 )
 from tests.helpers.simulated_bench import simulated
 
-MODELS = ("33511B", "33622A", "33220A", "33250A", "DG1032Z", "DG811", "SDG1032X", "SDG2122X", "AFG3252", "AFG1022")
+MODELS = (
+    "33511B",
+    "33622A",
+    "33220A",
+    "33250A",
+    "EDU33212A",
+    "DG1032Z",
+    "DG811",
+    "DG4162",
+    "SDG1032X",
+    "SDG2122X",
+    "SDG6022X",
+    "AFG31052",
+    "AFG3252",
+    "AFG1022",
+)
 LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS}
 
 FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")

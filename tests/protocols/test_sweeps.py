@@ -124,6 +124,10 @@ def test_a_curve_is_told_whole_after_its_point(swept) -> None:
     assert (told.name, told.label, told.entry, told.y) == (kept.name, kept.label, kept.entry, kept.y)
     for name in ("frequency", "response", "response_errors", "phase", "coherence"):
         assert np.array_equal(told.columns[name].values, kept.columns[name].values), name
+    fit, response = (kept.columns[name].values for name in ("response_fit", "response"))
+    fitted = np.isfinite(fit)
+    assert fitted.sum() > 30
+    np.testing.assert_allclose(fit[fitted], response[fitted], rtol=0.01)
 
 
 def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -> None:

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetrics, QFontMetricsF, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
 from app.common import format_estimate
@@ -25,6 +26,9 @@ AXIS_WIDTH = 62
 """Width of the left axis in pixels, so that plots above each other share their left edge."""
 
 TRACE_AXIS_WIDTH = 48
+
+AXIS_MARGIN = 14
+"""Ticks, and the distances between them, their labels and the name of an axis, in pixels."""
 
 LEGEND_STYLE: dict[str, Any] = {"labelTextSize": "9pt", "verSpacing": -6}
 MAX_LEGEND_SHARE = 0.5
@@ -173,6 +177,16 @@ def tick_spacing(low: float, high: float, max_ticks: float = 4.0) -> float:
     return round_step(max(high - low, 1e-9), max_ticks)
 
 
+def needed_axis_width(plot: Any, metrics: QFontMetrics) -> int:
+    """Return the width that the left axis of a plot needs for its tick labels and its name, in pixels."""
+    axis, (low, high) = plot.getAxis("left"), plot.getViewBox().viewRange()[1]
+    texts: list[str] = []
+    for spacing, values in axis.tickValues(low, high, plot.getViewBox().height()):
+        texts += axis.tickStrings(values, axis.autoSIPrefixScale * axis.scale, spacing)
+    name = metrics.height() if axis.labelText else 0
+    return max(map(metrics.horizontalAdvance, texts), default=0) + name + AXIS_MARGIN
+
+
 def limit_ticks(plot: Any, font: QFont) -> None:
     """Keep the number of ticks on the left axis to what its height has space for, also after a resize or a new range."""
     box, line = plot.getViewBox(), TICK_LINES * QFontMetricsF(font).height()
@@ -232,6 +246,8 @@ class PlotBase(QWidget):
         self._theme = theme
         self._canvases: list[Any] = []
         self._plots: list[Any] = []
+        self.aligned_plots: list[Any] = []
+        """Plots of other widgets, above or below, whose left edges are kept in line with these."""
         self.copy_buttons: list[PlotCopyButtons] = []
         self.tools: list[PlotTools] = []
         self.canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False) if canvas is None else canvas
@@ -311,6 +327,7 @@ class PlotBase(QWidget):
             style_axes(plot, self.font())
             if axis_width is not None:
                 plot.getAxis("left").setWidth(axis_width)
+                plot.getViewBox().sigYRangeChanged.connect(partial(self._fit_axes, axis_width))
             if isinstance(plot.getViewBox(), ZoomBox):
                 plot.setMouseEnabled(x=True, y=True)
         if len(plots) == 1:
@@ -319,6 +336,14 @@ class PlotBase(QWidget):
         self._plots += plots
         self.copy_buttons.append(PlotCopyButtons(canvas, self._table))
         self.tools.append(PlotTools(canvas, plots, self.copy_buttons[-1], self._fill_menu))
+
+    def _fit_axes(self, least: int, *_: object) -> None:
+        """Widen the left axes to their longest tick label, all alike, so that no label is printed over the axis's name."""
+        widths = {needed_axis_width(plot, self.fontMetrics()) for plot in self._plots}
+        width = max(least, *widths, *(needed_axis_width(plot, self.fontMetrics()) for plot in self.aligned_plots))
+        for plot in (*self._plots, *self.aligned_plots):
+            if plot.getAxis("left").width() != width:
+                plot.getAxis("left").setWidth(width)
 
     def _fill_menu(self, menu: Menu) -> None:
         """Add entries of this kind of plot to its context menu."""

@@ -1,12 +1,14 @@
 """Plot of the curves that entries return in addition to points: frequency responses, decays, loops, with error bands."""
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QWidget
+from PySide6.QtGui import QColor, QResizeEvent
+from PySide6.QtWidgets import QComboBox, QWidget
 
 from app.common import display_unit, minmax_decimate
 from app.gui.plots.base import (
@@ -15,8 +17,21 @@ from app.gui.plots.base import (
     PlotBase,
     caption_label,
     curve_color,
+    legend_share,
     stable_range,
 )
+from app.gui.plots.curve_layers import (
+    LAYER_LABELS,
+    LESS_MEAN,
+    NOTHING,
+    RESIDUAL,
+    is_loop,
+    isolated,
+    layer_label,
+    layer_series,
+    layers_of,
+)
+from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import Theme, make_choice, make_label, row
 from app.live import OverlayCurve
@@ -27,6 +42,8 @@ MAX_DRAWN_POINTS = 4000
 """A longer curve is drawn as its min/max decimation to about this number of points."""
 
 SIGMAS = 2.0
+
+LEGEND_COLUMN_WIDTH = 190
 
 
 class CurvesPlot(PlotBase):
@@ -41,15 +58,26 @@ class CurvesPlot(PlotBase):
         self.plot.addItem(self.model)
         self._add_legend(left=False)
         self.drawn_curves: list[tuple[pg.PlotCurveItem, BandFill]] = []
+        self._further_items: list[Any] = []
+        """Fit lines, and error bars of lines that stand out."""
+        self.layer_box = QComboBox()
+        self.layer_box.setToolTip("What is drawn below the curves, on the same axis")
+        self.layer_box.setAccessibleName("lower plot")
+        self.layer_box.activated.connect(self._on_layer_chosen)
+        self._chosen_layers: dict[str, str] = {}
+        """Chosen layer by the names of a curve's axes."""
         self.caption, self.source = caption_label("Curves"), make_label(kind="note", wrap=False)
         self.points_button = make_choice("Show the points")
-        self._add_head(row(self.caption, self.source, None, self.points_button, spacing=14))
+        self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=14))
+        self.plot.getViewBox().sigResized.connect(self._scale)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.set_color(theme.model)
+        if "strip" in vars(self):
+            self.strip.set_theme(theme)
         self._draw()
 
     def show_curves(self, curves: Sequence[ResultCurve], bare_tactor: bool) -> None:
@@ -82,18 +110,36 @@ class CurvesPlot(PlotBase):
             self.legend.removeItem(line)
             self.plot.removeItem(line)
             self.plot.removeItem(fill)
-        self.drawn_curves = []
+        for item in self._further_items:
+            self.plot.removeItem(item)
+        self.drawn_curves, self._further_items = [], []
         shown = self._visible_curves
         for at, curve in enumerate(shown):
-            colour = QColor(self._theme.measured) if len(shown) == 1 else curve_color(at, self._theme)
+            colour = self._color(at, len(shown))
             x, y, errors = _display_values(curve)
             line, fill = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
             line.setData(*decimate_to_drawn(x, y), connect="finite")
             self.plot.addItem(line)
             fill.set_color(colour.name())
             if errors is not None:
-                (places, low), (_, high) = (decimate_to_drawn(x, y + side * errors) for side in (-SIGMAS, SIGMAS))
+                alone = isolated(errors)
+                half = np.where(alone, np.nan, SIGMAS * errors)
+                (places, low), (_, high) = (decimate_to_drawn(x, y + side * half) for side in (-1, 1))
                 fill.show_band(places, (low, high))
+                if alone.any():
+                    bars = pg.ErrorBarItem(
+                        x=x[alone],
+                        y=y[alone],
+                        height=2 * SIGMAS * errors[alone],
+                        beam=0.0,
+                        pen=pg.mkPen(fill.brush().color()),
+                    )
+                    self._add_further(bars)
+            if (fitted := curve.columns.get(f"{curve.y}_fit")) is not None:
+                dotted = pg.PlotCurveItem(pen=pg.mkPen(self._theme.model, width=1.5, style=Qt.PenStyle.DotLine))
+                factor = display_unit(curve.columns[curve.y].unit)[0]
+                dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
+                self._add_further(dotted)
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
                 self.legend.addItem(line, curve.label)
             self.drawn_curves.append((line, fill))
@@ -101,12 +147,73 @@ class CurvesPlot(PlotBase):
             for side, name in (("bottom", curve.x), ("left", curve.y)):
                 unit = display_unit(curve.columns[name].unit)[1]
                 self.plot.setLabel(side, f"{name} ({unit})" if unit else name)
-        left = any(
-            (np.diff(curve.columns[curve.x].values) < 0).any() for curve in shown
-        )  # a loop, which rises to the right
-        self.legend.setOffset((8, 4) if left else (-8, 4))
+        self.legend.setOffset(
+            (8, 4) if any(is_loop(curve) for curve in shown) else (-8, 4)
+        )  # a loop rises to the right
         self._draw_model()
+        self._draw_layer()
         self._scale()
+
+    def _add_further(self, item: Any) -> None:
+        self.plot.addItem(item)
+        self._further_items.append(item)
+
+    @cached_property
+    def strip(self) -> LowerStrip:
+        """The plot below the curves; created when first used."""
+        strip = LowerStrip(self.plot, self._theme)
+        self._layout.addWidget(strip)
+        self.aligned_plots.append(strip.plot)
+        strip.aligned_plots.append(self.plot)
+        return strip
+
+    @property
+    def layer(self) -> str:
+        """What the lower plot shows."""
+        shown = self._visible_curves
+        offered = layers_of(shown)
+        chosen = self._chosen_layers.get(shown[-1].y, "") if shown else ""
+        return chosen if chosen in offered else offered[0]
+
+    def show_simulated(self, simulated: bool) -> None:
+        super().show_simulated(simulated)
+        if "strip" in vars(self):
+            self.strip.simulated = simulated
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if "strip" in vars(self):
+            self.strip.setVisible(self.layer != NOTHING and self.height() >= MIN_HEIGHT_OF_BOTH)
+
+    def _on_layer_chosen(self, index: int) -> None:
+        if shown := self._visible_curves:
+            self._chosen_layers[shown[-1].y] = self.layer_box.itemData(index)
+            self._draw_layer()
+
+    def _draw_layer(self) -> None:
+        """Draw the lower plot, and offer the layers that the curves have."""
+        shown, layer = self._visible_curves, self.layer
+        offered = layers_of(shown)
+        if [self.layer_box.itemData(at) for at in range(self.layer_box.count())] != list(offered):
+            self.layer_box.clear()
+            for each in offered:
+                self.layer_box.addItem(LAYER_LABELS[each], each)
+        self.layer_box.setCurrentIndex(self.layer_box.findData(layer))
+        self.layer_box.setVisible(len(offered) > 1)
+        if layer == NOTHING and "strip" not in vars(self):
+            return
+        self.strip.setVisible(layer != NOTHING and self.height() >= MIN_HEIGHT_OF_BOTH)
+        self._layout.setStretch(self._layout.indexOf(self.canvas), 1 if layer == LESS_MEAN else 3)
+        self._layout.setStretch(self._layout.indexOf(self.strip), 1)
+        drawn = [(at, series) for at, curve in enumerate(shown) if (series := layer_series(curve, layer)) is not None]
+        colors = [self._color(at, len(shown)) for at, _ in drawn]
+        label = layer_label(shown[-1], layer) if shown else ""
+        zero = layer in (RESIDUAL, LESS_MEAN)
+        thinned = [PlotSeries(s.name, *_thin(s)) for _, s in drawn]
+        self.strip.draw(thinned, colors, label, symbols=False, zero=zero, simulated=self.simulated)
+
+    def _color(self, at: int, count: int) -> QColor:
+        return QColor(self._theme.measured) if count == 1 else curve_color(at, self._theme)
 
     def _draw_model(self) -> None:
         """Draw the response to one volt at the amplifier's input: the curve's fundamental divided by its amplitude."""
@@ -122,7 +229,7 @@ class CurvesPlot(PlotBase):
         ends = None if curve.band is None else [factor * end for end in curve.band.fundamental]
         self.band.show_band(curve.frequency_hz, ends)
 
-    def _scale(self) -> None:
+    def _scale(self, *_: object) -> None:
         if not self.drawn_curves:
             return
         x, y = (np.concatenate([line.getData()[axis] for line, _ in self.drawn_curves]) for axis in (0, 1))
@@ -131,7 +238,11 @@ class CurvesPlot(PlotBase):
             return
         if self.model.isVisible():
             y = np.concatenate((y, self.model.getData()[1], () if self.band.ends is None else self.band.ends[2]))
-        low, high = stable_range(min(float(y.min()), 0.0), float(y.max()), None)
+        # The legend has as many columns as fit side by side, and lies above the curves.
+        self.legend.setColumnCount(max(min(int(self.plot.getViewBox().width() // LEGEND_COLUMN_WIDTH), 4), 1))
+        low, high = min(float(y.min()), 0.0), float(y.max())
+        high = low + (high - low) / (1 - legend_share(self.legend, self.plot))
+        low, high = stable_range(low, high, None)
         self.plot.setXRange(float(x.min()), float(x.max()), padding=0.01)
         self.plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)
 
@@ -147,6 +258,13 @@ def _display_values(curve: ResultCurve) -> tuple[Array, Array, Array | None]:
         factor * y.values,
         None if errors is None else factor * errors.values,
     )
+
+
+def _thin(series: PlotSeries) -> tuple[Array, Array, Array | None]:
+    """Return the values of a layer, decimated if there are many; its errors only where there are not."""
+    if series.x.size <= MAX_DRAWN_POINTS:
+        return series.x, series.y, series.errors
+    return *decimate_to_drawn(series.x, series.y), None
 
 
 def decimate_to_drawn(x: Array, y: Array) -> tuple[Array, Array]:

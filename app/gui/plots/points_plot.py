@@ -2,21 +2,24 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QWidget
+from PySide6.QtGui import QColor, QResizeEvent
+from PySide6.QtWidgets import QComboBox, QWidget
 
 from app.common import display_unit
 from app.gui.plots.base import PlotBase, caption_label
+from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
+from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import Theme, make_choice, make_label, row
+from app.gui.widgets import ElidedLabel, Theme, make_choice, make_label, row, set_style_kind
 from app.session import describe_point
-from protocols.base import Protocol, Quality, RunEnded
+from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
@@ -38,21 +41,41 @@ class PointsPlot(PlotBase):
         self._entries: Sequence[int] = ()
         self._shown_indices: Sequence[int] = ()
         self._outcome: RunEnded | None = None
+        self._lines: tuple[FitLine, ...] = ()
+        self.line_items: list[pg.PlotCurveItem] = []
         self._bars = pg.ErrorBarItem(beam=0.0)
         self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
         self.caption, self.hint_label = caption_label(), make_label(HOLLOW_HINT, "note", wrap=False)
+        self.fit_label = ElidedLabel()
+        set_style_kind(self.fit_label, "note")
+        self.strip_box = QComboBox()
+        self.strip_box.addItems([LAYER_LABELS[layer] for layer in (RESIDUAL, NOTHING)])
+        self.strip_box.setAccessibleName("lower plot")
+        self.strip_box.currentIndexChanged.connect(lambda _: self._draw())
         self.curves_button = make_choice("Show the curves")
         self.curves_button.hide()
         self.selection = EntrySelection(self._draw, self.repeat_requested.emit)
         self.scatter.sigClicked.connect(lambda _, spots: self.selection.toggle(self._shown_indices, spots))
-        self._add_head(row(self.caption, self.selection.button, None, self.hint_label, self.curves_button, spacing=14))
+        self._add_head(
+            row(
+                self.caption,
+                (self.fit_label, 1),
+                self.selection.button,
+                self.hint_label,
+                self.strip_box,
+                self.curves_button,
+                spacing=14,
+            )
+        )
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
         self._bars.setData(pen=pg.mkPen(theme.measured))
+        if "strip" in vars(self):
+            self.strip.set_theme(theme)
         self._draw()
 
     def set_protocol(self, kind: type[Protocol]) -> None:
@@ -80,6 +103,59 @@ class PointsPlot(PlotBase):
         self._outcome = outcome
         empty = "" if self._shown_indices else EMPTY_TEXT if outcome is None else "no points were measured"
         self.corner_label.set_text(self._estimates_text(outcome) or empty)
+
+    @cached_property
+    def strip(self) -> LowerStrip:
+        """The residual below the points; created when first used."""
+        strip = LowerStrip(self.plot, self._theme)
+        self._layout.addWidget(strip)
+        self.aligned_plots.append(strip.plot)
+        strip.aligned_plots.append(self.plot)
+        self._layout.setStretch(self._layout.indexOf(self.canvas), 3)
+        self._layout.setStretch(self._layout.indexOf(strip), 1)
+        return strip
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if "strip" in vars(self):
+            self._show_strip()
+
+    def _show_strip(self) -> None:
+        wanted = bool(self._lines) and self.strip_box.currentIndex() == 0
+        self.strip.setVisible(wanted and self.height() >= MIN_HEIGHT_OF_BOTH)
+
+    def _draw_lines(self, points: Sequence[Any]) -> None:
+        """Draw the fit lines through the points, and what the points leave."""
+        assert self._kind is not None
+        for item in self.line_items:
+            self.plot.removeItem(item)
+        self.line_items = []
+        self._lines = lines = self._kind.fit_lines(points) if points else ()
+        self.fit_label.setText(f"line: {', '.join(line.label for line in lines)}" if lines else "")
+        self.strip_box.setVisible(bool(lines))
+        if not lines and "strip" not in vars(self):
+            return
+        known = point_columns(self._kind.point_type)
+        x_factor, y_factor = (display_unit(known[name][0])[0] for name in self._kind.axes)
+        residuals = []
+        for line in lines:
+            item = pg.PlotCurveItem(pen=pg.mkPen(self._theme.model, width=1.5))
+            item.setData(x_factor * line.x, y_factor * line.y)
+            item.setZValue(-5)
+            self.plot.addItem(item)
+            self.line_items.append(item)
+            x, y, errors = (
+                np.array([float(getattr(points[i], name, np.nan)) for i in line.indices])
+                for name in (*self._kind.axes, f"{self._kind.axes[1]}_errors")
+            )
+            residuals.append(
+                PlotSeries(line.label, x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors)
+            )
+        unit = display_unit(known[self._kind.axes[1]][0])[1]
+        colors = [QColor(self._theme.measured)] * len(residuals)
+        label = f"residual ({unit})" if unit else "residual"
+        self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
+        self._show_strip()
 
     def _series(self) -> Iterable[PlotSeries]:
         return series_of(self.caption.text(), self.scatter, self._bars)
@@ -111,6 +187,7 @@ class PointsPlot(PlotBase):
         self.hint_label.setVisible(not all(usable))
         for side in ("left", "bottom"):  # without points the limits mean nothing
             self.plot.getAxis(side).setStyle(showValues=bool(points))
+        self._draw_lines(points)
         self.plot.autoRange(padding=0.08)
         self.show_estimates(self._outcome)
 

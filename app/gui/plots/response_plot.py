@@ -224,6 +224,8 @@ class ResponsePlot(PlotBase):
         """The plot below the response; created when first used."""
         strip = ResidualStrip(self.plot, self._theme)
         self._layout.addWidget(strip)
+        self.aligned_plots.append(strip.plot)
+        strip.aligned_plots.append(self.plot)
         return strip
 
     def _draw_strip(self) -> None:

@@ -1,0 +1,106 @@
+"""Lower plot under points or curves, on the same horizontal axis: residual, phase, coherence."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtGui import QColor
+
+from app.gui.plots.base import BandFill, PlotBase, limit_ticks
+from app.gui.plots.series import PlotSeries
+from app.gui.widgets import Theme
+from model import Mask
+
+MIN_HEIGHT = 60
+MIN_HEIGHT_OF_BOTH = 250
+"""Height of a page's plot from which there is space for a lower one."""
+
+
+class LowerStrip(PlotBase):
+    """Shares the horizontal axis of `main_plot`; its series are points with error bars, or lines with bands."""
+
+    def __init__(self, main_plot: Any, theme: Theme) -> None:
+        super().__init__(theme, grid=True)
+        self.plot.layout.setRowFixedHeight(0, 4)
+        self.simulated_label.set_visible(False)  # the plot above it is marked
+        limit_ticks(self.plot, self.font())
+        self.plot.getAxis("bottom").setStyle(showValues=False)
+        self.plot.setXLink(main_plot)
+        self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
+        self._main = main_plot
+        self.setMinimumHeight(MIN_HEIGHT)
+        self._zero = pg.InfiniteLine(0.0, angle=0)
+        self.plot.addItem(self._zero)
+        self._items: list[Any] = []
+        self.series: tuple[PlotSeries, ...] = ()
+        self._add_head()
+        self.hide()
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        super().set_theme(theme)
+        self._zero.setPen(pg.mkPen(theme.model, width=1.5))
+
+    def draw(
+        self,
+        series: Sequence[PlotSeries],
+        colors: Sequence[QColor],
+        label: str,
+        *,
+        symbols: bool,
+        zero: bool,
+        simulated: bool,
+    ) -> None:
+        """Draw series, each in its colour; `zero` marks zero."""
+        for item in self._items:
+            self.plot.removeItem(item)
+        self._items, self.series, self.simulated = [], tuple(series), simulated
+        self.plot.setLabel("left", label)
+        self._zero.setVisible(zero)
+        for one, color in zip(series, colors, strict=True):
+            there = np.isfinite(one.x) & np.isfinite(one.y)  # Qt crashes when it paints a point that is not finite
+            if not there.any():
+                continue
+            (self._add_points if symbols else self._add_line)(one, there, color)
+        self._scale(symbols)
+
+    def _add_points(self, one: PlotSeries, there: Mask, color: QColor) -> None:
+        errors = np.zeros(one.y.size) if one.errors is None else np.nan_to_num(one.errors)
+        bars = pg.ErrorBarItem(x=one.x[there], y=one.y[there], height=2 * errors[there], beam=0.0, pen=pg.mkPen(color))
+        points = pg.ScatterPlotItem(
+            x=one.x[there], y=one.y[there], size=7, pen=pg.mkPen(color), brush=pg.mkBrush(color)
+        )
+        self._keep(bars, points)
+
+    def _add_line(self, one: PlotSeries, there: Mask, color: QColor) -> None:
+        if one.errors is not None:
+            band = BandFill(self.plot)
+            band.set_color(color.name())
+            band.show_band(one.x, (one.y - one.errors, one.y + one.errors))
+            self._items.append(band)
+        line = pg.PlotCurveItem(pen=pg.mkPen(color, width=1))
+        line.setData(one.x, np.where(there, one.y, np.nan), connect="finite")
+        self._keep(line)
+
+    def _keep(self, *items: Any) -> None:
+        for item in items:
+            self.plot.addItem(item)
+            self._items.append(item)
+
+    def _scale(self, with_errors: bool) -> None:
+        ends = []
+        for one in self.series:
+            half = np.nan_to_num(one.errors) if with_errors and one.errors is not None else np.zeros(one.y.size)
+            ends += [one.y - half, one.y + half]
+        every = np.concatenate(ends) if ends else np.empty(0)
+        every = every[np.isfinite(every)]
+        low, high = (float(every.min()), float(every.max())) if every.size else (-1.0, 1.0)
+        margin = 0.08 * (high - low) or abs(high) * 1e-3 or 1e-9
+        self.plot.setYRange(low - margin, high + margin, padding=0)
+
+    def _series(self) -> Iterable[PlotSeries]:
+        return self.series
+
+    def _column_names(self) -> tuple[str, str]:
+        return self._main.getAxis("bottom").labelText, self.plot.getAxis("left").labelText

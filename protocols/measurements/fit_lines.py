@@ -1,0 +1,32 @@
+"""Fit lines of points: which points they take, and the weighted mean as a line."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from protocols.base import FitLine, Quality
+
+CURVE_POINTS = 101
+"""Places of a line that is not straight."""
+
+
+def line_indices(points: Sequence[Any], x_name: str, y_name: str) -> tuple[int, ...]:
+    """Return the points with finite coordinates that a fit may use."""
+    return tuple(
+        i
+        for i, p in enumerate(points)
+        if Quality(p.quality).usable and math.isfinite(getattr(p, x_name)) and math.isfinite(getattr(p, y_name))
+    )
+
+
+def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[FitLine, ...]:
+    """Return the mean of at least two points, weighted with their errors, as a level line."""
+    used = line_indices(points, x_name, y_name)
+    if len(used) < 2:
+        return ()
+    x, y, error = (np.array([getattr(points[i], n) for i in used], float) for n in (x_name, y_name, f"{y_name}_errors"))
+    weight = 1 / error**2 if (error > 0).all() else np.ones(y.size)
+    ends = np.array([x.min(), x.max()])
+    return (FitLine(label, ends, np.full(2, float(weight @ y / weight.sum())), used),)

@@ -1,0 +1,193 @@
+"""Fit lines, residuals and further layers of result plots: what is drawn below points and curves."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+
+from app.gui.plots.base import needed_axis_width
+from app.gui.plots.curve_layers import COHERENCE, LESS_MEAN, RESIDUAL, isolated, layer_series, layers_of
+from app.gui.plots.curves_plot import CurvesPlot
+from app.gui.plots.points_plot import PointsPlot
+from app.gui.widgets.theme import LIGHT
+from model import Array
+from protocols.base import CurveColumn, Quality, ResultCurve
+from protocols.measurements.hysteresis import Hysteresis
+from protocols.measurements.mass_resonance import MassPoint, MassResonance
+from protocols.measurements.membrane_sag import MembraneSag
+from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements.voltage_steps import VoltageSteps
+from protocols.registry import PROTOCOLS
+
+TURN = np.linspace(0, 2 * np.pi, 129)
+
+
+def loop(width_m: float = 5e-6, label: str = "1 Hz") -> ResultCurve:
+    """A loop much thinner than its stroke."""
+    drive = 2.5 + 2.5 * np.sin(TURN)
+    moved = 2e-4 * np.sin(TURN) - 0.5 * width_m * np.cos(TURN)
+    columns = {"drive": CurveColumn(drive, "V", ""), "displacement": CurveColumn(moved, "m", "")}
+    return ResultCurve("loop", label, "drive", "displacement", columns)
+
+
+def response(label: str = "", **further: Array) -> ResultCurve:
+    f = np.linspace(25.0, 525.0, 201)
+    columns = {
+        "frequency": CurveColumn(f, "Hz", ""),
+        "response": CurveColumn(1e-4 / (1 + (f / 200) ** 2), "m/V", ""),
+        "phase": CurveColumn(-f / 200, "rad", ""),
+        "coherence": CurveColumn(np.full(f.size, 0.999), "1", ""),
+        **{name: CurveColumn(values, "m/V", "") for name, values in further.items()},
+    }
+    return ResultCurve("frequency response", label, "frequency", "response", columns)
+
+
+def points(**columns: Any) -> list[Any]:
+    """Points by their columns, usable and simulated."""
+    rows = zip(*columns.values(), strict=True)
+    return [SimpleNamespace(**dict(zip(columns, row, strict=True)), quality=int(Quality.SIMULATED)) for row in rows]
+
+
+def residual(line: Any, of: list[Any], x: str, y: str) -> Array:
+    return np.array([getattr(of[i], y) - np.interp(getattr(of[i], x), line.x, line.y) for i in line.indices])
+
+
+@pytest.mark.deep
+def test_every_protocol_with_estimates_on_its_axes_has_a_line() -> None:
+    load = np.array([0.2, 0.5, 1.0, 2.0] * 2)
+    side = np.array([1.0] * 4 + [-1.0] * 4)
+    moved = load * np.where(side > 0, 1.3e-4, 1.4e-4)
+    loaded = points(side=side, load=load, load_errors=0 * load, deflection=moved, deflection_errors=1e-8 + 0 * load)
+    for line in (lines := StaticLoading.fit_lines(loaded)):
+        assert np.abs(residual(line, loaded, "load", "deflection")).max() < 1e-12
+    assert [line.indices for line in lines] == [(0, 1, 2, 3), (4, 5, 6, 7)]
+
+    level = np.array([0.5, 1.5, 2.5, 3.5, 4.5])
+    step = level - 2.5
+    bend = np.where(step > 0, 1.4e-4, 5e-5) * step
+    stepped = points(level=level, drive_step=step, deflection=bend, deflection_errors=1e-8 + 0 * step)
+    for line in VoltageSteps.fit_lines(stepped):
+        assert np.abs(residual(line, stepped, "level", "deflection")).max() < 1e-12
+
+    mass = np.array([1.75e-3, 4.75e-3, 6e-3, 9.75e-3])
+    resonance = np.sqrt(9000.0 / (mass + 2e-3)) / (2 * np.pi)
+    (line,) = MassResonance.fit_lines(points(mass=mass, frequency=resonance, frequency_errors=0.01 + 0 * mass))
+    np.testing.assert_allclose(np.interp(mass, line.x, line.y), resonance, rtol=1e-3)
+
+    hertz = np.array([0.1, 0.5, 1.0, 5.0])
+    looped = points(frequency=hertz, share=0.02 + 0.003 * hertz, share_errors=1e-5 + 0 * hertz)
+    (line,) = Hysteresis.fit_lines(looped)
+    assert np.abs(residual(line, looped, "frequency", "share")).max() < 1e-9
+    for name in ("sweep", "free-decay", "membrane-sag"):
+        kind = PROTOCOLS[name]
+        x, y = kind.axes
+        (line,) = kind.fit_lines(points(**{x: [1.0, 2.0], y: [3.0, 5.0], f"{y}_errors": [1.0, 1.0]}))
+        np.testing.assert_allclose(line.y, 4.0)
+
+
+@pytest.mark.deep
+def test_the_points_have_their_line_and_residual(qt: QApplication) -> None:
+    plot = PointsPlot(LIGHT)
+    plot.resize(900, 500)
+    plot.show()
+    plot.set_protocol(MassResonance)
+    masses = [1.75e-3, 4.75e-3, 9.75e-3]
+    measured = [
+        MassPoint(m, 4.5 * m**-0.5, 0.1, 1.0, 0.1, 1.0, 0.1, 0.2, 0.1, 1e-4, 1.0, 1.0, int(Quality.SIMULATED))
+        for m in masses
+    ]
+    plot.show_points(measured, (0, 1, 2), False)
+    assert len(plot.line_items) == 1
+    assert "1/f²" in plot.fit_label.text()
+    assert plot.strip.isVisible()
+    assert plot.strip.series[0].y.size == 3
+    assert plot.strip.plot.getAxis("left").labelText == "residual (Hz)"
+    plot.strip_box.setCurrentIndex(1)
+    assert not plot.strip.isVisible()
+    plot.strip_box.setCurrentIndex(0)
+    plot.resize(900, 200)
+    qt.processEvents()
+    assert not plot.strip.isVisible(), "there is no space for both"
+    plot.close()
+
+
+@pytest.mark.deep
+def test_a_thin_loop_is_seen_less_its_mean_line(qt: QApplication) -> None:
+    series = layer_series(loop(), LESS_MEAN)
+    assert series is not None
+    assert np.ptp(series.y) == pytest.approx(5.0, rel=0.02)
+    assert np.abs(series.y).max() < 3.0, "the stroke of 400 µm is taken off"
+    plot = CurvesPlot(LIGHT)
+    plot.resize(900, 500)
+    plot.show()
+    plot.show_curves((loop(), loop(1e-5, "5 Hz")), bare_tactor=False)
+    assert plot.layer == LESS_MEAN
+    assert plot.strip.isVisible()
+    assert len(plot.strip.series) == 2
+    low, high = plot.strip.plot.getViewBox().viewRange()[1]
+    assert high - low < 20.0
+    plot.close()
+
+
+@pytest.mark.deep
+def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplication) -> None:
+    curve = response()
+    assert layers_of((curve,))[0] == COHERENCE
+    assert RESIDUAL not in layers_of((curve,))
+    fitted = response(response_fit=0.99 * curve.columns["response"].values)
+    left = layer_series(fitted, RESIDUAL)
+    assert left is not None
+    np.testing.assert_allclose(left.y, 1e4 * curve.columns["response"].values)
+    plot = CurvesPlot(LIGHT)
+    plot.resize(900, 500)
+    plot.show()
+    plot.show_curves((fitted,), bare_tactor=False)
+    assert plot.strip.plot.getAxis("left").labelText == "coherence"
+    plot.layer_box.setCurrentIndex(plot.layer_box.findData(RESIDUAL))
+    plot.layer_box.activated.emit(plot.layer_box.currentIndex())
+    assert plot.strip.plot.getAxis("left").labelText == "residual (µm/V)"
+    plot.close()
+
+
+@pytest.mark.deep
+def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
+    plot = CurvesPlot(LIGHT)
+    plot.resize(900, 500)
+    plot.show()
+    plot.show_curves(tuple(response(f"with {mass} g") for mass in range(9)), bare_tactor=False)
+    qt.processEvents()
+    assert len(plot.legend.items) == 9
+    box = plot.plot.getViewBox()
+    lowest_of_legend = box.mapSceneToView(plot.legend.mapToScene(plot.legend.boundingRect().bottomLeft())).y()
+    assert lowest_of_legend > max(line.getData()[1].max() for line, _ in plot.drawn_curves)
+    plot.close()
+
+
+def test_an_error_that_stands_out_is_no_bow_tie() -> None:
+    errors = np.full(30, 1e-3)
+    errors[12] = 0.1
+    assert np.flatnonzero(isolated(errors)).tolist() == [12]
+    errors[10:20] = 0.1
+    assert not isolated(errors).any(), "a wide part of a curve has a wide band"
+
+
+@pytest.mark.deep
+def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) -> None:
+    plot = PointsPlot(LIGHT)
+    plot.resize(900, 400)
+    plot.show()
+    plot.set_protocol(MembraneSag)
+    fields = dict.fromkeys(MembraneSag.point_type.__dataclass_fields__, 1.0)
+    sags = (3464.40e-6, 3464.41e-6, 3464.43e-6)
+    measured = [
+        MembraneSag.point_type(**{**fields, "repeat": i, "sag": sag, "sag_errors": 1e-8, "quality": 0})
+        for i, sag in enumerate(sags)
+    ]
+    plot.show_points(measured, (0, 1, 2), False)
+    qt.processEvents()
+    width = plot.plot.getAxis("left").width()
+    assert width >= needed_axis_width(plot.plot, plot.fontMetrics()) > 62
+    assert plot.strip.plot.getAxis("left").width() == width, "both left edges are in line"
+    plot.close()
