@@ -165,7 +165,7 @@ def _highest_slew(drives: PlannedDrives, amplifier: HvAmplifier) -> tuple[float,
         return 0.0, ""
     entry, drive = max(drives, key=lambda pair: pair[1].slew_v_per_s)
     share = drive.slew_v_per_s / amplifier.limits.slew_v_per_s
-    return share, f"{entry.label}: slope {100 * share:.0f} % of the limit"
+    return share, f"slope {100 * share:.0f} % of its limit, at {entry.label}"
 
 
 def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tuple[float, str]]:
@@ -175,7 +175,7 @@ def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tupl
     entry, drive = max(drives, key=lambda pair: amplifier.peak_current_a(pair[1]))
     current_a = amplifier.peak_current_a(drive)
     share = current_a / amplifier.limits.current_limit_a
-    return [(share, f"{entry.label}: {1e3 * current_a:.2g} mA into the specimen, {100 * share:.0f} % of the limit")]
+    return [(share, f"{1e3 * current_a:.2g} mA into the specimen, {100 * share:.0f} % of its limit, at {entry.label}")]
 
 
 def _largest_travel(

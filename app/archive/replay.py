@@ -1,5 +1,6 @@
 """Loading of a finished run for display: points, curves, estimates, log messages and traces."""
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -230,7 +231,9 @@ def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | 
                 if protocol is None or has_response_columns(event.fields["point"])
                 else protocol.point_type
             )
-            return LogLine(at, Severity.INFO, describe_point(make(**event.fields["point"])))
+            # A value that is not finite is stored as null.
+            values = {name: math.nan if value is None else value for name, value in event.fields["point"].items()}
+            return LogLine(at, Severity.INFO, describe_point(make(**values)))
         if event.kind == PromptShown.kind:
             return LogLine(at, Severity.WARNING, f"Asked: {event.fields['prompt']['text']}")
         if kind in (None, DriveStarted, RecordingFinished, BlockStored):

@@ -3,6 +3,7 @@ from .atomic_write import write_atomic as write_atomic
 from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors
+from .formatting import SUPERSCRIPTS as SUPERSCRIPTS
 from .formatting import format_bytes as format_bytes
 from .formatting import format_curve as format_curve
 from .formatting import format_duration as format_duration
@@ -11,6 +12,8 @@ from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
 from .formatting import format_quantity as format_quantity
 from .formatting import pluralize as pluralize
+from .formatting import typeset as typeset
+from .formatting import typeset_unit as typeset_unit
 from .inputs import path_argument as path_argument
 from .inputs import seed_argument as seed_argument
 from .inputs import specimen_argument as specimen_argument
@@ -31,6 +34,7 @@ from .progress import terminal_progress as terminal_progress
 from .progress import track as track
 from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultSummary as ResultSummary
+from .result_summary import axis_name as axis_name
 from .result_summary import summarize_result as summarize_result
 from .tables import Column as Column
 from .tables import Table as Table

@@ -1,9 +1,22 @@
 """Formatting of durations, sizes, quantities with uncertainty, curves and points for operators."""
 
+import re
 from typing import Any
 
 from app.common.units import display_unit
 from protocols.base import EstimatedQuantity, Quality, ResultCurve, format_with_uncertainty
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def typeset_unit(unit: str) -> str:
+    """`N m^2` as `N m²`; the unit `1` is omitted."""
+    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), unit)
+
+
+def typeset(text: str) -> str:
+    """Return a line as a window shows it: `N m²`, `±` and `max − min` for `N m^2`, `+-` and `max - min`."""
+    return typeset_unit(text).replace(" +- ", " ± ").replace("max - min", "max − min").replace("max-min", "max − min")
 
 
 def format_duration(seconds: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.common.formatting import format_quantity
+from app.common.formatting import format_quantity, typeset
 from app.common.units import display_unit
 from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.runfile.schema import point_columns
@@ -39,6 +39,15 @@ class ResultSummary:
     planned: int = 0
 
 
+AXIS_NAMES = {"share": "loop width / stroke", "level": "level at the amplifier's input"}
+"""Names of axes that differ from the name of the column."""
+
+
+def axis_name(column: str) -> str:
+    """Return the name of a column on an axis, or at the head of a table."""
+    return AXIS_NAMES.get(column, column.replace("_", " "))
+
+
 def summarize_result(
     verdict: Verdict,
     reason: str,
@@ -56,8 +65,10 @@ def summarize_result(
     return ResultSummary(
         verdict=verdict,
         reason=reason,
-        quantities=tuple((e.name, format_quantity(e.value, e.standard_error, e.unit)) for e in estimates),
-        point_names=(x_name.replace("_", " "), y_name.replace("_", " ")),
+        quantities=tuple(
+            (typeset(e.name), typeset(format_quantity(e.value, e.standard_error, e.unit))) for e in estimates
+        ),
+        point_names=(axis_name(x_name), axis_name(y_name)),
         points=_point_rows(kind, points) if listed and kind is not None else (),
         hints=tuple(hints),
         path=path,

@@ -30,7 +30,7 @@ from app.gui.widgets import (
     update_actions,
 )
 from app.live import SessionAdapter
-from app.session import WindowState, initial_window_state, unreported_watchdog_messages
+from app.session import BenchState, WindowState, initial_window_state, unreported_watchdog_messages
 from protocols.base import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
@@ -110,6 +110,19 @@ class MainWindow(QMainWindow):
             self.tabs.campaign.run()
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
+        else:
+            self._say_why_not()
+
+    def _say_why_not(self) -> None:
+        """Say why no run begins: a key that does nothing looks like a broken program."""
+        if self.state.bench_state is BenchState.CONNECTING:
+            self.tabs.show_message(
+                "Not started: the bench is still being connected. Press again when its sign says so."
+            )
+        else:
+            self.tabs.show_message(
+                f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
+            )
 
     def start_bench_run(self, protocol: Protocol) -> None:
         """Start a run of the Bench page, if one can begin."""

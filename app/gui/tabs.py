@@ -379,6 +379,7 @@ class MainTabs(QTabWidget):
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._first_theme, fit_runs)
+        page.runs_wanted.connect(self._choose_runs)
         page.folder = lambda: self.folder
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
         page.toolbar.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
@@ -416,6 +417,18 @@ class MainTabs(QTabWidget):
             self.setCurrentIndex(CAMPAIGN)
         elif action == "report":
             self._write_report(path)
+
+    def _choose_runs(self) -> None:
+        """Show the list of runs, to choose those to lay over the model's curves."""
+        self.setCurrentIndex(RUNS)
+        self.runs.go_back()
+        self.runs.details.show_message(
+            "Select one or several runs, then press Explore (E): they are laid over the model's curves."
+        )
+
+    def show_message(self, text: str) -> None:
+        """Show a short message in the corner of the pages."""
+        self._toast.show_message(text)
 
     def _write_report(self, path: Path) -> None:
         """Write the report of the specimen of a run."""

@@ -1,20 +1,13 @@
 """Number formatting of the report: rounding to the uncertainty, powers of ten, unit exponents."""
 
 import math
-import re
 
-from app.common import display_unit
+from app.common import SUPERSCRIPTS, display_unit, typeset_unit
 from protocols.base import format_with_uncertainty
 
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "−"
 SPACE = "\N{NO-BREAK SPACE}"
 """Keeps number, error and unit on one line."""
-
-
-def typeset_unit(unit: str) -> str:
-    """`N m^2` as `N m²`; the unit `1` is omitted."""
-    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), unit)
 
 
 def typeset_measurement(value: float, error: float, unit: str) -> str:

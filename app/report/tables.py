@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.campaign import PAPER_ITEMS
-from app.common import Table, display_unit, pluralize
+from app.common import Table, display_unit, pluralize, typeset_unit
 from app.identification import (
     TABLE_ONE,
     BudgetBar,
@@ -30,7 +30,6 @@ from app.report.rounding import (
     typeset_measurement,
     typeset_number,
     typeset_probability,
-    typeset_unit,
     typeset_with_error,
 )
 from app.report.runs import InstrumentRecord, ReportRun

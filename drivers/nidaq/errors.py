@@ -55,7 +55,7 @@ def translate_errors(device_name: str, *, remote: bool = False) -> Iterator[None
     except DaqNotFoundError as error:
         raise InstrumentError(
             f"{device_name}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "
-            "'python -m nidaqmx installdriver', or use the simulated bench (--bench sim)"
+            "'python -m nidaqmx installdriver', or choose the simulated bench (in a terminal: --bench sim)"
         ) from error
     except DaqNotSupportedError as error:
         raise InstrumentError(

@@ -249,7 +249,8 @@ class _PaperIdentification:
                 "step 1, k2: static loading and mass resonance do not settle on a stiffness; look at both runs"
             )
         self.tactor = replace(self.tactor, k2=float(k2))
-        message = f"k2 = {k2:.4g} N m^2 from {load.size} loads and {f.size} masses, static weight {share:g}"
+        message = f"k2 = {k2:.4g} N m² from {load.size} loads and {f.size} masses"
+        message += f", {100 * share:g} % of the weight on the loads" if loads and masses else ""
         self.record_step("k2", [r.label for r in (*loads, *masses)], {"k2": float(k2)}, message)
 
     def identify_coupling(self) -> None:

@@ -28,6 +28,7 @@ from protocols.base import (
     Recording,
     Repeat,
     Step,
+    format_with_uncertainty,
 )
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
 from protocols.measurements.fit_lines import mean_line
@@ -62,7 +63,7 @@ class SagPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        return f"sag {self.repeat:.0f}: {1e3 * self.sag:.4f} ± {1e3 * self.sag_errors:.2g} mm"
+        return f"sag {self.repeat:.0f}: {format_with_uncertainty(1e6 * self.sag, 1e6 * self.sag_errors)} µm"
 
 
 class MembraneSag(Protocol):

@@ -91,7 +91,7 @@ def test_displacement_beyond_sensor_range_is_a_caution() -> None:
 def test_the_current_into_the_specimen_is_held_against_the_amplifiers() -> None:
     # 600 V/V x 2 pi 250 Hz x 2.5 V x 1.2 nF
     rehearsal = rehearse(SineDwell(), guard(current_limit_a=3e-3, specimen_capacitance_f=1.2e-9))
-    assert rehearsal.worst == "250 Hz: 2.8 mA into the specimen, 94 % of the limit"
+    assert rehearsal.worst == "2.8 mA into the specimen, 94 % of its limit, at 250 Hz"
     assert rehearsal.cautions == ()
     with pytest.raises(
         DriveRejectedError, match=r"^250 Hz: Sine refused: it needs 2.83 mA into 1.2 nF, and .* 2.5 mA; lower"

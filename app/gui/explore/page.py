@@ -52,6 +52,8 @@ class ExplorePage(QSplitter):
     """
 
     title = "Explore"
+    runs_wanted = Signal()
+    """The user wants to choose runs from the list of the page Runs."""
     _result_ready = Signal(object, object)
 
     def __init__(self, theme: Theme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
@@ -262,7 +264,7 @@ class ExplorePage(QSplitter):
     def _update_series(self) -> None:
         self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
 
-    def _choose_runs(self) -> None:
+    def _choose_files(self) -> None:
         choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", str(self.folder()), Mode.ExistingFiles)
 
     def _choose_study_file(self) -> None:
@@ -321,7 +323,8 @@ class ExplorePage(QSplitter):
             (bar.redo_button.clicked, self.redo),
             (bar.keep_button.clicked, self.keep_curve),
             (bar.clear_button.clicked, self.clear_overlays),
-            (bar.overlay_button.clicked, self._choose_runs),
+            (bar.overlay_button.clicked, self.runs_wanted.emit),
+            (bar.file_button.clicked, self._choose_files),
             (bar.fit_button.clicked, self.fit_runs),
             (bar.study_button.clicked, self._choose_study_file),
         )

@@ -60,7 +60,8 @@ class ExploreToolbar(QObject):
         self.ranges[0].setChecked(True)
         self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
-        self.overlay_button = make_choice("Overlay a run …", f"{tooltip('explore.overlay')}, or drop files here")
+        self.overlay_button = make_choice("Add runs …", f"{tooltip('explore.overlay')}, or drop files here")
+        self.file_button = make_choice("From files …", "Run files that are not in the folder of the page Runs")
         self.fit_button = make_choice("Fit to the runs", tooltip("explore.fit"))
         if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
@@ -86,6 +87,7 @@ class ExploreToolbar(QObject):
         self.overlay_row = row(
             self.keep_button,
             self.overlay_button,
+            self.file_button,
             self.fit_button,
             self.identify_button,
             self._chips,

@@ -10,10 +10,10 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import ValidationError
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton
+from PySide6.QtWidgets import QLineEdit, QMenu, QMessageBox, QToolButton, QWidgetAction
 
 from app.common import write_atomic
-from app.gui.widgets import configure
+from app.gui.widgets import Menu, configure
 from protocols.base import Protocol
 
 MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
@@ -119,7 +119,7 @@ class PresetButton(QToolButton):
             toolTip="The paper's parameters, or your own",
             popupMode=QToolButton.ToolButtonPopupMode.InstantPopup,
         )
-        menu = QMenu(self)
+        menu = Menu(self)
         menu.aboutToShow.connect(self._fill_menu)
         self.setMenu(menu)
 
@@ -143,7 +143,7 @@ class PresetButton(QToolButton):
         for name in names:
             menu.addAction(name, partial(self._load_preset, kind, name))
         menu.addSeparator()
-        menu.addAction("Keep these as …", self._save_preset).setEnabled(self._current() is not None)
+        menu.addAction(self._name_field(menu))
         if names:
             deletion_menu = menu.addMenu("Forget")
             for name in names:
@@ -156,13 +156,27 @@ class PresetButton(QToolButton):
         if protocol is not None:
             self.preset_chosen.emit(type(protocol)(**{**protocol.model_dump(), MAINS_SHIFT: MAINS_SHIFT_HZ}))
 
-    def _save_preset(self) -> None:
+    def _name_field(self, menu: QMenu) -> QWidgetAction:
+        """Return a text field of the menu that keeps the form's parameters under the name typed into it."""
+        field = configure(
+            QLineEdit(),
+            "measure.preset-name",
+            placeholderText="Keep these as … (name, Enter)",
+            accessibleName="name of the preset",
+        )
+        field.setMinimumWidth(32 * field.fontMetrics().averageCharWidth())
+        field.setEnabled(self._current() is not None)
+        field.returnPressed.connect(lambda: self._save_preset(field.text().strip()))
+        action = QWidgetAction(menu)
+        action.setDefaultWidget(field)
+        return action
+
+    def _save_preset(self, name: str) -> None:
         protocol = self._current()
-        if protocol is None:
+        if protocol is None or not name:
             return
-        name, accepted = QInputDialog.getText(self, "Keep these parameters", "Name of the preset")
-        if accepted and name.strip():
-            self._report_errors(lambda: self._presets.save(name.strip(), protocol))
+        self.menu().close()
+        self._report_errors(lambda: self._presets.save(name, protocol))
 
     def _load_preset(self, kind: type[Protocol], name: str) -> None:
         self._report_errors(lambda: self.preset_chosen.emit(self._presets.get(kind, name)))

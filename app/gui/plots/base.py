@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetrics, QFontMetricsF, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
-from app.common import format_estimate
+from app.common import format_estimate, typeset
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
 from app.gui.plots.tools import PlotTools
@@ -308,7 +308,7 @@ class PlotBase(QWidget):
 
     def _estimates_text(self, outcome: RunEnded | None) -> str:
         estimates = () if outcome is None else outcome.estimates[: self.MAX_ESTIMATES]
-        return ",   ".join(format_estimate(estimate) for estimate in estimates)
+        return typeset(",   ".join(format_estimate(estimate) for estimate in estimates))
 
     def _series(self) -> Iterable[PlotSeries]:
         """Return the data that are copied as a table."""

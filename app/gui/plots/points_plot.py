@@ -11,7 +11,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QWidget
 
-from app.common import display_unit
+from app.common import axis_name, display_unit
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
@@ -23,9 +23,6 @@ from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
-AXIS_NAMES = {"share": "loop width / stroke"}
-"""Names of axes that differ from the name of the column."""
-
 EMPTY_TEXT = "Points appear here as they are measured"
 
 
@@ -87,7 +84,7 @@ class PointsPlot(PlotBase):
         known = point_columns(kind.point_type)
         for side, name in zip(("bottom", "left"), kind.axes, strict=True):
             shown = display_unit(known[name][0])[1]
-            self.plot.setLabel(side, AXIS_NAMES.get(name, name.replace("_", " ")) + (f" ({shown})" if shown else ""))
+            self.plot.setLabel(side, axis_name(name) + (f" ({shown})" if shown else ""))
         self._draw()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int], can_run: bool) -> None:

@@ -9,7 +9,7 @@ from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
-from app.common import ResultSummary, summarize_result
+from app.common import ResultSummary, summarize_result, typeset
 from app.gui.plots import ResultPlots
 from app.gui.results.card import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
@@ -60,7 +60,7 @@ class RunDetailsPane(QWidget):
         super().__init__(parent)
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
         self.heading = make_label(kind="caption", name="runs.heading")
-        self.message_label = make_label(name="runs.message", visible=False)
+        self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.card = ResultCard(theme, "runs.card", ("next", "report"))
         """Of a single selected run."""
@@ -151,11 +151,11 @@ class RunDetailsPane(QWidget):
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.symbol} {one.verdict_text}")
             self._people = _people_text(one)
-            lines = [_shorten_reason(one.explanation), *one.found.split("; "), self._people, one.path]
+            lines = [_shorten_reason(one.explanation), *typeset(one.found).split("; "), self._people, one.path]
             self.facts_label.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
-            found = [f"{e.specimen}: {e.found}" for e in selected if e.found]
+            found = [f"{e.specimen}: {typeset(e.found)}" for e in selected if e.found]
             more = f"\n… and {len(found) - 6} more" if len(found) > 6 else ""
             self.facts_label.setText("\n".join(found[:6]) + more)
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")

@@ -1,6 +1,7 @@
 """Runs page: search, open, compare, annotate, export and import the runs of a folder."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QUrl, Signal
@@ -219,6 +220,11 @@ class RunsPage(QStackedWidget):
         menu = Menu(self.table)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.addAction("Open\tEnter", self.open_selected)
+        one = self.selected[0] if len(self.selected) == 1 else None
+        if one is not None and one.readable and one.specimen:
+            menu.addAction(
+                f"Report of {one.specimen} …", partial(self.details.card.requested.emit, "report", self._path_of(one))
+            )
         names = ("continue", "explore", "", "notes", "export", "copy-paths", "show-folder", "", "trash", "import")
         for name in names:
             if not name:

@@ -18,7 +18,7 @@ from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunSummary
-from app.common import format_duration
+from app.common import format_duration, typeset
 from app.gui.widgets import Theme, configure
 from protocols.base import Outcome
 
@@ -114,7 +114,7 @@ def _cell_text(summary: RunSummary, column: str) -> str:
         case "found":
             if summary.outcome is not Outcome.NOT_JUDGED and not summary.outcome.has_result:
                 return summary.explanation
-            return summary.found or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
+            return typeset(summary.found) or ("" if summary.outcome is Outcome.GOOD else summary.explanation)
         case _:
             return str(getattr(summary, column))
 

@@ -2,15 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QUrl, Signal
 
 from app.archive import CopyResult, Format, copy_runs_into, export_runs, import_tables
 from app.common import OperationCancelled, UsageError, pluralize
 from app.config import AmplifierTable
 from app.gui.widgets import BackgroundWorker, ProgressRow
+
+
+def folder_link(folder: Path) -> str:
+    """Return the name of a folder as a link that opens it."""
+    return f'<a href="{QUrl.fromLocalFile(str(folder.resolve())).toString()}">{escape(str(folder))}</a>'
 
 
 class RunTransfers(QObject):
@@ -46,7 +52,7 @@ class RunTransfers(QObject):
         self._start(
             f"exporting {pluralize(len(paths), 'run')} …",
             lambda: export_runs(paths, folder, kind, progress),
-            lambda count: f"{count} files written to {folder}",
+            lambda count: f"{count} files written to {folder_link(folder)}",
         )
 
     def copy_in(self, paths: Sequence[Path]) -> None:

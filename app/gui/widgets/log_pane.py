@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
-from app.common import Severity
+from app.common import Severity, typeset
 from app.gui.widgets.layouts import configure, make_button
 from app.gui.widgets.theme import Theme
 from app.session import LogLine, WindowState
@@ -81,7 +81,7 @@ class LogPane(QPlainTextEdit):
             level = message.severity
             self.appendHtml(
                 f'<span style="color:{self._theme.secondary_text}">{message.time:%H:%M:%S}</span> '
-                f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(message.text)}</span>'
+                f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(typeset(message.text))}</span>'
             )
             if follow:
                 bar.setValue(bar.maximum())

@@ -69,12 +69,15 @@ def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage
 
 
 @pytest.mark.deep
-def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_presets_are_kept_taken_and_forgotten(stage: Stage) -> None:
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
     panel.form.rows["record_s"].set_value("2")
-    monkeypatch.setattr("app.gui.measure.presets.QInputDialog.getText", lambda *_: ("slow", True))
-    actions(find(panel, "measure.presets"))["Keep these as …"].trigger()
+    button = find(panel, "measure.presets")
+    actions(button)
+    field = find(button.menu(), "measure.preset-name")
+    QTest.keyClicks(field, "slow")
+    QTest.keyClick(field, Qt.Key.Key_Return)
     panel.form.rows["record_s"].set_value("9")
     actions(find(panel, "measure.presets"))["slow"].trigger()
     assert panel.protocol == SineDwell(record_s=2.0)
