@@ -34,6 +34,7 @@ class GeneratorTable(ConfigTable):
     )
     backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
+    panel_lock: Annotated[bool, "lock the front panel while the bench is open, where the generator can"] = False
 
 
 class AmplifierTable(ConfigTable):

@@ -10,6 +10,7 @@ from app.config import BenchConfig
 from app.session.commissioning_gate import commissioning_state
 from app.session.instruments import (
     ReadDisplacement,
+    lock_panel,
     open_digitizer,
     open_environment_sensor,
     open_meters,
@@ -348,5 +349,6 @@ def _make_bench(
         watchdog=watchdog,
         levels=config.levels.settings(config.specimen),
         environment=environment,
+        panel_warning=lock_panel(config, source, stack),
         channels=tuple(table.input_channel for table in config.channels),
     )

@@ -51,6 +51,18 @@ def open_source(
             return open_generator(config.generator.driver, wire, clock, config.amplifier.step_v)
 
 
+def lock_panel(config: BenchConfig, source: Source, stack: ExitStack) -> str:
+    """Lock the generator's front panel if the bench file asks for it; `stack` unlocks it. Return why it is not locked, else an empty text."""
+    if not (config.source.kind == "generator" and config.generator.panel_lock):
+        return ""
+    lock: Callable[[], str] = getattr(source, "lock_panel", lambda: "this driver knows no command for it")
+    if why := lock():
+        return f"generator.panel_lock: {why}. Lock the front panel by hand, or keep everybody away from it"
+    unlock: Callable[[], None] = getattr(source, "unlock_panel")  # noqa: B009 - not of every source
+    stack.callback(unlock)
+    return ""
+
+
 def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
     """Return the options of the source's driver as plain values, because the watchdog process needs them too."""
     match config.source.kind:

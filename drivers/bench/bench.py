@@ -66,6 +66,8 @@ class Bench:
     """Sensor of temperature and humidity; None if there is none."""
     suspend_warning: str = ""
     """Why the computer cannot be kept from suspending; empty if it is kept."""
+    panel_warning: str = ""
+    """Why the generator's front panel is not locked although the bench file asks for it; empty if it is, or need not be."""
     high_voltage_refusal: str = ""
     """Why high voltage must not be switched on, with the remedy: the source is not commissioned. Empty if it may be."""
     commissioning_note: str = ""

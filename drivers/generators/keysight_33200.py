@@ -35,6 +35,7 @@ class Keysight33200(ScpiBurstGenerator):
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     IDLE_AMPLITUDE_VPP = MIN_AMPLITUDE_VPP = 0.02
     MAX_BURST_CYCLES = 50_000
+    PANEL_LOCK = "SYST:REM", "SYST:LOC"
     NEUTRAL_SETTINGS = (NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL")),)
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:

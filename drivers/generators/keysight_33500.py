@@ -51,6 +51,7 @@ class Keysight33500(ScpiBurstGenerator):
         NeutralSetting("OUTP:MODE", "NORM", ("NORM", "NORMAL"), optional=True),
     )
     IDLE_AMPLITUDE_VPP = 0.01
+    PANEL_LOCK = "SYST:COMM:RLST REM", "SYST:COMM:RLST LOC"
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
 

@@ -36,6 +36,7 @@ class RigolBurstGenerator(ScpiBurstGenerator):
     OUTPUT_HEADER = ":OUTP1"
     LOAD_HEADER = ":OUTP1:LOAD"
     TRIGGER_COMMAND = ":SOUR1:BURS:TRIG"
+    PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
 
     def idle_level_v(self) -> float:
         answer = self._scpi.query(":SOUR1:APPL?")

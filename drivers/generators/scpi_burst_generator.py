@@ -1,10 +1,12 @@
 """SCPI burst generators: settings common to Keysight, Rigol and Tektronix, with their headers as data."""
 
+import contextlib
 import math
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from drivers.deprecated import renamed
+from drivers.errors import InstrumentError
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
     ExpectedSetting,
@@ -44,8 +46,27 @@ class ScpiBurstGenerator(BurstGenerator):
     )
     """Settings of other users that persist; by default the polarity, for a plug-in's instrument that may have none."""
 
+    PANEL_LOCK: ClassVar[tuple[str, str]] = ("", "")
+    """Commands that lock and unlock the front panel; empty if none is known."""
+
     _unknown_headers: frozenset[str] = frozenset()
     """Optional settings that this instrument has said it does not know."""
+
+    def lock_panel(self) -> str:
+        """Lock the front panel; return why it is not locked, empty if it is."""
+        lock, _ = self.PANEL_LOCK
+        if not lock:
+            return f"{self._scpi.instrument}: no command that locks its front panel is known"
+        try:
+            self._write_checked(lock)
+        except InstrumentError as refusal:
+            return f"its front panel is not locked: {refusal}"
+        return ""
+
+    def unlock_panel(self) -> None:
+        """Unlock the front panel; one that cannot be reached any more stays locked."""
+        with contextlib.suppress(InstrumentError):
+            self._write_checked(self.PANEL_LOCK[1])
 
     def idle_level_v(self) -> float:
         return self._scpi.query_float(f"{self.SOURCE_PREFIX}VOLT:OFFS?")

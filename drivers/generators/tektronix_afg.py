@@ -33,6 +33,7 @@ class TektronixAfg(ScpiBurstGenerator):
     SOURCE_PREFIX = "SOUR1:"
     OUTPUT_HEADER = "OUTP1:STAT"
     LOAD_HEADER = "OUTP1:IMP"
+    PANEL_LOCK = "SYST:KLOC:STAT ON", "SYST:KLOC:STAT OFF"
     NEUTRAL_SETTINGS = (NeutralSetting("OUTP1:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
     AFG3000_SETTINGS = (
         NeutralSetting("SOUR1:COMB:FEED", '""', ('""', "''", ""), optional=True),

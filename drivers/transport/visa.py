@@ -9,6 +9,7 @@ import contextlib
 import select
 import socket
 import struct
+import sys
 import time
 import warnings
 from collections.abc import Iterator
@@ -47,6 +48,9 @@ class VisaLink:
     def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py", *, baud: int = 9600) -> None:
         self.name = resource
         self._baud = baud
+        self._remedy = "check the cable and the address"
+        if resource.upper().startswith("USB") and backend == "@py" and sys.platform == "win32":
+            self._remedy += f'; if a vendor\'s driver holds it, only {VENDOR_VISA} can open it: set backend = "@ivi" in the bench file'
         self.timeout_s = timeout_s
         self._manager = _open_manager(resource, backend)
         self._session: Any = None
@@ -60,7 +64,7 @@ class VisaLink:
     @contextlib.contextmanager
     def _translate_errors(self) -> Iterator[None]:
         # Every Exception: VISA_ERRORS, and the bare Exception that an unknown host name raises.
-        with translate_errors(self.name, "check the cable and the address"):
+        with translate_errors(self.name, self._remedy):
             try:
                 yield
             except VisaIOError as error:

@@ -210,6 +210,7 @@ class Runner:
         for message in (
             bench.watchdog.inactive_reason,
             bench.suspend_warning,
+            bench.panel_warning,
             bench.commissioning_note if self._protocol.high_voltage else "",
             self._calibration_warning,
             self._adapted.message,

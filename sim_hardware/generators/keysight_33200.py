@@ -42,6 +42,8 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
         known = [c for c in super().commands if "LIMit" not in c.pattern]
         return [
             *known,
+            ScpiCommand("SYSTem:REMote", lambda _: None),
+            ScpiCommand("SYSTem:LOCal", lambda _: None),
             ScpiCommand(SOURCE_PATTERN + "DATA:DAC", self._download),
             ScpiCommand(SOURCE_PATTERN + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
         ]

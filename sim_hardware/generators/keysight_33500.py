@@ -129,6 +129,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             *super().commands,
             *self._other_channel_commands(),
             self._gate_command(),
+            self._keyword_command("SYSTem:COMMunicate:RLSTate", "LOCal", "REMote", "RWLock"),
             ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
             ScpiCommand(SOURCE_PATTERN + "DATA:ARBitrary[1]", self._download),
             ScpiCommand(SOURCE_PATTERN + "DATA:VOLatile:CLEar", self._clear),

@@ -91,6 +91,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
             self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
             *self._idle_commands(),
+            self._stored_switch("SYSTem:KLOCk[:STATe]"),
             *self._download_commands(),
             ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
             ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),

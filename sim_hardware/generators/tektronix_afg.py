@@ -94,6 +94,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             ),
             *self._other_channel_commands(),
             *self._afg31000_commands(),
+            *([] if self._is_afg1000 else [self._stored_switch("SYSTem:KLOCk[:STATe]")]),
             ScpiCommand(SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)),
             ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             ScpiCommand("DATA:DEFine", self._define_edit_memory),

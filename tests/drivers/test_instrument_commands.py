@@ -30,6 +30,9 @@ def sent(driver: str, model: str) -> tuple[str, ...]:
     bench = SimulatedBench(config.simulation_parameters, VirtualClock())
     link = Tapped(bench.link())
     source = load_driver(SOURCES, driver)(link, bench.clock)
+    if getattr(source, "PANEL_LOCK", None):
+        source.lock_panel()  # type: ignore[attr-defined]
+        source.unlock_panel()  # type: ignore[attr-defined]
     source.initialize_at_rest(2.5, 0.0, 5.0)
     source.is_left_live(2.5, 0.0, 5.0)
     for drive in (

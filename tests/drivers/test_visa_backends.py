@@ -54,6 +54,23 @@ def test_gpib_with_the_built_in_library_says_what_it_needs() -> None:
         VisaLink("GPIB0::10::INSTR")
 
 
+@pytest.mark.parametrize(("platform", "named"), [("win32", True), ("linux", False)])
+def test_a_usb_instrument_that_windows_does_not_release_names_the_backend(
+    platform: str, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Held:
+        def open_resource(self, *_: object, **__: object) -> None:
+            raise ValueError("No device found")
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("drivers.transport.visa.sys.platform", platform)
+    monkeypatch.setattr(pyvisa, "ResourceManager", lambda _: Held())
+    with pytest.raises(LinkError, match=r"cannot be reached \(No device found\); check the cable") as raised:
+        VisaLink("USB0::0x2A8D::0x8D01::MY1::INSTR")
+    assert ('set backend = "@ivi" in the bench file' in str(raised.value)) is named
+
+
 def test_a_missing_vendors_library_is_a_sentence_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(backend: str) -> None:
         raise OSError("Could not open VISA library")
