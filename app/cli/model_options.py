@@ -163,9 +163,17 @@ class Topic(SpecimenOptions, ABC):
 
     def execute(self) -> int:
         check_output_files(self.files)
-        with translate_model_errors():
-            result = self.compute()
-            notes = plausibility_notes(result.specimen, self)
+        try:
+            with translate_model_errors():
+                result = self.compute()
+                notes = plausibility_notes(result.specimen, self)
+        except UsageError as error:
+            questions = [
+                text.removeprefix("CAUTION: ") for text in plausibility_notes(read_settings(self.settings), self)
+            ]
+            if not questions:
+                raise
+            raise UsageError("; ".join((*questions, str(error)))) from None
         return render(replace(result, notes=(*result.notes, *notes)), self.json, self.files)
 
 
@@ -192,18 +200,21 @@ def plausibility_notes(values: Mapping[str, float], given: SpecimenOptions) -> t
     names = set(read_settings(given.settings))
     if given.pre_stretch is not None or given.elongation is not None:
         names.add("delta")
-    notes = []
-    for name in sorted(names & USUAL_RANGES.keys() & values.keys()):
-        low, high = USUAL_RANGES[name]
-        value = values[name]
-        if value and not low <= abs(value) <= high:
-            unit = _variable_spec(name).unit.removeprefix("1")
-            notes.append(
-                f"CAUTION: {name} is {value:.4g} {unit}".rstrip()
-                + f", usually {low:g} to {high:g} {unit}".rstrip()
-                + ": is the unit right?"
-            )
-    return tuple(notes)
+    return tuple(
+        note
+        for name in sorted(names & USUAL_RANGES.keys() & values.keys())
+        if (note := plausibility_note(name, values[name]))
+    )
+
+
+def plausibility_note(name: str, value: float) -> str:
+    """Return the question for an implausible value; empty for a usual one."""
+    low, high = USUAL_RANGES[name]
+    if not value or low <= abs(value) <= high:
+        return ""
+    unit = _variable_spec(name).unit.removeprefix("1")
+    stated, usual = f"{name} is {value:.4g} {unit}".rstrip(), f"usually {low:g} to {high:g} {unit}".rstrip()
+    return f"CAUTION: {stated}, {usual}: is the unit right?"
 
 
 @dataclass(frozen=True)

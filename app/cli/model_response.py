@@ -14,6 +14,7 @@ from app.cli.model_options import (
     ShapeOptions,
     Topic,
     describe_specimen,
+    plausibility_note,
     read_settings,
     read_specimen,
     read_values,
@@ -295,7 +296,9 @@ class MembraneTopic(Topic):
                 tuple(FigureCurve(lines[n].heading or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)
             ]
         )
-        return CommandResult("model membrane", specimen_record(specimen), (table,), (note,), figures=panels)
+        question = plausibility_note("delta", float(delta.max()))
+        notes = (note, question) if question else (note,)
+        return CommandResult("model membrane", specimen_record(specimen), (table,), notes, figures=panels)
 
 
 def _sag_result(m: Membrane, q: float, delta: float) -> SagSolution:

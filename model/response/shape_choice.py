@@ -33,6 +33,11 @@ class ShapeChoice:
 
     def describe(self) -> str:
         """Return number, error and accuracy as text."""
+        if not self.error < 1:
+            return (
+                f"CAUTION: {self.n} shape functions do not follow the closed form with these parameters: the response is wrong; "
+                "correct the value that is far from the paper's"
+            )
         error = f"within {100 * self.error:.2g} % of the closed form from 1 to {self.highest_hz:g} Hz"
         if self.accurate:
             return f"{self.n} shape functions: the response is {error}"

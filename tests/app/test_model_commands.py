@@ -110,6 +110,24 @@ def test_implausible_values_are_questioned_as_imports_do(capsys: pytest.CaptureF
     assert "CAUTION: delta is 7.471, usually 0 to 0.5: is the unit right?" in " ".join(capsys.readouterr().out.split())
     assert main(["model", "static", "--set", "m_add=0"]) == 0
     assert "CAUTION" not in capsys.readouterr().out
+    assert main(["model", "membrane", "--elongation", "1.27"]) == 0
+    assert "CAUTION: delta is 7.471, usually 0 to 0.5: is the unit right?" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.deep
+def test_values_with_which_nothing_can_be_computed_are_questioned(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "modes", "--set", "h_Al=200"]) == 2
+    assert (
+        "h_Al is 200 m, usually 1e-05 to 0.005 m: is the unit right?; the model cannot be computed"
+        in capsys.readouterr().err
+    )
+    assert main(["model", "frequency-response", "--set", "L=22", "--frequencies", "1:250:3"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "CAUTION: 120 shape functions do not follow the closed form with these parameters: the response is wrong"
+        in said
+    )
+    assert "CAUTION: L is 22 m" in said
 
 
 @pytest.mark.deep
