@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common import read_json_file, write_atomic
+from app.common.audit import record_audit
 
 NOTES_SUFFIX = ".notes.json"
 
@@ -96,11 +97,14 @@ def write_notes(run: Path, notes: Notes) -> None:
     try:
         if not (notes.tags or notes.note or checks):
             path.unlink(missing_ok=True)
+            record_audit("notes", path, subject=run.name, tags=[], note="", checked_by=[])
             return
         record: dict[str, Any] = {"tags": list(notes.tags), "note": notes.note}
         if checks:
             record["checks"] = [asdict(check) for check in checks]
         text = json.dumps(record, indent=2, ensure_ascii=False) + "\n"
         write_atomic(path, text)
+        names = [check.name for check in checks]
+        record_audit("notes", path, subject=run.name, tags=list(notes.tags), note=notes.note, checked_by=names)
     except OSError as error:
         raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None

@@ -10,6 +10,7 @@ from app.archive.exporting.export import Format, export_run
 from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
+from app.common.audit import record_audit
 from app.config import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -87,6 +88,7 @@ def copy_runs_into(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; free space there, or choose another folder"
             ) from None
         copied.append(path.name)
+        record_audit("copy", folder / path.name, source=str(path))
     return CopyResult(tuple(copied), tuple(there))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.notes import notes_path
+from app.common.audit import record_audit
 from protocols.runfile.reader import RunReadError
 
 TRASH_FOLDER = ".trash"
@@ -38,6 +39,7 @@ def move_to_trash(runs: Sequence[Path]) -> list[TrashedRun]:
             done = f"; {len(moved)} before it are in {folder}" if moved else ""
             raise RunReadError(f"{path} cannot be moved to {folder}: {error.strerror or error}{done}") from None
         _move_notes(path, trashed)
+        record_audit("delete", path, notes_path(path), trashed)
         moved.append(TrashedRun(path, trashed))
     return moved
 
@@ -56,6 +58,7 @@ def restore_from_trash(moved: Sequence[TrashedRun]) -> int:
         except OSError as error:
             raise RunReadError(f"{one.trashed} cannot be moved to {one.path}: {error.strerror or error}") from None
         _move_notes(one.trashed, one.path)
+        record_audit("restore", one.path, notes_path(one.path), one.trashed)
     return len(moved)
 
 

@@ -34,6 +34,7 @@ from app.campaign.status import (
     basis_of,
     evaluate_items,
 )
+from app.common.audit import record_audit
 from model import AmplifierMap
 from protocols.base import EstimatedQuantity, Protocol
 from protocols.registry import PROTOCOLS
@@ -275,9 +276,9 @@ class Campaign:
     def _change(self, name: str, **values: Any) -> None:
         with self._lock:
             self._plan.change(name, **values)
-            self._save()
+            self._save(name, values)
 
-    def _save(self) -> Literal[True]:
+    def _save(self, item: str = "", changed: Mapping[str, Any] | None = None) -> Literal[True]:
         record = {
             "specimen": self.specimen,
             "simulated": self.simulated,
@@ -286,4 +287,5 @@ class Campaign:
             "based_on": self._based_on,
         }
         write_record(self.path, record)
+        record_audit("campaign", self.path, subject=self.specimen, item=item, **(changed or {}))
         return True

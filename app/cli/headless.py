@@ -13,17 +13,21 @@ from typing import Any
 from app.cli.laboratory.people import state_people
 from app.cli.options import BenchOptions, BenchSelection
 from app.cli.prompts import operator_reachable
-from app.common import ExitCode, UsageError, print_message
+from app.common import (
+    ExitCode,
+    UsageError,
+    current_conditions,
+    print_message,
+    remember_conditions,
+    remembered_conditions,
+)
 from app.config import BenchConfig
 from app.identification import reference_model
 from app.session import (
     Session,
     build_protocol,
     choose_bench,
-    current_conditions,
     load_protocol_class,
-    remember_conditions,
-    remembered_conditions,
 )
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Outcome, Prompt, Protocol
 from protocols.registry import load_plug_ins

@@ -53,6 +53,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "app.cli.laboratory.fleet",
         "a golden specimen over time: drift of the bench, or of the specimen",
     ),
+    "audit": (
+        "app.cli.laboratory.audit",
+        "audit trail of a folder, detects any later change: start, verify, show, head",
+    ),
     "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
         "app.cli.specimen.archive",

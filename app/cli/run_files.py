@@ -24,6 +24,7 @@ class JudgeCommand:
     def execute(self) -> int:
         from app.cli.headless import exit_code_of, load_all_protocols
         from app.cli.output import print_json
+        from app.common.audit import record_audit
         from app.identification import reference_model
         from protocols.base import to_jsonable
         from protocols.judgement import judge_file
@@ -36,6 +37,8 @@ class JudgeCommand:
                 with Run(path) as run:
                     specimen, reason = run.specimen, run.reason
                 verdict = judge_file(path, reference_model(path.parent, specimen), self.store)
+                if self.store:
+                    record_audit("judge", path, subject=specimen, verdict=str(verdict.outcome))
             except (RunReadError, StorageError) as error:
                 if len(self.runs) == 1:
                     raise UsageError(str(error)) from None

@@ -25,6 +25,12 @@ from .outcomes import CheckRow as CheckRow
 from .outcomes import Severity as Severity
 from .outcomes import check_row as check_row
 from .outcomes import outcome_severity as outcome_severity
+from .people import check_operator as check_operator
+from .people import current_conditions as current_conditions
+from .people import read_humidity as read_humidity
+from .people import read_temperature as read_temperature
+from .people import remember_conditions as remember_conditions
+from .people import remembered_conditions as remembered_conditions
 from .program_version import version as version
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE
 from .progress import NO_PROGRESS as NO_PROGRESS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
-from app.common import UsageError
+from app.common import UsageError, remember_conditions, remembered_conditions
 from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
@@ -31,7 +31,7 @@ from app.gui.widgets import (
     splitters,
 )
 from app.live import Overlay, SessionAdapter
-from app.session import WindowState, remember_conditions, remembered_conditions
+from app.session import WindowState
 from protocols.base import Protocol as Measurement
 from protocols.base import RunConditions
 

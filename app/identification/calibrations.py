@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common import read_json_file, write_atomic
+from app.common.audit import record_audit
 from model import ParameterError
 from model.identification import Calibration
 from protocols.base import visible_values
@@ -96,6 +97,16 @@ def write_calibrations(folder: Path, specimen: str, calibrations: Calibrations) 
         write_atomic(path, json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path} cannot be written: {error}") from error
+    newest = calibrations.versions[-1] if calibrations.versions else None
+    record_audit(
+        "calibration",
+        path,
+        subject=specimen,
+        active=calibrations.active,
+        newest=newest.version if newest else 0,
+        accepted_by=newest.accepted_by if newest else "",
+        decision=newest.decision if newest else "",
+    )
     return path
 
 

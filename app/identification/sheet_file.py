@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common import MAX_TOML_BYTES, UnitError, parse_toml, to_number, truncate_text, write_atomic
+from app.common.audit import record_audit
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
@@ -266,6 +267,12 @@ def edit_sheet(
         write_atomic(path, text)
     except OSError as error:
         raise SheetError(f"{path} cannot be written: {error.strerror or error}") from error
+    changed = [
+        *sorted(entries),
+        *sorted(removed),
+        *(name for name, value in texts.items() if getattr(before, name) != value),
+    ]
+    record_audit("specimen sheet", path, subject=after.specimen, changed=changed)
     return after
 
 

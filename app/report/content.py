@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress, pluralize, version
+from app.common.audit_log import AuditError, read_entries
 from app.identification import load_sheet
 from app.plotting.panels import ReportPlot
 from app.report import tables
@@ -50,7 +51,7 @@ def build_report(
         subtitle=_subtitle(runs),
         page_marks=page_marks(runs),
         first_page=tuple(_first_page(known, runs, limits, outcomes, drawn)),
-        appendix=tuple(_appendix(known, runs, drawn)),
+        appendix=tuple(_appendix(folder, known, runs, drawn)),
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
@@ -104,7 +105,21 @@ def _first_page(
     return blocks
 
 
-def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]) -> list[ReportSection]:
+def audit_blocks(folder: Path) -> list[Block]:
+    """Return the head of the folder's audit trail, which proves what was recorded up to it; nothing without a trail."""
+    try:
+        entries, _ = read_entries(folder)
+    except AuditError:
+        return []
+    if not entries:
+        return []
+    text = f"Audit trail: {len(entries)} entries, the last of {entries[-1].time[:19]} UTC with the hash {entries[-1].hash}. "
+    return [Paragraph(f"{text}'tactor-bench audit verify --head' with this hash detects any change before it.")]
+
+
+def _appendix(
+    folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
+) -> list[ReportSection]:
     sections = []
     if plots:
         figures: list[Block] = [*plots]
@@ -124,5 +139,6 @@ def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list
         tables.instrument_table(runs),
         *tables.software_tables(runs),
         tables.hash_table(runs),
+        *audit_blocks(folder),
     ]
     return [*sections, ReportSection("Where the numbers come from", sources)]

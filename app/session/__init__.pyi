@@ -6,12 +6,6 @@ from .messages import LogLine as LogLine
 from .messages import describe_event as describe_event
 from .messages import describe_point as describe_point
 from .messages import protocol_title as protocol_title
-from .people import check_operator as check_operator
-from .people import current_conditions as current_conditions
-from .people import read_humidity as read_humidity
-from .people import read_temperature as read_temperature
-from .people import remember_conditions as remember_conditions
-from .people import remembered_conditions as remembered_conditions
 from .reducer import reduce as reduce
 from .request import build_protocol as build_protocol
 from .request import choose_bench as choose_bench

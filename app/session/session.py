@@ -15,7 +15,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from app.session.people import current_conditions, with_sensor
+from app.common.audit import record_audit
+from app.common.people import current_conditions, with_sensor
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import (
@@ -344,6 +345,13 @@ class Session:
             self.path = runner.path
             self.outcome = runner.run()
             self.path = runner.path
+            record_audit(
+                "run",
+                self.path,
+                subject=request.specimen,
+                verdict=str(self.outcome.verdict.outcome),
+                reason=self.outcome.reason,
+            )
         self.finished.set()
 
     def _monitor(self, connection: ConnectedBench) -> None:

@@ -25,6 +25,7 @@ from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
 from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
+from app.common.audit import record_audit
 from app.config import AmplifierTable, validation_messages
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
@@ -66,6 +67,8 @@ def import_files(
             if options.dry_run
             else [write_imported_run(each, table_options, options.folder) for each, table_options in taken]
         )
+    if written:
+        record_audit("import", *written, sources=[str(path) for path in options.files])
     return [each for each, _ in taken], written
 
 

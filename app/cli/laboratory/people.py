@@ -8,8 +8,19 @@ from pathlib import Path
 from app.archive.checking import check_run
 from app.archive.notes import NotesError
 from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
-from app.common import ExitCode, UsageError, path_argument, print_line, print_message, usage_errors
-from app.session import check_operator, current_conditions, read_humidity, read_temperature, remember_conditions
+from app.common import (
+    ExitCode,
+    UsageError,
+    check_operator,
+    current_conditions,
+    path_argument,
+    print_line,
+    print_message,
+    read_humidity,
+    read_temperature,
+    remember_conditions,
+    usage_errors,
+)
 from protocols.runfile.reader import RunReadError
 
 

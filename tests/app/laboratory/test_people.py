@@ -8,8 +8,7 @@ import pytest
 
 from app.archive.notes import Notes, notes_path, read_notes, write_notes
 from app.cli.main import main
-from app.common import ExitCode, UsageError
-from app.session import people
+from app.common import ExitCode, UsageError, people
 from drivers.errors import LinkError
 from drivers.interfaces import Identity
 from drivers.sensors.environment import EnvironmentReading, TextEnvironmentSensor, parse_reading

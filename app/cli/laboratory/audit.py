@@ -1,0 +1,146 @@
+"""The command `audit`: start, verify and print the audit trail of a folder of runs."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from app.archive.audit import AuditResult, begin_audit, verify_audit
+from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, option, switch
+from app.common import ExitCode, path_argument, print_line, terminal_progress, usage_errors
+from app.common.audit_log import AuditEntry, AuditError, read_entries
+from protocols.base import visible_text
+
+SHOWN_LINES = 40
+
+
+@dataclass(frozen=True)
+class _AuditOptions:
+    folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+@dataclass(frozen=True)
+class StartAuditCommand(_AuditOptions):
+    """Begin the audit trail of a folder."""
+
+    @usage_errors(AuditError)
+    def execute(self) -> int:
+        if not self.folder.is_dir():
+            raise AuditError(f"there is no folder {self.folder}; name the one your runs are in")
+        with terminal_progress("hashing files", self.json) as progress:
+            entry = begin_audit(self.folder, progress)
+        if self.json:
+            print_line(json.dumps({"head": entry.hash, "files": len(entry.files)}))
+        else:
+            print_line(f"The audit trail of {self.folder} begins with {len(entry.files)} files. Head: {entry.hash}")
+        return ExitCode.DONE
+
+
+@dataclass(frozen=True)
+class VerifyAuditCommand(_AuditOptions):
+    """Verify the audit trail of a folder, and all files that it names."""
+
+    head: str = option("--head", default="", metavar="HASH", help="a head hash that was printed or copied elsewhere")
+
+    @usage_errors(AuditError)
+    def execute(self) -> int:
+        with terminal_progress("hashing files", self.json) as progress:
+            result = verify_audit(self.folder, self.head, progress)
+        if self.json:
+            print_line(json.dumps(_record(result)))
+        else:
+            for problem in result.problems:
+                print_line(visible_text(f"✕ {problem}"))
+            for name in result.unrecorded:
+                print_line(visible_text(f"? {name} is not in the audit trail"))
+            state = f"{len(result.problems)} problems" if result.problems else "unchanged"
+            up_to = (
+                "" if self.head else "; changes that rewrite the whole trail show only against a --head kept elsewhere"
+            )
+            print_line(f"{len(result.entries)} entries: {state}{up_to}. Head: {result.head}")
+        return ExitCode.FAILED if result.problems else ExitCode.DONE
+
+
+def _record(result: AuditResult) -> dict[str, object]:
+    return {
+        "entries": len(result.entries),
+        "problems": list(result.problems),
+        "unrecorded": list(result.unrecorded),
+        "head": result.head,
+    }
+
+
+@dataclass(frozen=True)
+class ShowAuditCommand(_AuditOptions):
+    """Print the entries of an audit trail, newest last."""
+
+    subject: str = option("--subject", default="", metavar="TEXT", help="entries with this in subject or files")
+    action: str = option("--action", default="", metavar="WORD", help="run, calibration, campaign, notes, delete ...")
+    all: bool = switch("--all", f"all of them, not only the newest {SHOWN_LINES}")
+
+    @usage_errors(AuditError)
+    def execute(self) -> int:
+        entries, problems = read_entries(self.folder)
+        found = [
+            entry
+            for entry in entries
+            if (not self.action or entry.action == self.action)
+            and (not self.subject or any(self.subject in text for text in (entry.subject, *entry.files)))
+        ]
+        if self.json:
+            print_line(json.dumps({"entries": [asdict(entry) for entry in found], "problems": problems}))
+            return ExitCode.FAILED if problems else ExitCode.DONE
+        for entry in found if self.all else found[-SHOWN_LINES:]:
+            print_line(visible_text(_line(entry)))
+        for problem in problems:
+            print_line(visible_text(f"✕ {problem}"))
+        return ExitCode.FAILED if problems else ExitCode.DONE
+
+
+def _line(entry: AuditEntry) -> str:
+    details = ", ".join(f"{name} {value}" for name, value in entry.details.items() if value not in ("", [], None))
+    return f"{entry.number:5} {entry.time[:19]}  {entry.by}: {entry.action} {entry.subject}{f' ({details})' if details else ''}  {entry.hash[:12]}"
+
+
+@dataclass(frozen=True)
+class HeadAuditCommand(_AuditOptions):
+    """Print the hash of the last entry."""
+
+    @usage_errors(AuditError)
+    def execute(self) -> int:
+        entries, _ = read_entries(self.folder)
+        last = entries[-1] if entries else None
+        head = {"head": last.hash if last else "", "entries": len(entries), "time": last.time if last else ""}
+        print_line(json.dumps(head) if self.json else str(head["head"]))
+        return ExitCode.DONE
+
+
+COMMANDS: Mapping[str, CommandGroup] = {
+    "audit": CommandGroup(
+        "Audit trail: once begun in a folder, every run, acceptance, rejection, note, check, edit and deletion appends a line to audit.jsonl with who, when, why "
+        "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
+        "everything up to it.",
+        "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
+        "what",
+        "WHAT",
+        {
+            "start": (
+                "begin it, with the hashes of all files that are there",
+                CommandSyntax(StartAuditCommand, example="example: audit start runs"),
+            ),
+            "verify": (
+                "verify all lines and files; exit code 1 if something was changed",
+                CommandSyntax(VerifyAuditCommand, example="example: audit verify runs --head 3f1c0a77b2d4"),
+            ),
+            "show": (
+                "print its entries",
+                CommandSyntax(ShowAuditCommand, example="example: audit show runs --subject T7"),
+            ),
+            "head": (
+                "print the hash of its last entry",
+                CommandSyntax(HeadAuditCommand, example="example: audit head runs"),
+            ),
+        },
+    )
+}

@@ -1,0 +1,36 @@
+"""Recording of changed files in the audit trail of their folder, with the operator's name."""
+
+from pathlib import Path
+
+from app.common.audit_log import audited_folder, file_hash, record_change
+from app.common.people import current_conditions
+
+
+def content_hash(path: Path) -> str:
+    """Return the hashes of a run file, the SHA-256 of another file, and an empty text for one that is gone.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    if path.suffix == ".h5" and path.exists():
+        from protocols.runfile.open import RunReadError
+        from protocols.runfile.verify import run_fingerprint  # h5py is slow to import
+
+        try:
+            return run_fingerprint(path).text
+        except RunReadError:  # another HDF5 file, or a damaged one: as it is
+            return file_hash(path)
+    return file_hash(path)
+
+
+def record_audit(action: str, *paths: Path, subject: str = "", **details: object) -> None:
+    """Append a line on changed files to the audit trail that covers them; nothing where there is none. Never raises."""
+    if not paths or audited_folder(paths[0]) is None:
+        return
+    hashes = {}
+    for path in paths:
+        try:
+            hashes[path] = content_hash(path)
+        except OSError as error:
+            hashes[path] = f"unreadable: {error.strerror or error}"
+    record_change(paths[0], action, subject, current_conditions().operator, hashes, **details)
