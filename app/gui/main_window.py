@@ -295,7 +295,7 @@ class MainWindow(QMainWindow):
         self.status_bar.set_state(self.state)
         self.notices.set_state(self.state)
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
-        self.central.hint.set_state(self.state)
+        self.central.set_state(self.state)
         self.tabs.set_state(self.state)
         if self.faults is not None:
             self.faults.set_state(self.state)
@@ -333,8 +333,9 @@ class MainWindow(QMainWindow):
         self.tabs.commissioning_requested.connect(self.controller.commission)
         self.tabs.stop_requested.connect(self.controller.stop)
         self.tabs.speed_requested.connect(self.controller.change_speed)
+        central = self.central
         self.menus = MainMenus(
-            self, self.tabs, self.set_appearance, self.central.show_welcome, self.central.show_settings
+            self, self.tabs, self.set_appearance, central.show_welcome, central.start_tutorial, central.show_settings
         )
         self.central.palette_entries, self.central.settings = self.menus.palette_entries, self._make_settings
         add_actions(
@@ -352,6 +353,7 @@ class MainWindow(QMainWindow):
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
         self.resize(self.size().boundedTo(self._largest_size()))
+        self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.
         requested = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
         self.tabs.restore_state(folder, specimen, requested)
@@ -362,6 +364,7 @@ class MainWindow(QMainWindow):
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())
+        self._settings.setValue("help/tutorial", self.central.tutorial.position)
         self.tabs.save_state()
         self._settings.sync()
 

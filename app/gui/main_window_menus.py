@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
+from app.gui.help.tutorial import TUTORIALS
 from app.gui.tabs import MEASURE, RUNS, MainTabs
 from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
 from protocols.registry import PROTOCOLS
@@ -46,6 +47,7 @@ class MainMenus:
         tabs: the pages.
         set_appearance: applies `system`, `light` or `dark`.
         show_first_steps: shows the welcome page.
+        start_tutorial: shows a tutorial by its name.
         show_settings: shows the settings that match a word.
     """
 
@@ -55,10 +57,12 @@ class MainMenus:
         tabs: MainTabs,
         set_appearance: Callable[[str], object],
         show_first_steps: Callable[[], object],
+        start_tutorial: Callable[[str], object],
         show_settings: Callable[[str], object],
     ) -> None:
         self._window, self._tabs, self._set_appearance = window, tabs, set_appearance
         self._show_first_steps, self._show_settings = show_first_steps, show_settings
+        self._start_tutorial = start_tutorial
         bar = window.menuBar()
         for title in (*MENUS, "&Page", "&Help"):
             menu = Menu(window, title)
@@ -76,6 +80,8 @@ class MainMenus:
         if title == "&Help":
             self._add(menu, ("shortcuts", "palette"))
             menu.addAction("First steps …", self._show_first_steps)
+            for name, tutorial in TUTORIALS.items():
+                menu.addAction(f"Tutorial: {tutorial.title}", partial(self._start_tutorial, name))
             return
         if title == "&File":
             self._tabs.page(RUNS)  # whose actions are listed
@@ -103,6 +109,8 @@ class MainMenus:
             yield PaletteEntry(
                 "protocol", f"Measure: {PROTOCOLS.title(name)}", partial(self._choose_protocol, name), "protocol"
             )
+        for name, tutorial in TUTORIALS.items():
+            yield PaletteEntry("command", f"Tutorial: {tutorial.title}", partial(self._start_tutorial, name), "help")
         for name, text in APPEARANCES.items():
             yield PaletteEntry("setting", f"Appearance: {text}", partial(self._set_appearance, name), "setting")
         yield PaletteEntry("setting", "Folder for run files", partial(self._show_settings, "folder"), "setting")

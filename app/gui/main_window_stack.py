@@ -13,6 +13,7 @@ from shiboken6 import isValid
 
 from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
+from app.gui.help.tutorial import TutorialBand
 from app.gui.help.welcome import WelcomePage
 from app.gui.tabs import BENCH, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
     from app.gui.specimen.page import SpecimenPage
     from app.gui.widgets import Theme
+    from app.session import WindowState
 
 C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage")
 
@@ -38,19 +40,21 @@ class CentralStack(QWidget):
         super().__init__()
         self._theme = theme
         self.tabs, self.shortcut_sheet, self.welcome, self.hint = tabs, ShortcutSheet(), WelcomePage(), FirstRunHint()
-        self.stack = QStackedWidget()
+        self.tutorial, self.stack = TutorialBand(), QStackedWidget()
         for widget in (tabs, self.shortcut_sheet, self.welcome):
             self.stack.addWidget(widget)
         for cover in (self.shortcut_sheet, self.welcome):  # a cover does not enlarge the window
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        column(self.hint, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
+        column(self.hint, self.tutorial, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
         tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.shown_specimen))
         tabs.identification_requested.connect(lambda: self.show_identification(tabs.identification_subject))
+        tabs.currentChanged.connect(lambda at: self.tutorial.set_page(tabs.tabText(at)))
         self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
         self.welcome.closed.connect(self.show_pages)
         self.welcome.demo_requested.connect(self.demo_requested)
+        self.welcome.tutorial_requested.connect(self.start_tutorial)
         self.welcome.setup_pressed.connect(self._show_bench_page)
         self.welcome.browse_pressed.connect(self._choose_bench_file)
         self.palette_entries: Callable[[], Iterable[PaletteEntry]] = tuple
@@ -142,6 +146,16 @@ class CentralStack(QWidget):
         self.stack.addWidget(cover)
         cover.closed.connect(self.show_pages)
         return cover
+
+    def start_tutorial(self, name: str) -> None:
+        """Show a tutorial above the pages."""
+        self.show_pages()
+        self.tutorial.start(name)
+        self.tutorial.set_page(self.tabs.tabText(self.tabs.currentIndex()))
+
+    def set_state(self, view: WindowState) -> None:
+        self.hint.set_state(view)
+        self.tutorial.set_state(view)
 
     def toggle_palette(self) -> None:
         """Show the command palette, or the pages again."""

@@ -129,6 +129,7 @@ class MainTabs(QTabWidget):
         )
         self._created: dict[int, Page] = {}
         self._page_layouts: list[QVBoxLayout] = []
+        self.setAccessibleName("pages")
         self.setDocumentMode(True)
         self.setTabBarAutoHide(True)
         for index, title in enumerate(TITLES):

@@ -16,6 +16,8 @@ NAMES = ("characteristic", "rest", "now")
 class AmplifierPlot(PlotBase):
     """The amplifier's map as two lines that meet at rest."""
 
+    ACCESSIBLE_NAME = "plot: characteristic of the amplifier"
+
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=52)
         self.plot.setLabel("bottom", "amplifier's input (V)")

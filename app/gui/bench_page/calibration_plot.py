@@ -16,6 +16,8 @@ LEAST_RANGE_UM = 0.01
 class CalibrationPlot(PlotBase):
     """Points and line; residuals below on the same volts."""
 
+    ACCESSIBLE_NAME = "plot: points and line of the calibration"
+
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False) for at in (0, 1)]

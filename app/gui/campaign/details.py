@@ -57,8 +57,11 @@ class ItemDetailsPane(QWidget):
         for action, button in self.buttons.items():
             name_button(button, f"campaign.item.{action}", BUTTONS[action])
         self.details_area = make_scroll_area(horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.tabs = configure(QTabWidget(), "campaign.item.tabs", documentMode=True)
+        self.tabs = configure(
+            QTabWidget(), "campaign.item.tabs", documentMode=True, accessibleName="result and details"
+        )
         self.tabs.addTab(self.review_pane, "Result")
+        self.details_area.setAccessibleName("details")
         self.tabs.addTab(self.details_area, "Details")
         self.tabs.setCornerWidget(self.heading_label)
         buttons = row(*self.buttons.values(), STRETCH, spacing=4)

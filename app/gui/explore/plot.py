@@ -33,6 +33,8 @@ from model import Array
 class ExplorePlot(PlotBase):
     """Draws results of the model; emits where the cursor was moved to."""
 
+    ACCESSIBLE_NAME = "plot: response of the model"
+
     cursor_moved = Signal(float)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:

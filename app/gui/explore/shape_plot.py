@@ -18,6 +18,8 @@ CYCLE_S = 1.6
 class ShapePlot(PlotBase):
     """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
 
+    ACCESSIBLE_NAME = "plot: shape of the beam"
+
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent)
         self._motion: BeamMotion | None = None

@@ -55,7 +55,7 @@ class SettingsPage(QWidget):
                 row((column(name, about, spacing=2), 1), setting.editor), margins=(14, 10, 14, 10), spacing=4
             )
             self._frames.append((f"{setting.name} {setting.description}".casefold(), frame))
-        content, area = QWidget(), make_scroll_area()
+        content, area = QWidget(), make_scroll_area(accessibleName="settings")
         column(*(frame for _, frame in self._frames), STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=8)
         area.setWidget(content)
         content.setAutoFillBackground(False)

@@ -1,11 +1,12 @@
-"""Shortcut sheet over the pages: every keyboard shortcut by group, with a search."""
+"""Help over the pages (F1): safety first, words and how-tos, and every keyboard shortcut by group, with a search."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QLineEdit, QWidget
 
+from app.gui.help.concepts import CONCEPTS, Concept
 from app.gui.widgets import (
     STRETCH,
     ActionInfo,
@@ -14,6 +15,7 @@ from app.gui.widgets import (
     grid,
     make_button,
     make_label,
+    make_panel,
     make_scroll_area,
     row,
     shortcut_label,
@@ -31,18 +33,20 @@ class ShortcutSheet(QWidget):
         self._groups: Mapping[str, tuple[ActionInfo, ...]] = {}
         self.rows: list[tuple[str, ActionInfo]] = []
         """The displayed actions with the title of their group."""
+        self.concepts: Mapping[str, Sequence[Concept]] = {}
+        """The displayed explanations by group."""
         self.search = configure(
             QLineEdit(),
             "shortcuts.search",
-            placeholderText="Search: what to do, or a key",
-            accessibleName="search the keys",
+            placeholderText="Search: a word, what to do, or a key",
+            accessibleName="search the help",
             clearButtonEnabled=True,
         )
         self.search.textChanged.connect(self._fill_list)
-        self._scroll = make_scroll_area()
+        self._scroll = make_scroll_area(accessibleName="keys by group")
         first = make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps")
         close = make_button(shortcut_label("Close", "shortcuts"), self.closed.emit, name="shortcuts.close")
-        top = row(make_label("Keys", "heading", wrap=False), (self.search, 1), first, close, spacing=14)
+        top = row(make_label("Help", "heading", wrap=False), (self.search, 1), first, close, spacing=14)
         column(top, (self._scroll, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
@@ -62,15 +66,29 @@ class ShortcutSheet(QWidget):
         }
         self.rows = [(title, info) for title, group in found.items() for info in group]
         frames = [_group_frame(title, group) for title, group in found.items() if group]
+        self.concepts = {
+            title: [concept for concept in group if all(w in f"{title} {' '.join(concept)}".lower() for w in words)]
+            for title, group in CONCEPTS.items()
+        }
+        explained = [_concept_frame(title, group) for title, group in self.concepts.items() if group]
+        if not frames and not explained:
+            frames = [QLabel("Neither a key nor a word of the help.")]
         content = QWidget(autoFillBackground=False)
-        columns = row(
-            *((frame, 1, Qt.AlignmentFlag.AlignTop) for frame in frames or [QLabel("No key of this page does that.")]),
-            parent=content,
-            margins=(0, 0, 0, 0),
-            spacing=28,
-        )
-        columns.addStretch(max(2 - columns.count(), 0))  # one group alone is as wide as one of two
+        column(*map(_side_by_side, filter(None, (explained, frames))), STRETCH, parent=content, margins=(0, 0, 0, 0))
         self._scroll.setWidget(content)  # deletes the previous content
+
+
+def _side_by_side(frames: Sequence[QWidget]) -> QHBoxLayout:
+    columns = row(*((frame, 1, Qt.AlignmentFlag.AlignTop) for frame in frames), margins=(0, 0, 0, 0), spacing=28)
+    columns.addStretch(max(2 - columns.count(), 0))  # one group alone is as wide as one of two
+    return columns
+
+
+def _concept_frame(title: str, concepts: Sequence[Concept]) -> QFrame:
+    lines = (
+        label for each in concepts for label in (make_label(each.name, "caption"), make_label(each.text, "note-size"))
+    )
+    return make_panel(make_label(title, "running", wrap=False), *lines, margins=(16, 10, 16, 12), spacing=4)
 
 
 def _group_frame(title: str, lines: list[ActionInfo]) -> QFrame:

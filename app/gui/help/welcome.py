@@ -1,5 +1,7 @@
 """Welcome page of the first start: a demo run, and how to set up a bench."""
 
+from functools import partial
+
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFrame, QWidget
@@ -26,9 +28,7 @@ SETUP_TEXT = (
     "The page Bench looks for generator and card, shows their live values, calibrates the sensor, checks the wiring, commissions "
     "the source, and writes the commented bench file. In a terminal: tactor-bench devices, bench new, check, commission."
 )
-SAFETY_TEXT = (
-    "0 V at the amplifier's input is −500 V on the specimen. Read docs/safety.md before a real bench is switched on."
-)
+SAFETY_TEXT = "0 V at the amplifier's input is −500 V on the specimen. Read 'Safety' in the help (F1) before a real bench is switched on."
 PAGES_TEXT = (
     "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) runs all of them on a specimen.  "
     "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  Bench (Ctrl+5) sets up the bench.  F1 lists every key."
@@ -40,6 +40,8 @@ class WelcomePage(QWidget):
 
     demo_requested = Signal()
     setup_pressed = Signal()
+    tutorial_requested = Signal(str)
+    """Name of a tutorial."""
     browse_pressed = Signal()
     closed = Signal()
 
@@ -57,14 +59,19 @@ class WelcomePage(QWidget):
         self.setup_button = make_button(
             "Set up a bench …", self.setup_pressed.emit, name="welcome.setup", minimumHeight=44
         )
+        self.tutorial_buttons = [
+            make_button(text, partial(self.tutorial_requested.emit, name), name=f"welcome.tutorial.{name}")
+            for name, text in (("tour", "Ten-minute tour, step by step"), ("own-bench", "Guide me through it"))
+        ]
         self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit, name="welcome.browse")
         close = make_button(shortcut_label("Not now", "escape"), self.closed.emit, name="welcome.close")
-        left = _panel("See it work", self.about_label, 10, self.demo_button, STRETCH)
+        left = _panel("See it work", self.about_label, 10, self.demo_button, self.tutorial_buttons[0], STRETCH)
         right = _panel(
             "Set up my bench",
             make_label(SETUP_TEXT, "large"),
             10,
             self.setup_button,
+            self.tutorial_buttons[1],
             self.browse_button,
             self.message_label,
             8,
@@ -94,7 +101,10 @@ class WelcomePage(QWidget):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            focused = next((b for b in (self.setup_button, self.browse_button) if b.hasFocus()), self.demo_button)
+            focused = next(
+                (b for b in (self.setup_button, self.browse_button, *self.tutorial_buttons) if b.hasFocus()),
+                self.demo_button,
+            )
             focused.click()
             return
         super().keyPressEvent(event)

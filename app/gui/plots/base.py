@@ -232,6 +232,9 @@ class PlotBase(QWidget):
     MAX_ESTIMATES: int | None = 3
     """Number of identified quantities that are named above the plot; None for all."""
 
+    ACCESSIBLE_NAME = "plot"
+    """What a screen reader calls it."""
+
     def __init__(
         self,
         theme: Theme,
@@ -323,6 +326,7 @@ class PlotBase(QWidget):
 
     def _add_canvas(self, canvas: Any, plots: Sequence[Any], axis_width: int | None) -> None:
         """Style the plots of a canvas and give it copy buttons; the caller lays it out."""
+        canvas.setAccessibleName(self.ACCESSIBLE_NAME)
         for plot in plots:
             style_axes(plot, self.font())
             if axis_width is not None:

@@ -29,6 +29,7 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
 
     def __init__(self, feed: LiveFeed, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setAccessibleName("plot: further channels")
         self.ci.setContentsMargins(0, 0, 10, 0)
         self.ci.setSpacing(0)
         self._feed, self._theme = feed, theme

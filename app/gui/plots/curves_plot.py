@@ -49,6 +49,8 @@ LEGEND_COLUMN_WIDTH = 190
 class CurvesPlot(PlotBase):
     """Curves of the run with the axes of the newest; the model's is added to a frequency response of the free tactor."""
 
+    ACCESSIBLE_NAME = "plot: curves of the run"
+
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
         self._curves: Sequence[ResultCurve] = ()

@@ -29,6 +29,8 @@ EMPTY_TEXT = "Points appear here as they are measured"
 class PointsPlot(PlotBase):
     """One symbol per point, hollow if no fit may use it; its text is shown on hover, a click selects it."""
 
+    ACCESSIBLE_NAME = "plot: points of the run"
+
     repeat_requested = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:

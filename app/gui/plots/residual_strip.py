@@ -22,6 +22,8 @@ HEIGHT = 96
 class ResidualStrip(PlotBase):
     """Shares the frequency axis of `main_plot`."""
 
+    ACCESSIBLE_NAME = "plot: residual of the points"
+
     def __init__(self, main_plot: Any, theme: Theme) -> None:
         super().__init__(theme, grid=True)
         self.quantity = NOTHING

@@ -69,6 +69,8 @@ HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the
 class ResponsePlot(PlotBase):
     """Measured points of one run and the model's curve. A click on a point selects it."""
 
+    ACCESSIBLE_NAME = "plot: response over frequency"
+
     MAX_ESTIMATES = None
     repeat_requested = Signal(tuple)
 

@@ -37,6 +37,8 @@ class TimePlot(TracePlotBase):
     The shortest span is triggered by the drive, like an oscilloscope; the longer ones scroll.
     """
 
+    ACCESSIBLE_NAME = "plot: live traces"
+
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent)
         self._feed, self._rest_v = feed, amplifier.rest_v

@@ -24,6 +24,8 @@ from app.gui.widgets import Theme
 class ComparePlot(PlotBase):
     """Max - min over frequency of the selected runs, each in its colour."""
 
+    ACCESSIBLE_NAME = "plot: comparison of the selected runs"
+
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()

@@ -18,6 +18,8 @@ ZOOM_IN, ZOOM_OUT = 0.5, 2.0
 class TracePlot(TracePlotBase):
     """Displacement and drive. The wheel zooms, a drag pans, a double click shows everything; Ctrl with + - 0 and arrows too."""
 
+    ACCESSIBLE_NAME = "plot: traces of the run"
+
     range_viewed = Signal(float, float)
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 

@@ -85,7 +85,7 @@ ACTIONS = {
             "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
         ),
         ActionInfo("faults.clear", "Clear all faults", ("Shift+F9",)),
-        ActionInfo("shortcuts", "Show these keys, or close them", ("F1", "?")),
+        ActionInfo("shortcuts", "Help: safety, words, how-tos and keys, or close it", ("F1", "?")),
         ActionInfo("measure.undo", "Undo in the form", ("Ctrl+Z",), page="Measure", repeats=True),
         ActionInfo("measure.redo", "Redo in the form", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Measure", repeats=True),
         ActionInfo(
