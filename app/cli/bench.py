@@ -139,9 +139,7 @@ class CommissionCommand(BenchSelection):
                 "not a terminal. Nothing was moved. Start it at a terminal"
             )
         try:
-            done = commission(
-                bench.config, bench.speed, _wait_for_high_voltage_off, lambda name: print_message(f"{name} ...")
-            )
+            done = commission(bench.config, bench.speed, _wait_for_high_voltage_off, _print_exercise)
         except BenchError as error:
             raise UsageError(f"not commissioned, and no record is stored: {error}") from None
         record = make_record(done.identity, bench.config.simulated, done.rate_hz, done.result)
@@ -161,6 +159,10 @@ class CommissionCommand(BenchSelection):
         if not self.json:
             print_message(f"Next: tactor-bench check --bench {self.bench}, with high voltage on")
         return ExitCode.DONE
+
+
+def _print_exercise(name: str, fraction: float) -> None:
+    print_message(f"{100 * fraction:3.0f} % {name} ...")
 
 
 def _wait_for_high_voltage_off() -> None:
@@ -200,6 +202,12 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
     times = record["times"]
     if times["stop_s"] is not None:
         console.print(f"Stop takes {times['stop_s']:.2f} s until the instrument reports rest")
+    if times["level_stop_s"] is not None:
+        console.print(
+            f"Stop from a held level takes {times['level_stop_s']:.2f} s, because the rest of its burst can be played faster"
+        )
+    if times["upload_s"] is not None:
+        console.print(f"The longest waveform is uploaded in {times['upload_s']:.2f} s")
     if times["reply_s"] is not None:
         console.print(f"The slowest reply arrives {times['reply_s']:.2f} s after its message, an upload's included")
     if times["start_s"] is not None:

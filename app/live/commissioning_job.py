@@ -38,7 +38,9 @@ class CommissioningJob:
         self.asks_for_high_voltage_off = False
         """Whether the sequence waits until the operator has switched high voltage off."""
         self.exercises: tuple[str, ...] = ()
-        """Names of the exercises that have begun."""
+        """Names of the exercises that have begun; the last is what is measured now."""
+        self.fraction = 0.0
+        """How much is done, 0 to 1."""
         self.result: CommissionedSource | None = None
         self.error = ""
         """Why there is no result."""
@@ -73,7 +75,7 @@ class CommissioningJob:
         self._confirmed.set()
 
     def stop(self) -> None:
-        """End after the present exercise, of a few seconds, with the source at rest; returns immediately."""
+        """End with the source at rest, also in the middle of an exercise; returns immediately."""
         self._stop.set()
         self._confirmed.set()
 
@@ -82,7 +84,9 @@ class CommissioningJob:
 
         try:
             self._check_stop(STOPPED_BEFORE)
-            self.result = commission(self._config, self._speed, self._wait_for_operator, self._begin_exercise)
+            self.result = commission(
+                self._config, self._speed, self._wait_for_operator, self._begin_exercise, self._check_exercise
+            )
         except _StoppedError as stopped:
             self.error = str(stopped)
         except (BenchError, OSError) as error:
@@ -99,9 +103,12 @@ class CommissioningJob:
         self.asks_for_high_voltage_off = False
         self._check_stop(STOPPED_BEFORE)
 
-    def _begin_exercise(self, name: str) -> None:
+    def _begin_exercise(self, name: str, fraction: float) -> None:
         self._check_stop(STOPPED)
-        self.exercises = (*self.exercises, name)
+        self.exercises, self.fraction = (*self.exercises, name), fraction
+
+    def _check_exercise(self) -> None:
+        self._check_stop(STOPPED)
 
     def _check_stop(self, text: str) -> None:
         if self._stop.is_set():

@@ -98,7 +98,7 @@ def connect(
                 config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server, wrap_link
             )
             connection.bench.suspend_warning = suspend_warning
-            _gate(connection.bench, without_commissioning)
+            _gate(config, connection.bench, without_commissioning)
             yield connection
         elif speed is None:
             from sim_hardware.bench import SimulatedBench
@@ -123,7 +123,7 @@ def connect(
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
-            _gate(bench)
+            _gate(config, bench)
             yield BenchConnection(
                 bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual
             )
@@ -141,15 +141,21 @@ def connect(
                 wrap_link,
                 process.laser_reading_m,
             )
-            _gate(connection.bench)
+            _gate(config, connection.bench)
             yield BenchConnection(
                 connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
             )
 
 
-def _gate(bench: Bench, without_commissioning: str = "") -> None:
+def _gate(config: BenchConfig, bench: Bench, without_commissioning: str = "") -> None:
     """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
-    state = commissioning_state(bench.amplifier.identity, bench.simulated, without_commissioning)
+    simulated_bench = ""
+    if config.simulated and bench.amplifier.plays_to_the_end:
+        from app.session.commissioning_record import simulated_bench_key
+
+        simulated_bench = simulated_bench_key(config)
+    state = commissioning_state(bench.amplifier.identity, bench.simulated, without_commissioning, simulated_bench)
+    bench.amplifier.hastens_levels = state.level_stop_s > 0
     bench.amplifier.measured_stop_s = state.stop_s
     bench.amplifier.holds_by_offset = state.holds_by_offset
     bench.high_voltage_refusal, bench.commissioning_note = state.refusal, state.note

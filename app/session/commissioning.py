@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.config import BenchConfig
 from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
-from app.session.commissioning_record import save_record
+from app.session.commissioning_record import save_record, simulated_bench_key
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
 from protocols.commissioning.messages import MessageLog
 from protocols.commissioning.procedure import commission_bench
@@ -31,7 +31,8 @@ def commission(
     config: BenchConfig,
     speed: float | None,
     high_voltage_off: Callable[[], None],
-    progress: Callable[[str], object] = lambda _: None,
+    progress: Callable[[str, float], object] = lambda _name, _fraction: None,
+    check_stop: Callable[[], object] = lambda: None,
 ) -> CommissionedSource:
     """Commission the source of a bench and store the record.
 
@@ -39,7 +40,8 @@ def commission(
         config: the bench file.
         speed: of a simulated bench; None is the virtual clock.
         high_voltage_off: returns once the operator has switched high voltage off; raises to abandon.
-        progress: called with the name of each exercise.
+        progress: called with the name of each exercise as it begins, and the fraction that is done.
+        check_stop: called with every block that is read; raises to abandon, with the source brought to rest.
 
     Raises:
         BenchError: an instrument is absent, or rejects what it must do to be set up.
@@ -51,9 +53,10 @@ def commission(
         rate_hz = _highest_rate(bench)
         second_client = _second_client(config) if not config.simulated else None
         switch = _OffSwitch(connection, high_voltage_off)
-        result = commission_bench(bench, switch, rate_hz, messages, progress, second_client)
+        result = commission_bench(bench, switch, rate_hz, messages, progress, second_client, check_stop)
         identity = bench.amplifier.identity
-        return CommissionedSource(identity, result, rate_hz, save_record(identity, config.simulated, rate_hz, result))
+        path = save_record(identity, config.simulated, rate_hz, result, simulated_bench_key(config))
+        return CommissionedSource(identity, result, rate_hz, path)
 
 
 def _second_client(config: BenchConfig) -> Callable[[], float] | None:

@@ -26,6 +26,7 @@ class CommissioningState:
         stop_s: measured duration of Stop; 0 if unknown.
         reply_s: longest measured time from a message to its reply; 0 if unknown.
         holds_by_offset: whether a level is held by the offset, because the volts of an uneven waveform were not measured.
+        level_stop_s: measured duration of Stop from a level whose end it hastens; 0 if that was not measured, or does not work.
     """
 
     refusal: str
@@ -34,18 +35,22 @@ class CommissioningState:
     stop_s: float = 0.0
     reply_s: float = 0.0
     holds_by_offset: bool = False
+    level_stop_s: float = 0.0
 
 
-def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -> CommissioningState:
+def commissioning_state(
+    identity: Identity, simulated: bool, reason: str = "", simulated_bench: str = ""
+) -> CommissioningState:
     """Return whether a source is commissioned with its present firmware.
 
     Args:
         identity: of the source.
         simulated: a simulated bench is exempt.
         reason: why high voltage may be switched on nevertheless.
+        simulated_bench: key of the simulated bench, whose own record says whether Stop may hasten the end of a level.
     """
     if simulated:
-        return CommissioningState("", "", {"status": "exempt", "why": "simulated bench"})
+        return _state_of_simulated_bench(identity, simulated_bench)
     from app.session.commissioning_record import load_record
 
     record = load_record(identity)
@@ -61,7 +66,9 @@ def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -
         stop = f"; Stop took {stop_s:.2f} s" if stop_s is not None else ""
         reply = f"; its slowest reply took {reply_s:.2f} s" if reply_s is not None else ""
         note = f"{identity} was commissioned with this firmware on {record.date[:10]}{stop}{reply}"
-        return CommissioningState("", note, stored, stop_s or 0.0, reply_s or 0.0)
+        level_stop_s = _level_stop_s(record)
+        stored["level_stop_s"] = level_stop_s or None
+        return CommissioningState("", note, stored, stop_s or 0.0, reply_s or 0.0, level_stop_s=level_stop_s)
     why = _describe_missing(identity, record)
     if reason:
         stored = {"status": "overridden", "reason": reason, "why": why}
@@ -74,11 +81,28 @@ def commissioning_state(identity: Identity, simulated: bool, reason: str = "") -
     return CommissioningState(f"{why}. {REMEDY}", "", {"status": "not commissioned", "why": why}, holds_by_offset=True)
 
 
+def _state_of_simulated_bench(identity: Identity, simulated_bench: str) -> CommissioningState:
+    stored: dict[str, Any] = {"status": "exempt", "why": "simulated bench"}
+    level_stop_s = 0.0
+    if simulated_bench:
+        from app.session.commissioning_record import load_record
+
+        record = load_record(identity, simulated_bench)
+        if record is not None and record.verdict == "pass":
+            level_stop_s = _level_stop_s(record)
+            stored |= {"record": str(record.path), "level_stop_s": level_stop_s or None}
+    return CommissioningState("", "", stored, level_stop_s=level_stop_s)
+
+
+def _level_stop_s(record: "CommissioningRecord") -> float:
+    return record.level_stop_s if math.isfinite(record.level_stop_s) else 0.0
+
+
 def _describe_missing(identity: Identity, record: "CommissioningRecord | None") -> str:
     from app.session.commissioning_record import firmwares_with_record
 
     firmware = identity.firmware or "unknown"
-    if record is not None and record.simulated:
+    if record is not None and record.simulated:  # stored by an earlier version
         return f"The commissioning record of {identity} is of a simulated instrument"
     if record is not None:
         found = "; ".join(record.failed)

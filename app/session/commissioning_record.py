@@ -1,5 +1,6 @@
 """Commissioning records: what was measured on a source, by make, model, serial number and firmware."""
 
+import hashlib
 import json
 import math
 import re
@@ -12,6 +13,7 @@ import numpy as np
 from platformdirs import user_data_path
 
 from app.common import version, write_atomic
+from app.config import BenchConfig
 from drivers import Identity
 from drivers.generators.assumptions import OutputCheck, assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
@@ -31,10 +33,21 @@ def records_folder() -> Path:
     return user_data_path("tactor-bench", appauthor=False) / "commissioning"
 
 
-def record_path(identity: Identity) -> Path:
-    """Return the record of an instrument with its present firmware."""
+def record_path(identity: Identity, simulated_bench: str = "") -> Path:
+    """Return the record of an instrument with its present firmware; those of a simulated bench are kept apart."""
     instrument = "-".join(_file_name(part) for part in (identity.maker, identity.model, identity.serial) if part)
-    return records_folder() / instrument / f"{_file_name(identity.firmware) or 'unknown'}.json"
+    folder = records_folder() / "simulated" / simulated_bench if simulated_bench else records_folder()
+    return folder / instrument / f"{_file_name(identity.firmware) or 'unknown'}.json"
+
+
+def simulated_bench_key(config: BenchConfig) -> str:
+    """Return what identifies the instruments of a simulated bench, by their parameters and the seed of their traits; empty for a real one."""
+    if not config.simulated:
+        return ""
+    given = config.simulation or {}
+    instruments = {name: given.get(name) for name in ("generator", "supply", "card", "seed", "source")}
+    text = json.dumps([instruments, config.source.model_dump(mode="json")], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _file_name(text: str) -> str:
@@ -53,6 +66,7 @@ class CommissioningRecord:
         reply_s: longest measured time from a message to its reply, NaN if unknown.
         simulated: whether the instrument was a simulated one.
         path: of its file.
+        level_stop_s: measured duration of Stop from a level whose end it hastened, NaN if the output did not follow.
     """
 
     verdict: OutputVerdict
@@ -62,6 +76,7 @@ class CommissioningRecord:
     reply_s: float
     simulated: bool
     path: Path
+    level_stop_s: float = math.nan
 
     @property
     def is_valid(self) -> bool:
@@ -69,13 +84,15 @@ class CommissioningRecord:
         return self.verdict is OutputVerdict.PASS and not self.simulated
 
 
-def save_record(identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned") -> Path:
+def save_record(
+    identity: Identity, simulated: bool, rate_hz: float, found: "Commissioned", simulated_bench: str = ""
+) -> Path:
     """Write the record of an instrument and the traces beside it; return the record's path.
 
     Raises:
         OSError: it cannot be written.
     """
-    path = record_path(identity)
+    path = record_path(identity, simulated_bench)
     path.parent.mkdir(parents=True, exist_ok=True)
     traces = {f"{i:02d} {trace.name}": trace.volts.astype(np.float32) for i, trace in enumerate(found.traces)}
     with path.with_suffix(".npz").open("wb") as file:
@@ -128,14 +145,16 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
             "start_s": _finite(found.times.start_s),
             "second_client_s": _finite(found.times.second_client_s),
             "reply_s": _finite(found.times.reply_s),
+            "level_stop_s": _finite(found.times.level_stop_s),
+            "upload_s": _finite(found.times.upload_s),
         },
         "errors": list(found.errors),
     }
 
 
-def load_record(identity: Identity) -> CommissioningRecord | None:
+def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningRecord | None:
     """Return the record of an instrument with its present firmware; None if there is none that can be read."""
-    path = record_path(identity)
+    path = record_path(identity, simulated_bench)
     try:
         with path.open("rb") as file:
             read = json.loads(file.read(MAX_BYTES))
@@ -164,6 +183,7 @@ def load_record(identity: Identity) -> CommissioningRecord | None:
             times.get("reply_s", math.nan),  # older records have none
             bool(read["simulated"]),
             path,
+            times.get("level_stop_s", math.nan),
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

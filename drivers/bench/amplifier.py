@@ -169,6 +169,41 @@ class HvAmplifier:
         return bool(getattr(self._source, "plays_to_the_end", False))
 
     @property
+    def stop_wait_s(self) -> float:
+        """How long Stop has to wait now before the source is at rest; 0 for one that need not wait for the end of its drive."""
+        if not self.plays_to_the_end or math.isinf(self.remaining_s):
+            return 0.0
+        if self._pulse is not None and self.hastens_levels:
+            return min(self.remaining_s, float(getattr(self._source, "hastened_end_s", math.inf)))
+        return self.remaining_s
+
+    @property
+    def hastens_levels(self) -> bool:
+        """Whether Stop plays what is left of a level faster, where the source could only wait for its end.
+
+        Only where commissioning has measured that a change of frequency continues a running burst.
+        """
+        return bool(getattr(self._source, "hastens_levels", False))
+
+    @hastens_levels.setter
+    def hastens_levels(self, hastens: bool) -> None:
+        if hasattr(self._source, "hastens_levels"):
+            self._source.hastens_levels = hastens
+
+    @property
+    def upload_longest(self) -> Callable[[], object] | None:
+        """Uploads the longest waveform that the driver sends, and plays none; None for a source without a memory for waveforms."""
+        upload = getattr(self._source, "upload_longest", None)
+        if upload is None:
+            return None
+
+        def upload_watched() -> None:
+            with self._watchdog.allow_silence():
+                upload()
+
+        return upload_watched
+
+    @property
     def starts_on_scan(self) -> bool:
         """Whether the source is to start a drive on a scan of the card's input."""
         return bool(getattr(self._source, "starts_on_scan", False))

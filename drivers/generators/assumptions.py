@@ -59,6 +59,7 @@ class OutputCheck(StrEnum):
     SETTLING = "settling of the card's inputs"
     SKEW = "skew of the card's inputs"
     START_ROUTE = "start of a drive on a scan"
+    LONG_LEVEL = "long level"
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +177,9 @@ def _common_assumptions(
         checks=(OutputCheck.SCALE,),
     )
     yield Assumption(driver, models, "trigger", "each starts a drive", checks=(OutputCheck.START,))
+    yield Assumption(
+        driver, models, "a level held as one waveform", "steady to its planned end", checks=(OutputCheck.LONG_LEVEL,)
+    )
     yield Assumption(driver, models, "start of a burst", "no surge", SURGES.get(driver, ""), (OutputCheck.SHAPE,))
     within = f"within {kind.IDLE_AMPLITUDE_VPP / 2 * 1e3:g} mV of the offset"
     yield Assumption(
@@ -196,6 +200,8 @@ def _common_assumptions(
         never = "possible: the amplitude is never changed at rest or in a drive"
         yield Assumption(driver, models, "relay at a change of amplitude", never)
         yield Assumption(driver, models, "Stop in mid-burst", "waits for its end, at rest", checks=(OutputCheck.STOP,))
+        hastened = "plays the rest of it faster; used to end a level only where commissioning has recorded it"
+        yield Assumption(driver, models, "change of frequency in mid-burst", hastened)
 
 
 SURGES = {"rigol-dg": f"contradicted by {MENLO} for a DG1000Z at another offset than 0: look at the trace"}
@@ -604,6 +610,7 @@ SUPPLIES = (
         "those of the loaded output",
         checks=(OutputCheck.REST, OutputCheck.OFFSET),
     ),
+    Assumption("dc-supply", "all", "held level", "steady", checks=(OutputCheck.LONG_LEVEL,)),
     Assumption(
         "dc-supply",
         "all",
@@ -662,6 +669,7 @@ CARD_OUTPUTS = (
         "with `start_trigger` each drive starts on a scan of the input",
         checks=(OutputCheck.START_ROUTE,),
     ),
+    Assumption(CARD_OUTPUT, "all", "held level", "steady while it is renewed", checks=(OutputCheck.LONG_LEVEL,)),
     Assumption(CARD_OUTPUT, "all", "output while the next drive is written", "stays", checks=(OutputCheck.SETTINGS,)),
     Assumption(
         CARD_OUTPUT,

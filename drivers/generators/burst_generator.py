@@ -54,6 +54,9 @@ margin is that of an instrument whose drives cannot be ended early."""
 
 SHORTEST_RISE_S = 0.01
 
+HASTENED_END_S, HASTENED_V_PER_S = 1.2, 40.0
+"""When a level is at rest whose end is hastened, and the slope up to which its return may be: 40 mV in 1 ms."""
+
 BURST_END_MARGIN_S = 0.1
 """How much later than by the computer's clock a burst may end."""
 
@@ -127,6 +130,12 @@ class BurstGenerator(ABC):
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
     """The last settings sent, for use when they cannot be read back."""
+    hastens_levels: bool = False
+    """Whether Stop plays what is left of a level faster, where its end could only be waited for. Only where commissioning has
+    measured that a change of frequency continues a running burst: no guide says so."""
+    hastened_end_s: ClassVar[float] = HASTENED_END_S
+    _level: tuple[LevelPulse, int] | None = None
+    """The level that was started last, and its number of points."""
 
     @renamed_parameters(pace_s="step_interval_s")
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
@@ -230,6 +239,7 @@ class BurstGenerator(ABC):
         if why := self.reason_level_unsupported(pulse):
             raise InstrumentError(why)
         points, full_v = render_waveform(pulse, self._max_points(), self._step_v)
+        self._level = pulse, points.size
         return self._start_burst(points, full_v, 1 / pulse.duration_s, 1, pulse.rest_v)
 
     def start_drive(self, drive: Drive) -> None:
@@ -311,6 +321,8 @@ class BurstGenerator(ABC):
         return math.inf if isinstance(drive, Hold) else drive.duration_s
 
     def end_level(self, duration_s: float) -> None:
+        if not self.CAN_FREEZE_RANGE and self.hastens_levels:
+            self._hasten_burst_end()
         self._stop_within(0.0 if self._burst_has_ended() else duration_s)
 
     def stop(self) -> None:
@@ -350,6 +362,30 @@ class BurstGenerator(ABC):
             self._check_readback(
                 left, self.IDLE_AMPLITUDE_VPP, self.IDLE_AMPLITUDE_VPP, "the amplitude in volts peak to peak"
             )
+
+    def _hasten_burst_end(self) -> None:
+        """Play what is left of a level faster; if that cannot be confirmed, its end is waited for as if it was not."""
+        begin_s, level, end_s = self._clock.now(), self._level, self._burst_end_s
+        if level is None or end_s is None or end_s - begin_s <= HASTENED_END_S:
+            return
+        pulse, size = level
+        ratio = min((end_s - begin_s) / HASTENED_END_S, HASTENED_V_PER_S / pulse.slew_v_per_s)
+        if ratio <= 1:
+            return
+        self._level = None  # hastened once
+        try:
+            self._set_rate(ratio / pulse.duration_s, size)
+        except InstrumentError:
+            return
+        self._burst_end_s = self._clock.now() + (end_s - begin_s) / ratio
+
+    def upload_longest(self) -> None:
+        """Upload a waveform of the most points that the driver sends, without playing it: to time it.
+
+        Raises:
+            InstrumentError: it was rejected.
+        """
+        self._load_waveform(np.sin(2 * np.pi * np.arange(self._max_points()) / self._max_points()))
 
     def _burst_has_ended(self) -> bool:
         """Whether the burst that was started here last is certainly over; False if another program may have started one."""

@@ -1,7 +1,7 @@
 """Skew and settling of the card's inputs, by a scan that converts each directly after the drive, and the drive several times."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +42,13 @@ def scan_order(channels: int) -> tuple[int, ...]:
     return (*(slot for k in others for slot in (DRIVE_CHANNEL, k, k)), DRIVE_CHANNEL)
 
 
-def exercise_inputs(bench: ArmedBench, clock: Clock, order: Sequence[int], rest_v: float) -> CheckedInputs:
+def exercise_inputs(
+    bench: ArmedBench,
+    clock: Clock,
+    order: Sequence[int],
+    rest_v: float,
+    check_stop: Callable[[], object] = lambda: None,
+) -> CheckedInputs:
     """Play a sine and measure the card's inputs in it; nothing is checked with a source that does not play one.
 
     Args:
@@ -50,6 +56,7 @@ def exercise_inputs(bench: ArmedBench, clock: Clock, order: Sequence[int], rest_
         clock: bench time.
         order: numbers of the channels in a scan.
         rest_v: level of rest.
+        check_stop: called with every block that is read; raises to abandon.
 
     Raises:
         BenchError: the card does not answer.
@@ -59,7 +66,7 @@ def exercise_inputs(bench: ArmedBench, clock: Clock, order: Sequence[int], rest_
     detail, traces = "", []
     for _ in range(2):  # once more if it did not start
         try:
-            trace = _recorded(bench, clock, drive)
+            trace = _recorded(bench, clock, drive, check_stop)
         except DriveRejectedError:
             return CheckedInputs((), ())
         traces.append(trace)
@@ -84,7 +91,7 @@ def exercise_inputs(bench: ArmedBench, clock: Clock, order: Sequence[int], rest_
     )
 
 
-def _recorded(bench: ArmedBench, clock: Clock, drive: Sine) -> Trace:
+def _recorded(bench: ArmedBench, clock: Clock, drive: Sine, check_stop: Callable[[], object]) -> Trace:
     """Play the drive to its end and record it. Raises DriveRejectedError if this source does not play it."""
     blocks = [bench.read_block()]
     start_s = bench.stream.start_time_s
@@ -92,6 +99,7 @@ def _recorded(bench: ArmedBench, clock: Clock, drive: Sine) -> Trace:
     def read_until(time_s: float) -> None:
         while start_s + blocks[-1].stop / bench.rate_hz < time_s:
             blocks.append(bench.read_block())
+            check_stop()
 
     read_until(clock.now())
     del blocks[:-1]

@@ -1,5 +1,6 @@
 """Exercises of a source: drives that are played with high voltage off while the card records the output."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -31,6 +32,7 @@ class Trace:
         stop_s: bench time at which Stop was commanded.
         rest_s: bench time at which the driver reported rest.
         error: of the driver; empty if it reported none.
+        held_until_s: bench time until which a level is held at least; infinite if it does not end by itself.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Trace:
     stop_s: float
     rest_s: float
     error: str = ""
+    held_until_s: float = math.inf
 
     def span(self, begin_s: float, end_s: float) -> Array:
         """Return the samples between two bench times."""
@@ -58,10 +61,13 @@ class Exerciser:
         bench: with high voltage off, see `Bench.exercised`.
         clock: bench time.
         messages: notes the messages to the source.
+        check_stop: called with every block that is read; raises to abandon.
     """
 
-    def __init__(self, bench: ArmedBench, clock: Clock, messages: MessageLog) -> None:
-        self._bench, self._clock, self._messages = bench, clock, messages
+    def __init__(
+        self, bench: ArmedBench, clock: Clock, messages: MessageLog, check_stop: Callable[[], object] = lambda: None
+    ) -> None:
+        self._bench, self._clock, self._messages, self._check_stop = bench, clock, messages, check_stop
         self._blocks: list[Block] = []
         self._played = 0
 
@@ -73,6 +79,9 @@ class Exerciser:
         stop_after_s: float | None = None,
         in_mid_drive: Callable[[], None] | None = None,
         timed_stop: bool = False,
+        as_waveform: bool = False,
+        instead: Callable[[], object] | None = None,
+        observe_s: float = TAIL_S,
     ) -> Trace | None:
         """Play a drive to its end and record it; return None if this source does not play such a drive.
 
@@ -82,6 +91,9 @@ class Exerciser:
             stop_after_s: Stop then, instead of at its end.
             in_mid_drive: called in the middle of the drive.
             timed_stop: Stop as in a run; otherwise its messages are separated and confirmed, so that each transient has its cause.
+            as_waveform: hold a level as in a run, by a source that plays it as a finite waveform; it is recorded to its own end.
+            instead: called where the drive would be started.
+            observe_s: recorded after Stop.
 
         Raises:
             BenchError: the card does not answer.
@@ -97,9 +109,12 @@ class Exerciser:
         error = ""
         amplifier = self._bench.amplifier
         # A level is held by the offset here, whose volts are measured so; as a waveform it would have those of the amplitude.
-        amplifier.holds_by_offset = True
+        amplifier.holds_by_offset = not as_waveform
         try:
-            amplifier.start_drive(drive)
+            if instead is None:
+                amplifier.start_drive(drive)
+            else:
+                instead()
         except DriveRejectedError:
             return None
         except InstrumentError as refused:
@@ -107,7 +122,10 @@ class Exerciser:
         finally:
             self._messages.separated = frozenset()
         started_s = self._clock.now()
+        held_until_s = started_s + amplifier.level_remaining_s
         duration_s = drive.duration_s + TAIL_S if stop_after_s is None else stop_after_s
+        if as_waveform and stop_after_s is None and math.isfinite(amplifier.remaining_s):
+            duration_s = amplifier.remaining_s + TAIL_S
         if in_mid_drive is not None and not error:
             self._read_until(started_s + drive.duration_s / 2)
             in_mid_drive()
@@ -121,7 +139,7 @@ class Exerciser:
         finally:
             self._messages.separated = frozenset()
         rest_s = self._clock.now()
-        self._read_until(rest_s + TAIL_S)
+        self._read_until(rest_s + observe_s)
         first = self._blocks[0]
         counts = np.concatenate([block.raw for block in self._blocks], axis=1)
         scaled = [scale.to_volts(raw) for scale, raw in zip(self._bench.scales, counts, strict=True)]
@@ -137,6 +155,7 @@ class Exerciser:
             stop_s,
             rest_s,
             error,
+            held_until_s,
         )
 
     def _read_until(self, time_s: float) -> None:
@@ -145,3 +164,4 @@ class Exerciser:
             not self._blocks or self._bench.stream.start_time_s + self._blocks[-1].stop / self._bench.rate_hz < time_s
         ):
             self._blocks.append(self._bench.read_block())
+            self._check_stop()

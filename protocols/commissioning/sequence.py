@@ -1,14 +1,37 @@
 """Sequence of a commissioning: the exercises of a source in their order, and the checks that follow from them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers import ArmedBench, Clock, Drive, Hold, InstrumentError, Sine, Steps
 from drivers.generators.assumptions import OutputCheck
-from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
-from protocols.commissioning.exercise import Exerciser, Trace
+from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
+from protocols.commissioning.checks import (
+    HELD_V,
+    LEVEL_LIMIT_V,
+    REST_LIMIT_V,
+    check_crosstalk,
+    check_offset,
+    check_start_route,
+    check_transients,
+    check_waveforms,
+    check_wire,
+    with_jump_at_stop,
+    worst_deviation,
+)
+from protocols.commissioning.evaluation import Evaluation
+from protocols.commissioning.exercise import TAIL_S, Exerciser, Trace
+from protocols.commissioning.long_level import (
+    EARLY_HELD_S,
+    EARLY_STOP_AFTER_S,
+    LEVEL_V,
+    check_long_level,
+    hastened_stop_s,
+    is_reached,
+)
+from protocols.commissioning.long_level import HELD_S as LONG_HELD_S
 from protocols.commissioning.messages import MessageKind, MessageLog
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
 
@@ -19,25 +42,33 @@ CYCLES = 4
 UNSTOPPED_S = 3.0
 """Duration of a sine that is stopped."""
 STOP_AFTER_S = 0.5
-HELD_V, HELD_S = 0.2, 0.3
+HELD_S = 0.3
 SPAN_SHARE = 0.96
 """Share of the amplifier's range in the drive whose Stop is timed."""
-
-REST_LIMIT_V, LEVEL_LIMIT_V = 0.05, 0.03
-CROSSTALK_LIMIT, START_ROUTE_LIMIT = 0.01, 0.1
-GAIN_LIMIT, OFFSET_LIMIT, SHAPE_LIMIT = 0.03, 0.02, 0.08
-FIT_LIMIT = 0.25
-"""A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
 
 HARMLESS = (OutputCheck.CROSSTALK, OutputCheck.START_ROUTE)
 """Deviations with which the largest drive may be played nevertheless."""
 
-CAUSES = {
-    OutputCheck.SETTINGS: (MessageKind.UPLOAD, MessageKind.OTHER),
-    OutputCheck.AMPLITUDE: (MessageKind.AMPLITUDE,),
-    OutputCheck.STOP: (MessageKind.ABORT, MessageKind.TRIGGER),
+PLANNED_S = {
+    "sine": 1.0,
+    "uneven waveform": 1.0,
+    "sine again": 1.0,
+    "larger sine": 1.0,
+    "level above rest": 1.0,
+    "level below rest": 1.0,
+    "Stop in mid-drive": 2.0,
+    "wire cut in mid-drive": 2.0,
+    "longest upload": 5.0,
+    "long level": 13.0,
+    "Stop in mid-level": 7.0,
+    "Stop from the largest drive": 2.0,
+    "second connection": 1.0,
+    CARD_INPUTS_NAME: 3.0,
 }
-"""The messages whose transients each check is of; a transient at the trigger, before Stop, belongs to the waveform."""
+"""Exercises in their order with about their durations, by which progress is stated."""
+
+ProgressListener = Callable[[str, float], object]
+"""Called with the name of what is measured now, and the fraction that is done, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +89,8 @@ class Commissioning:
         bench: see `Bench.exercised`.
         clock: bench time.
         messages: notes the messages to the source.
-        progress: called with the name of each exercise as it begins.
+        progress: called with the name of each exercise as it begins, and the fraction that is done.
+        check_stop: called with every block that is read; raises to abandon.
         second_client: connects to the instrument once more, and returns the time of its reply; None if there is none.
     """
 
@@ -67,16 +99,18 @@ class Commissioning:
         bench: ArmedBench,
         clock: Clock,
         messages: MessageLog,
-        progress: Callable[[str], object] = lambda _: None,
+        progress: ProgressListener = lambda _name, _fraction: None,
         second_client: Callable[[], float] | None = None,
+        check_stop: Callable[[], object] = lambda: None,
     ) -> None:
         self._bench, self._clock, self._progress, self._second_client = bench, clock, progress, second_client
-        self._exerciser, self._messages = Exerciser(bench, clock, messages), messages
+        self._exerciser, self._messages = Exerciser(bench, clock, messages, check_stop), messages
         self._rest_v = bench.amplifier.map.rest_v
         self._traces: list[Trace] = []
         self._started = self._lost = 0
         self._plays_bursts = False
         self._errors: list[str] = []
+        self._begun: set[str] = set()
 
     def run(self) -> Commissioned:
         """Exercise the source; return what was measured.
@@ -97,25 +131,33 @@ class Commissioning:
         long = Sine(FREQUENCY_HZ, SMALL_V, rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
         stopped = self._burst("Stop in mid-drive", long, stop_after_s=STOP_AFTER_S)
         cut = self._burst("wire cut in mid-drive", Sine(FREQUENCY_HZ, SMALL_V, rest_v, 10), in_mid_drive=self._cut_wire)
-        everything = [b for b in (*bursts, above, below, stopped, cut) if b is not None]
+        uploaded, upload_s = self._upload()
+        everything = [b for b in (*bursts, above, below, stopped, cut, uploaded) if b is not None]
+        steady, level_stop_s = self._long_level(), self._hastened_stop_s()
         if not self._plays_bursts:  # a DC supply: levels only
             rest, _ = self._levels(bursts, everything)
             checks = [
                 rest,
-                _offset(above, below),
-                *_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)}),
+                check_offset(above, below),
+                steady,
+                *check_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)}),
             ]
             return self._commissioned(checks, MeasuredTimes(math.nan, math.nan, math.nan, self._messages.reply_s))
-        checks = [*self._levels(bursts, everything), _offset(above, below)]
-        checks += [*_waveforms(sine or again, uneven, larger), *_transients(everything, stopped), self._starts()]
-        checks += [*_wire(cut, bursts), _crosstalk(bursts)]
+        checks = [*self._levels(bursts, everything), check_offset(above, below), steady]
+        checks += [
+            *check_waveforms(sine or again, uneven, larger),
+            *check_transients(everything, stopped),
+            self._starts(),
+        ]
+        checks += [*check_wire(cut, bursts), check_crosstalk(bursts)]
         if self._bench.amplifier.starts_on_scan:
-            checks.append(_start_route(bursts, self._errors))
+            checks.append(check_start_route(bursts, self._errors))
         safe = all(check.passed for check in checks if check.check not in HARMLESS)
         largest = self._largest_stop() if safe else None
         if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
-            checks = [_joined(check, largest) for check in checks]
-        return self._commissioned(checks, self._times(largest or stopped, bursts))
+            checks = [with_jump_at_stop(check, largest) for check in checks]
+        times = replace(self._times(largest or stopped, bursts), level_stop_s=level_stop_s, upload_s=upload_s)
+        return self._commissioned(checks, times)
 
     def _commissioned(self, checks: Sequence[CheckedOutput], times: MeasuredTimes) -> Commissioned:
         return Commissioned(tuple(checks), times, tuple(self._traces), tuple(self._errors), self._plays_bursts)
@@ -151,7 +193,7 @@ class Commissioning:
         in_mid_drive: Callable[[], None] | None = None,
         timed_stop: bool = False,
     ) -> Evaluation | None:
-        self._progress(name)
+        self._announce(name)
         trace = self._exerciser.record(
             name, drive, stop_after_s=stop_after_s, in_mid_drive=in_mid_drive, timed_stop=timed_stop
         )
@@ -162,6 +204,69 @@ class Commissioning:
             self._errors.append(f"{name}: {trace.error}")
         return Evaluation(trace, None if stop_after_s is None else stop_after_s - 0.1)
 
+    def _announce(self, name: str) -> None:
+        done_s = sum(seconds for each, seconds in PLANNED_S.items() if each in self._begun and each != name)
+        self._begun.add(name)
+        self._progress(name, min(done_s / sum(PLANNED_S.values()), 1.0))
+
+    def _level(
+        self, name: str, held_s: float, stop_after_s: float | None = None, observe_s: float = TAIL_S
+    ) -> Trace | None:
+        """Hold a level as in a run, once more if it was not reached; return its recording, None if there is none."""
+        level_v = self._rest_v + LEVEL_V
+        for _ in range(2):
+            self._announce(name)
+            trace = self._exerciser.record(
+                name, Hold(level_v, held_s), stop_after_s=stop_after_s, as_waveform=True, observe_s=observe_s
+            )
+            if trace is None:
+                return None
+            self._traces.append(trace)
+            if trace.error:
+                self._errors.append(f"{name}: {trace.error}")
+            if is_reached(trace):
+                return trace
+        return None
+
+    def _long_level(self) -> CheckedOutput:
+        held_s = EARLY_HELD_S if self._bench.amplifier.plays_to_the_end else LONG_HELD_S
+        return check_long_level(self._level("long level", held_s))
+
+    def _hastened_stop_s(self) -> float:
+        """Return the duration of Stop from a level whose end it hastens; NaN where that is not needed or not possible."""
+        amplifier = self._bench.amplifier
+        if not amplifier.plays_to_the_end:
+            return math.nan
+        planned_s = amplifier.unattended_rest_s(Hold(self._rest_v + LEVEL_V, EARLY_HELD_S))
+        before, amplifier.hastens_levels = amplifier.hastens_levels, True
+        try:
+            trace = self._level("Stop in mid-level", EARLY_HELD_S, stop_after_s=EARLY_STOP_AFTER_S, observe_s=planned_s)
+        finally:
+            amplifier.hastens_levels = before
+        ends_s = math.nan if trace is None else trace.started_s + planned_s
+        return hastened_stop_s(trace, ends_s)
+
+    def _upload(self) -> tuple[Evaluation | None, float]:
+        """Upload the longest waveform that the driver sends, without playing it; return the output meanwhile, and the duration."""
+        upload = self._bench.amplifier.upload_longest
+        if upload is None:
+            return None, math.nan
+        name, took_s = "longest upload", [math.nan]
+
+        def timed() -> None:
+            begin_s = self._clock.now()
+            upload()
+            took_s[0] = self._clock.now() - begin_s
+
+        self._announce(name)
+        trace = self._exerciser.record(name, Hold(self._rest_v, HELD_S), instead=timed)
+        if trace is None:
+            return None, math.nan
+        self._traces.append(trace)
+        if trace.error:
+            self._errors.append(f"{name}: {trace.error}")
+        return Evaluation(trace), took_s[0]
+
     def _cut_wire(self) -> None:
         with suppress(InstrumentError):
             self._bench.amplifier.reconnect()
@@ -169,9 +274,9 @@ class Commissioning:
     def _levels(self, bursts: Sequence[Evaluation], everything: Sequence[Evaluation]) -> Iterator[CheckedOutput]:
         off = [(b.before_v - self._rest_v, f"before '{b.trace.name}'") for b in everything]
         off += [(b.armed_v - b.before_v, f"armed for '{b.trace.name}'") for b in bursts]
-        yield _worst(OutputCheck.REST, off, REST_LIMIT_V)
+        yield worst_deviation(OutputCheck.REST, off, REST_LIMIT_V)
         later = [(b.after_v - b.armed_v, f"after '{b.trace.name}'") for b in bursts]
-        yield _worst(OutputCheck.AFTER, later, LEVEL_LIMIT_V)
+        yield worst_deviation(OutputCheck.AFTER, later, LEVEL_LIMIT_V)
 
     def _starts(self) -> CheckedOutput:
         lost = float(self._lost) if self._started else math.nan
@@ -191,98 +296,7 @@ class Commissioning:
         delays = [b.start_s - b.trigger_s for b in bursts]
         second_s = math.nan
         if self._second_client is not None:
-            self._progress("second connection")
+            self._announce("second connection")
             with suppress(InstrumentError):
                 second_s = self._second_client()
         return MeasuredTimes(stop_s, max(delays, default=math.nan), second_s, self._messages.reply_s)
-
-
-def _worst(check: OutputCheck, found: Sequence[tuple[float, str]], limit: float, unit: str = "V") -> CheckedOutput:
-    """Return the check of the largest deviation."""
-    finite = [each for each in found if math.isfinite(each[0])]
-    value, detail = max(finite, key=lambda each: abs(each[0]), default=(math.nan, ""))
-    return CheckedOutput(check, value, unit, -limit, limit, detail)
-
-
-def _offset(above: Evaluation | None, below: Evaluation | None) -> CheckedOutput:
-    scale = math.nan if above is None or below is None else (above.held_v - below.held_v) / (2 * HELD_V)
-    return CheckedOutput(OutputCheck.OFFSET, scale, "1", 1 - OFFSET_LIMIT, 1 + OFFSET_LIMIT)
-
-
-def _waveforms(
-    sine: Evaluation | None, uneven: Evaluation | None, larger: Evaluation | None
-) -> Iterator[CheckedOutput]:
-    """Yield polarity, amplitudes and form; a waveform that is no sine has neither polarity nor amplitude."""
-    gain = sine.gain if sine is not None and sine.misfit < FIT_LIMIT else math.nan
-    yield CheckedOutput(OutputCheck.POLARITY, math.copysign(1.0, gain) if math.isfinite(gain) else math.nan, "1", 1, 1)
-    yield CheckedOutput(OutputCheck.SCALE, abs(gain), "1", 1 - GAIN_LIMIT, 1 + GAIN_LIMIT)
-    ratio = abs(uneven.gain / gain) if uneven is not None and uneven.misfit < FIT_LIMIT else math.nan
-    yield CheckedOutput(OutputCheck.UNEVEN, ratio, "1", 1 - GAIN_LIMIT, 1 + GAIN_LIMIT, "in parts of the sine's")
-    played = [e for e in (sine, uneven, larger) if e is not None]
-    found = [(e.residual, f"'{e.trace.name}'") for e in played]
-    found += [
-        (t.away_v / e.peak_v, f"at the start of '{e.trace.name}'")
-        for e in played
-        for t in e.transients()
-        if _at_start(e, t)
-    ]
-    value, detail = max(found, default=(math.nan, ""))
-    yield CheckedOutput(OutputCheck.SHAPE, value, "1", None, SHAPE_LIMIT, f"largest departure in peaks, {detail}")
-
-
-def _at_start(evaluation: Evaluation, transient: Transient) -> bool:
-    return transient.cause is MessageKind.TRIGGER and transient.time_s < evaluation.trace.stop_s
-
-
-def _transients(
-    everything: Sequence[Evaluation],
-    stopped: Evaluation | None,
-    causes_of: Mapping[OutputCheck, tuple[MessageKind, ...]] = CAUSES,
-) -> Iterator[CheckedOutput]:
-    found: list[tuple[Transient, str]] = [
-        (t, e.trace.name) for e in everything for t in e.transients() if not _at_start(e, t)
-    ]
-    for check, causes in causes_of.items():
-        caused = [(t, name) for t, name in found if t.cause in causes]
-        worst = max(caused, key=lambda each: each[0].away_v, default=None)
-        value = worst[0].away_v if worst else 0.0
-        detail = f"{worst[0].volts:.2f} V at '{worst[0].text}' in '{worst[1]}'" if worst else ""
-        if check is OutputCheck.STOP:
-            left_v = abs(stopped.final_v - stopped.before_v) if stopped is not None else math.nan
-            if not left_v <= value:
-                value, detail = left_v, "after Stop"
-        yield CheckedOutput(check, value if everything else math.nan, "V", None, TRANSIENT_V, detail)
-
-
-def _joined(check: CheckedOutput, stopped: Evaluation) -> CheckedOutput:
-    """Return the check of Stop with the jump by which a stopped drive was left, if that is larger."""
-    if check.check is not OutputCheck.STOP or stopped.stop_jump_v <= check.value:
-        return check
-    return CheckedOutput(OutputCheck.STOP, stopped.stop_jump_v, "V", None, TRANSIENT_V, f"in '{stopped.trace.name}'")
-
-
-def _crosstalk(bursts: Sequence[Evaluation]) -> CheckedOutput:
-    """Return the check of the drive in the card's other inputs: high voltage is off, so nothing else carries it there."""
-    value = max((b.crosstalk for b in bursts if math.isfinite(b.crosstalk)), default=math.nan)
-    detail = "of the drive, in another input"
-    return CheckedOutput(OutputCheck.CROSSTALK, value, "1", None, CROSSTALK_LIMIT, detail)
-
-
-def _start_route(bursts: Sequence[Evaluation], errors: Sequence[str]) -> CheckedOutput:
-    """Return the check that drives start on scans: the start of a sine lies at the same place between two of them each time."""
-    starts = [b.start_in_scans for b in bursts if math.isfinite(b.start_in_scans)]
-    spread = max((abs((s - starts[0] + 0.5) % 1.0 - 0.5) for s in starts), default=math.nan)
-    detail = "of a scan, between the starts of sines"
-    if len(starts) < 2:
-        spread, detail = (1.0, errors[0]) if errors else (math.nan, "")
-    return CheckedOutput(OutputCheck.START_ROUTE, spread, "1", None, START_ROUTE_LIMIT, detail)
-
-
-def _wire(cut: Evaluation | None, bursts: Sequence[Evaluation]) -> list[CheckedOutput]:
-    """Return the check of the level after a drive during which the wire was cut, against the other drives' levels."""
-    if cut is None:
-        return [CheckedOutput(OutputCheck.WIRE, math.nan, "V", -LEVEL_LIMIT_V, LEVEL_LIMIT_V)]
-    others = [b.after_v - b.armed_v for b in bursts if math.isfinite(b.after_v)]
-    usual_v = others[-1] if others else 0.0
-    value = cut.after_v - cut.armed_v - usual_v
-    return [CheckedOutput(OutputCheck.WIRE, value, "V", -LEVEL_LIMIT_V, LEVEL_LIMIT_V, "against other drives")]

@@ -70,12 +70,17 @@ class MeasuredTimes:
         start_s: from the trigger to the first sample of a drive.
         second_client_s: reply of the instrument to a second connection; NaN if it answers one client only.
         reply_s: longest time from the beginning of a message to its reply, uploads included.
+        level_stop_s: of Stop from a level whose end it hastened, of a source whose bursts can only be waited for; NaN if the output
+            did not follow without a jump.
+        upload_s: of the longest waveform that the driver sends.
     """
 
     stop_s: float
     start_s: float
     second_client_s: float
     reply_s: float = math.nan
+    level_stop_s: float = math.nan
+    upload_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

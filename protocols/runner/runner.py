@@ -46,6 +46,11 @@ log = logging.getLogger(__name__)
 PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
 """Imported before the card runs: importing at the first fit would delay the run by a second or two."""
 
+STATED_WAIT_S = 2.0
+"""A longer way to rest is stated while it lasts."""
+
+WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {:.1f} s"
+
 
 def run_metadata(
     request: RunRequest, bench: Bench, reference: ReferenceModel, adapted: AdaptedProtocol | None = None
@@ -158,6 +163,8 @@ class Runner:
                     with contextlib.suppress(StorageError):
                         self._recorder.publish_external()
                     self._recorder.notify(ShutdownStarted())
+                    if (wait_s := self._bench.amplifier.stop_wait_s) > STATED_WAIT_S:
+                        self._recorder.notify(LogMessage(WAITING_TEXT.format(wait_s)))
             self._report_folded_lines()
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except (RunCancelled, BenchError, StorageError, KeyboardInterrupt) as error:

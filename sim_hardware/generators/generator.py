@@ -19,6 +19,7 @@ from sim_hardware.plant import (
     ConstantSegment,
     PeriodicSegment,
     RelayGlitchSegment,
+    SaggingSegment,
     Segment,
 )
 
@@ -31,6 +32,7 @@ RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 COMBINED_V = 0.7
 """What another channel adds that cannot be switched off."""
 
+SAG_TAU_S = 10.0
 SURGE_S, SURGE_V = 0.5e-3, 0.6
 """A pulse at the start of a burst."""
 
@@ -249,8 +251,13 @@ class SimulatedGenerator:
             run = self._burst
             if t >= run.end_s:
                 self._burst = None
+            elif self._deviates("retime", "at-next-burst"):
+                same = self._tone(run.origin_s, run.phase_rad, run.cycles)
+                self._burst = replace(same, frequency_hz=run.frequency_hz)
             elif s.frequency_hz == previous.frequency_hz:
                 self._burst = self._tone(run.origin_s, run.phase_rad, run.cycles)
+            elif self._deviates("retime", "restarts"):
+                self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
             else:
                 left = run.cycles - (t - run.origin_s) * run.frequency_hz
                 self._burst = self._tone(t, run.phase_at(t), left)
@@ -278,6 +285,8 @@ class SimulatedGenerator:
         if s.burst and s.trigger == "IMM":
             return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
         if s.burst:
+            if self._burst is not None and self._deviates("droop", "sags"):
+                return SaggingSegment(self._burst, s.level_v, SAG_TAU_S)
             return self._burst or ConstantSegment(self._tone(t, 0.0, 1.0).idle_v)
         return self._carrier or self._tone(t, 0.0, math.inf)
 

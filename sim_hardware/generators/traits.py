@@ -101,6 +101,12 @@ TRAITS = (
         ("DG",),
         "whether the trigger source must be set anew after a burst: seen on a DG1000Z by Menlo Systems, not by others",
     ),
+    Trait(
+        "retime",
+        ("continues", "at-next-burst", "restarts"),
+        ("SDG", "AFG", "DG", "T3AFG"),
+        "what a change of frequency does to a running burst: no guide and no public driver says",
+    ),
 )
 
 
@@ -170,6 +176,12 @@ DEVIATIONS = (
         ("none", "at-start"),
         (*KEYSIGHT, "DG", "SDG", "AFG"),
         "a pulse when a burst begins (Menlo Systems: DG1000Z with an offset)",
+    ),
+    Trait(
+        "droop",
+        ("steady", "sags"),
+        (*KEYSIGHT, "DG", "SDG", "AFG"),
+        "a level within one long waveform: sags by 10 % per second",
     ),
     Trait(
         "start",

@@ -14,6 +14,7 @@ from .segments import ChirpSegment as ChirpSegment
 from .segments import ConstantSegment as ConstantSegment
 from .segments import PeriodicSegment as PeriodicSegment
 from .segments import RelayGlitchSegment as RelayGlitchSegment
+from .segments import SaggingSegment as SaggingSegment
 from .segments import Segment as Segment
 from .setup_state import OPERATOR_ACTIONS as OPERATOR_ACTIONS
 from .setup_state import SPECIMEN_ACTIONS as SPECIMEN_ACTIONS

@@ -182,3 +182,25 @@ class RelayGlitchSegment:
 
     def volts(self, t: Array) -> Array:
         return np.where(np.asarray(t, float) < self.until_s, self.during_v, self.following.volts(t))
+
+
+@dataclass(frozen=True, slots=True)
+class SaggingSegment:
+    """A burst that sags towards its offset as a coupling capacitor does."""
+
+    burst: PeriodicSegment
+    level_v: float
+    tau_s: float
+
+    @property
+    def constant_from_s(self) -> float:
+        return self.burst.constant_from_s
+
+    @property
+    def breakpoints_s(self) -> tuple[float, ...]:
+        return self.burst.breakpoints_s
+
+    def volts(self, t: Array) -> Array:
+        since = np.clip(np.asarray(t, float) - self.burst.origin_s, 0.0, None)
+        left = np.where(np.asarray(t, float) < self.burst.end_s, np.exp(-since / self.tau_s), 1.0)
+        return self.level_v + (self.burst.volts(t) - self.level_v) * left

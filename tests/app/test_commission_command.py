@@ -13,7 +13,7 @@ from app.config import BenchConfig
 from app.session import commissioning_record, connect
 from app.session.commissioning import commission
 from app.session.commissioning_gate import commissioning_state
-from app.session.commissioning_record import load_record, record_path, save_record
+from app.session.commissioning_record import load_record, record_path, save_record, simulated_bench_key
 from drivers import Identity, NoWatchdog, WallClock, WatchdogConfig
 from drivers.generators.assumptions import OutputCheck
 from protocols.base import BenchArmed, RunStatus
@@ -136,6 +136,32 @@ def test_a_record_that_did_not_pass_or_is_of_a_simulated_instrument_admits_no_hi
     )
     save_record(IDENTITY, simulated=True, rate_hz=1e5, found=result())
     assert "is of a simulated instrument" in commissioning_state(IDENTITY, simulated=False).refusal
+
+
+def test_records_of_a_simulated_bench_are_kept_apart_and_count_for_the_same_one_only(tmp_path: Path) -> None:
+    config = simulated(generator={"model": "SDG1032X"})
+    key = simulated_bench_key(config)
+    assert key != simulated_bench_key(simulated(generator={"model": "SDG1032X", "traits": "retime=restarts"}))
+    assert key == simulated_bench_key(simulated(generator={"model": "SDG1032X"}, speed=20.0))
+    times = MeasuredTimes(0.2, 1e-3, float("nan"), 0.4, 1.25)
+    path = save_record(IDENTITY, simulated=True, rate_hz=1e5, found=replace(result(), times=times), simulated_bench=key)
+    assert path.relative_to(tmp_path / "data" / "commissioning").parts[:2] == ("simulated", key)
+    assert load_record(IDENTITY) is None
+    assert commissioning_state(IDENTITY, simulated=False).refusal.startswith("There is no commissioning record")
+    assert commissioning_state(IDENTITY, simulated=True, simulated_bench=key).level_stop_s == 1.25
+    assert commissioning_state(IDENTITY, simulated=True, simulated_bench="other").level_stop_s == 0.0
+
+
+@pytest.mark.deep
+def test_a_commissioned_simulated_bench_hastens_the_end_of_a_level(tmp_path: Path) -> None:
+    for retime, hastens in (("continues", True), ("restarts", False)):
+        config = simulated(generator={"model": "SDG1032X", "traits": f"retime={retime}"})
+        with connect(config, None) as before:
+            assert not before.bench.amplifier.hastens_levels
+        commission(config, None, lambda: None)
+        with connect(config, None) as after:
+            assert after.bench.amplifier.hastens_levels is hastens
+            assert (after.bench.configuration["commissioning"]["level_stop_s"] is not None) is hastens
 
 
 def test_a_bench_that_is_not_commissioned_never_switches_high_voltage_on(tmp_path: Path) -> None:

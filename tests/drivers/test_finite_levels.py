@@ -2,23 +2,24 @@
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.session.bench_connection import BenchConnection
+from app.session.bench_connection import BenchConnection, connect
 from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
 from drivers.bench.safety_statement import safety_statement
 from drivers.drive import Hold
-from drivers.errors import DriveRejectedError
+from drivers.errors import DriveRejectedError, InstrumentError
 from drivers.level_pulse import LevelPulse
 from protocols.base import LevelExceeded, RunStatus
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runner.readback import DriveReadback
 from sim_hardware.testing.safe_volts import STEP_V
+from tests.helpers.commissioning import LateLink
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.helpers.sources import GENERATORS, source_bench
 
@@ -82,6 +83,53 @@ def test_stop_leaves_a_level_at_the_slope_of_the_bench_or_waits_for_its_end(mode
         assert (took_s < 0.7) is (model not in WAITING)
         amplifier.start_drive(Sine(100.0, 1.0, 2.5, 100))  # a sine is stopped as before
         assert math.isinf(amplifier.level_remaining_s)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", WAITING)
+@pytest.mark.parametrize("level_v", [5.0, 0.0])
+@pytest.mark.parametrize("late", [(0.0, 0.0), (0.3, 0.2)], ids=["prompt wire", "late wire"])
+def test_stop_hastens_the_end_of_a_level_where_commissioning_has_measured_that_it_may(
+    model: str, level_v: float, late: tuple[float, float]
+) -> None:
+    config = simulated(generator={"model": model, "traits": "retime=continues"})
+    with connect(config, None, 0.1, lambda link, clock: LateLink(link, clock, *late)) as lab:
+        amplifier, clock = lab.bench.amplifier, lab.bench.clock
+        amplifier.initialize_at_rest()
+        amplifier.hastens_levels = True
+        amplifier.start_drive(Hold(level_v, 6.5))
+        clock.sleep(0.7)
+        stop_s, left_s = clock.now(), amplifier.remaining_s
+        assert amplifier.stop_wait_s == pytest.approx(1.2)
+        amplifier.return_to_rest()
+        took_s = clock.now() - stop_s
+        clock.sleep(left_s + 0.5)  # and the burst does not go on after it
+        t, seen = volts(lab, stop_s - 0.1)
+        assert left_s > 6.5
+        moving = t[np.abs(seen - 2.5) > 0.01]
+        assert moving[-1] - stop_s < 2.0
+        assert took_s < 2.0 or late[0]  # the instrument's replies come after it
+        assert np.abs(np.diff(seen)).max() <= STEP_V
+        assert amplifier.is_source_at_rest()
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C", "DG812"])
+def test_a_level_whose_end_cannot_be_hastened_is_waited_for(model: str) -> None:
+    """The wire is cut: the level returns to rest by itself, and Stop does not report rest before."""
+    with at_rest(model) as lab:
+        amplifier, clock = lab.bench.amplifier, lab.bench.clock
+        amplifier.hastens_levels = True
+        amplifier.start_drive(Hold(4.0, 4.0))
+        clock.sleep(0.5)
+        begin_s, left_s = clock.now(), amplifier.remaining_s
+        lab.control.inject("scpi-silent")  # type: ignore[union-attr]
+        with suppress(InstrumentError):
+            amplifier.return_to_rest()
+        assert clock.now() - begin_s >= left_s
+        _, seen = volts(lab, begin_s - 0.1)
+        assert seen[-1] == pytest.approx(2.5, abs=0.02)
+        assert np.abs(np.diff(seen)).max() <= STEP_V
 
 
 @pytest.mark.deep

@@ -31,6 +31,7 @@ PROPERTIES = {
     "offset": "volts of the offset",
     "filter": "filter STEP",
     "surge": "start of a burst",
+    "droop": "a level held as one waveform",
     "start": "trigger",
     "combining": "level between bursts",
 }
@@ -78,7 +79,9 @@ def commissioned(model: str, traits: str = "", seed: int = 1) -> Commissioned:
     return commissioned_bench(simulated(generator={"model": model, "traits": traits}, seed=seed))
 
 
-def commissioned_bench(config: BenchConfig, late: tuple[float, float] = (0.0, 0.0)) -> Commissioned:
+def commissioned_bench(
+    config: BenchConfig, late: tuple[float, float] = (0.0, 0.0), rate_hz: float = 50e3
+) -> Commissioned:
     messages = MessageLog()
 
     def observe(link: Any, clock: Any) -> ObservedLink:
@@ -86,7 +89,7 @@ def commissioned_bench(config: BenchConfig, late: tuple[float, float] = (0.0, 0.
 
     with connect(config, None, 0.1, observe) as lab:
         assert lab.control is not None
-        return commission_bench(lab.bench, OffSwitch(lab.control), 50e3, messages)
+        return commission_bench(lab.bench, OffSwitch(lab.control), rate_hz, messages)
 
 
 def deviating(found: Commissioned) -> set[OutputCheck]:

@@ -1,5 +1,7 @@
 """Commissioning of simulated generators: every deviation that shows at the output is found, and nothing else."""
 
+import math
+
 import pytest
 
 from app.config.bench_file import BenchConfig
@@ -12,11 +14,14 @@ from drivers.generators.assumptions import (
     assumptions_about,
 )
 from drivers.transport.observed_link import ObservedLink
-from protocols.commissioning.messages import MessageKind, message_kind
+from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
+from protocols.commissioning.procedure import commission_bench
+from protocols.commissioning.sequence import PLANNED_S
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions
 from sim_hardware.generators.traits import DEVIATIONS, deviations_of
 from tests.helpers.commissioning import (
     PROPERTIES,
+    OffSwitch,
     commissioned,
     commissioned_bench,
     contradicted,
@@ -41,13 +46,13 @@ MODELS = (
     "AFG3252",
     "AFG1022",
 )
-LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS}
+LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS, OutputCheck.LONG_LEVEL}
 
 FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
 
 
 def test_an_instrument_as_assumed_passes() -> None:
-    found = commissioned("33511B")
+    found = commissioned_bench(simulated(generator={"model": "33511B"}), rate_hz=20e3)
     assert deviating(found) == set(), found.checks
     assert 0.05 < found.times.stop_s < 1.0
     assert found.times.start_s < 0.01
@@ -84,6 +89,56 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
     chosen = draw_deviations(model, seed)
     found = commissioned(model, " ".join(f"{n}={o}" for n, o in chosen.items()), seed)
     assert deviating(found) == contradicted(model, chosen), (chosen, found.checks)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", ["DG812", "SDG2122X", "AFG3252"])
+@pytest.mark.parametrize("retime", ["continues", "at-next-burst", "restarts"])
+def test_whether_stop_may_hasten_the_end_of_a_level_is_measured_and_is_no_deviation(model: str, retime: str) -> None:
+    found = commissioned(model, f"retime={retime}")
+    assert deviating(found) == set(), found.checks
+    assert (found.times.level_stop_s < 1.5) is (retime == "continues")
+    assert math.isnan(found.times.level_stop_s) is (retime != "continues")
+    assert 0 < found.times.upload_s < 10
+
+
+@pytest.mark.deep
+def test_progress_names_what_is_measured_and_grows() -> None:
+    begun: list[tuple[str, float]] = []
+    with connect(simulated(generator={"model": "SDG1032X"}), None, 0.1) as lab:
+        assert lab.control is not None
+        switch, messages = OffSwitch(lab.control), MessageLog()
+        commission_bench(lab.bench, switch, 20e3, messages, lambda name, fraction: begun.append((name, fraction)))
+    names = [name for name, _ in begun]
+    assert names == [name for name in PLANNED_S if name != "second connection"]
+    fractions = [fraction for _, fraction in begun]
+    assert fractions == sorted(fractions)
+    assert 0.0 == fractions[0] < fractions[-1] < 1.0
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("exercise", ["larger sine", "level above rest", "long level", "Stop in mid-level"])
+def test_stop_in_the_middle_of_an_exercise_leaves_the_source_at_rest(exercise: str) -> None:
+    class Stopped(Exception):
+        pass
+
+    now: list[str] = []
+    blocks = [0]
+
+    def check_stop() -> None:
+        blocks[0] += now[-1:] == [exercise]
+        if blocks[0] > 8:  # not before it plays
+            raise Stopped
+
+    with connect(simulated(generator={"model": "SDG1032X"}), None, 0.1) as lab:
+        assert lab.control is not None
+        switch, messages = OffSwitch(lab.control), MessageLog()
+        with pytest.raises(Stopped):
+            commission_bench(lab.bench, switch, 20e3, messages, lambda name, _: now.append(name), check_stop=check_stop)
+        assert now[-1] == exercise
+        assert lab.bench.amplifier.is_source_at_rest()
+        lab.bench.clock.sleep(0.1)
+        assert abs(lab.control.report().end_v - 2.5) < 0.02
 
 
 @pytest.mark.deep
@@ -140,7 +195,8 @@ def test_the_table_is_about_every_model_by_its_own_driver() -> None:
     unused = [
         a
         for a in assumptions()
-        if a.driver not in ("dc-supply", "card", "card-output") and not any(a.is_about(m) for m in (*MODELS, "33522B"))
+        if a.driver not in ("dc-supply", "card", "card-output")
+        and not any(a.is_about(m) for m in (*MODELS, "33522B", "FG33532A", "DG952"))
     ]
     assert not unused
 
