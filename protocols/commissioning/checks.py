@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from drivers.generators.assumptions import OutputCheck
+from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
 from protocols.commissioning.messages import MessageKind
 from protocols.commissioning.verdict import CheckedOutput

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from drivers import ArmedBench, Clock, Drive, Hold, InstrumentError, Sine, Steps
-from drivers.generators.assumptions import OutputCheck
+from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
 from protocols.commissioning.checks import (
     HELD_V,
