@@ -58,6 +58,7 @@ CARD_CHECKS = {
     "settling": {OutputCheck.CROSSTALK, OutputCheck.SETTLING},
     "start-edge": {OutputCheck.START_ROUTE},
     "queue": {OutputCheck.STOP},
+    "rewrite": {OutputCheck.STOP, OutputCheck.LONG_LEVEL},  # the latter is not measured then: it could not be renewed
 }
 """Checks that measure what a deviation of the simulated card contradicts."""
 
