@@ -92,7 +92,7 @@ class CentralStack(QWidget):
         from app.gui.specimen.page import SpecimenPage
 
         page = self._add_cover(SpecimenPage())
-        page.saved.connect(self.tabs.sheets.update)
+        page.saved.connect(self._on_sheet_saved)
         return page
 
     def toggle_specimen(self) -> None:
@@ -137,6 +137,11 @@ class CentralStack(QWidget):
         for name in ("specimen_page", "identification_page"):
             if name in self.__dict__:
                 getattr(self, name).shutdown()
+
+    def _on_sheet_saved(self) -> None:
+        self.tabs.sheets.update()
+        if "identification_page" in self.__dict__:
+            self.identification_page.outdate()
 
     def _shows(self, cover: str) -> bool:
         return cover in self.__dict__ and self.stack.currentWidget() is getattr(self, cover)

@@ -79,6 +79,7 @@ class IdentificationPage(QWidget):
         self._cancelled = threading.Event()
         self._also: tuple[str, ...] = ()
         self._fitted_runs: tuple[Path, ...] = ()
+        self._outdated = False
         self.subject = IdentificationSubject(Path(), "")
         self.result: IdentificationResult | None = None
         self.heading = make_label(kind="heading", wrap=False, name="identification.heading")
@@ -129,9 +130,13 @@ class IdentificationPage(QWidget):
         self._show_verdict()
 
     def show_subject(self, subject: IdentificationSubject) -> None:
-        """Show a specimen; its runs are listed and fitted."""
-        if subject == self.subject and (self.result is not None or self._worker.pending):
+        """Show a specimen; its runs are listed and fitted, those of the one that is shown if it has new ones or another sheet."""
+        if subject == self.subject and self._worker.pending:
             return
+        if subject == self.subject and self.result is not None:
+            self._worker.submit(lambda: subject.runs or _runs_of(subject), self._on_runs_again, self._on_error)
+            return
+        self._cancelled.set()  # a fit of another specimen
         self.subject, self._also = subject, ()
         self.heading.setText(f"Identification of {subject.specimen}" if subject.specimen else "No specimen")
         self._clear()
@@ -154,7 +159,7 @@ class IdentificationPage(QWidget):
             self.message_label.show_message("Tick a run first.", is_error=True)
             return
         self._clear()
-        self._fitted_runs = runs
+        self._fitted_runs, self._outdated = runs, False
         self._cancelled.clear()
         self._show_fitting(True)
         self._worker.submit(
@@ -192,6 +197,10 @@ class IdentificationPage(QWidget):
         self._cancelled.set()
         self._worker.close()
 
+    def outdate(self) -> None:
+        """Fit again when the page is shown next: the sheet has changed."""
+        self._outdated = True
+
     # -- inside ----------------------------------------------------------------------------------------------------------
 
     def _on_runs(self, runs: Sequence[Path]) -> None:
@@ -208,6 +217,13 @@ class IdentificationPage(QWidget):
             self.message_label.show_message(
                 f"There is no run of {self.subject.specimen} with a result in {self.subject.folder}.", is_error=True
             )
+
+    def _on_runs_again(self, runs: Sequence[Path]) -> None:
+        listed = [self.run_list.item(at).data(PATH_ROLE) for at in range(self.run_list.count())]
+        if listed != list(runs):
+            self._on_runs(runs)
+        elif self._outdated:
+            self.identify()
 
     def _on_identified(self, result: IdentificationResult) -> None:
         self.result = result

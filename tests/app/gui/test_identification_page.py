@@ -97,6 +97,18 @@ def test_runs_are_chosen_and_a_specimen_without_any_says_so(open_stage: OpenStag
     page.identify_button.click()
     until(lambda: page.result is not None and not page._worker.pending, "for the fit")
     assert len(page.result.observations.runs) == 1
+    stage.window.central.show_pages()
+    stage.press(Qt.Key.Key_F7)
+    sheet = stage.window.central.specimen_page
+    until(lambda: sheet.isVisible() and not sheet._worker.pending, "for the sheet")
+    edit = find(sheet, "sheet.L.value")
+    edit.setText("22.1")
+    edit.editingFinished.emit()
+    until(lambda: not sheet._worker.pending, "for the file")
+    stage.window.central.show_pages()
+    stage.press(Qt.Key.Key_F7, Qt.KeyboardModifier.ShiftModifier)
+    until(lambda: "T7.specimen.toml: 1 measured value" in page.text_label.text(), "for the fit with the sheet")
+    until(lambda: not page._worker.pending, "for the end of the fit")
     stage.window.tabs.measure.run_panel.specimen_edit.setText("T9")
     stage.window.central.show_pages()
     stage.press(Qt.Key.Key_F7, Qt.KeyboardModifier.ShiftModifier)
