@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -15,7 +15,7 @@ from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.tutorial import TutorialBand
 from app.gui.help.welcome import WelcomePage
-from app.gui.tabs import BENCH, MainTabs
+from app.gui.tabs import BENCH, TITLES, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ class CentralStack(QWidget):
         add_actions(
             self,
             {
+                **{f"page.{title.lower()}": partial(self._select_page, at) for at, title in enumerate(TITLES)},
                 "shortcuts": self.toggle_shortcuts,
                 "palette": self.toggle_palette,
                 "settings": self.toggle_settings,
@@ -225,9 +226,13 @@ class CentralStack(QWidget):
             self._previous_focus = QApplication.focusWidget()
         self.stack.setCurrentWidget(widget)
 
-    def _show_bench_page(self) -> None:
+    def _select_page(self, index: int) -> None:
+        """Show a page, whatever lies over the pages."""
         self.show_pages()
-        self.tabs.select_page(BENCH)
+        self.tabs.select_page(index)
+
+    def _show_bench_page(self) -> None:
+        self._select_page(BENCH)
 
     def _choose_bench_file(self) -> None:
         choose_files(

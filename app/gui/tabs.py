@@ -24,7 +24,6 @@ from app.gui.widgets import (
     BackgroundWorker,
     Theme,
     Toast,
-    add_actions,
     column,
     configure,
     make_scroll_area,
@@ -138,7 +137,6 @@ class MainTabs(QTabWidget):
             self.addTab(place, title)
             action_id = f"page.{title.lower()}"
             self.setTabToolTip(index, ACTIONS[action_id].shortcut)
-            add_actions(self, {action_id: partial(self.select_page, index)})
         self.page(MEASURE)
         self.sheets = SheetIndicators(self._worker, self)
         self.sheets.add(self.measure.run_panel.sheet_button, lambda: (self.folder, self.specimen))

@@ -93,7 +93,11 @@ class FaultPanel(QWidget):
         self._update_visibility()
         if open_:
             self._previous_focus = QApplication.focusWidget()
-            next(iter(self.fault_boxes.values())).setFocus(Qt.FocusReason.ShortcutFocusReason)
+            first: QWidget = next(iter(self.fault_boxes.values()))
+            if self.controls is not None:
+                first = self.controls.first_widget
+                QWidget.setTabOrder(self.controls.answered_by_box, next(iter(self.fault_boxes.values())))
+            first.setFocus(Qt.FocusReason.ShortcutFocusReason)
         elif self._previous_focus is not None and isValid(self._previous_focus):
             self._previous_focus.setFocus()
 

@@ -58,6 +58,12 @@ class SimulationControls(QWidget):
             margins=(0, 0, 0, 4),
         )
 
+    @property
+    def first_widget(self) -> QWidget:
+        """The widget that takes the keyboard first: the present speed."""
+        shown = [button for button in self.speed_buttons.values() if button.isChecked()]
+        return (shown or list(self.speed_buttons.values()))[0]
+
     def set_state(self, view: WindowState) -> None:
         """Allow a change of speed between runs; the virtual clock does not wait for a person."""
         for button in self.speed_buttons.values():

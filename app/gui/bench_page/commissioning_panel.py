@@ -16,6 +16,7 @@ from app.gui.widgets import (
     make_button,
     make_label,
     make_panel,
+    make_progress_bar,
     make_read_only_table,
     row,
 )
@@ -27,6 +28,7 @@ ABOUT_TEXT = (
     "With high voltage off, the source plays what the driver assumes of it, and the card measures it at the amplifier's input: levels, "
     "polarity, amplitudes, transients, Stop, a lost connection. A minute. Without it no high voltage on a real bench."
 )
+PROGRESS_STEPS = 1000
 COLUMNS = ("", "measured at the output", "figure", "limits", "unit", "worst")
 
 
@@ -49,6 +51,7 @@ class CommissioningPanel(QWidget):
         self._picture = QPixmap()
         self.start_button = make_button("Commission", self.start_pressed.emit, "go", name="bench.commission")
         self.progress_label = make_label(kind="large", name="bench.commission.progress")
+        self.progress_bar = make_progress_bar(PROGRESS_STEPS, 8, "bench.commission.bar")
         self.stop_button = make_button(
             "Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop", minimumHeight=36
         )
@@ -74,6 +77,7 @@ class CommissioningPanel(QWidget):
             make_label("Commission the source", "heading", wrap=False),
             make_label(ABOUT_TEXT),
             row(self.start_button, (self.progress_label, 1), self.stop_button),
+            self.progress_bar,
             self.prompt,
             self.message_label,
             self.verdict_label,
@@ -83,7 +87,7 @@ class CommissioningPanel(QWidget):
             spacing=6,
         )
         column(panel, parent=self, margins=(0, 0, 0, 0))
-        for widget in (self.prompt, self.stop_button, self.table, self.picture_label):
+        for widget in (self.progress_bar, self.prompt, self.stop_button, self.table, self.picture_label):
             widget.hide()
 
     def set_theme(self, theme: Theme) -> None:
@@ -115,6 +119,8 @@ class CommissioningPanel(QWidget):
             self.prompt.setVisible(job.asks_for_high_voltage_off)
             self.confirm_button.setFocus()
         self.stop_button.setVisible(not job.stopping)
+        self.progress_bar.setVisible(job.started)
+        self.progress_bar.setValue(round(PROGRESS_STEPS * job.fraction))
         if job.stopping:
             text = "stopping: the source goes to rest …"
         elif job.exercises:
@@ -128,8 +134,8 @@ class CommissioningPanel(QWidget):
             self._job.confirm_high_voltage_off()
 
     def _show_result(self, job: CommissioningJob) -> None:
-        self.prompt.hide()
-        self.stop_button.hide()
+        for widget in (self.progress_bar, self.prompt, self.stop_button):
+            widget.hide()
         self.progress_label.setText("")
         if job.result is None:
             self.message_label.show_message(f"{job.error[:1].upper()}{job.error[1:]}", is_error=True)

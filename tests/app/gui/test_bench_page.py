@@ -294,7 +294,9 @@ def test_the_source_is_commissioned_with_checks_and_traces_and_the_bench_is_conn
     assert window.state.busy
     until(lambda: find(page, "bench.commission.progress").text().startswith("exercise"), "for an exercise")
     assert find(page, "bench.commission.stop").isVisible()
+    until(lambda: find(page, "bench.commission.bar").value() > 0, "for the progress")
     until(lambda: find(page, "bench.commission.table").isVisible(), "for the checks")
+    assert not find(page, "bench.commission.bar").isVisible()
     assert "pass" in find(page, "bench.commission.verdict").text()
     until(lambda: not find(page, "bench.commission.traces").pixmap().isNull(), "for the traces")
     until(lambda: window.state.can_run, "for the bench")

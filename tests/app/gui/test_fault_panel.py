@@ -6,12 +6,16 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
+from app.gui.bench.fault_panel import FaultPanel
+from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.main_window import MainWindow
+from app.gui.widgets import column
 from app.live.session_link import SessionAdapter
+from app.session import FaultPlan, SimulationSettings
 from app.session.bench_connection import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
@@ -36,6 +40,27 @@ def window(
     until(lambda: window.state.can_run, "for the bench")
     yield window
     end(window)
+
+
+@pytest.mark.deep
+def test_f9_begins_at_the_present_speed_and_tab_leads_on_to_the_faults(qt: QApplication) -> None:
+    frame, chosen = QWidget(), list[float | None]()
+    panel = FaultPanel(FaultPlan(), frame, SimulationControls(SimulationSettings(20.0), chosen.append))
+    column(panel, parent=frame)
+    frame.show()
+    frame.activateWindow()
+    assert QTest.qWaitForWindowActive(frame, 30_000)
+    panel.open_button.click()
+    assert panel.controls is not None
+    assert panel.controls.speed_buttons[20.0].hasFocus()
+    QTest.keyClick(panel.controls.speed_buttons[20.0], Qt.Key.Key_Left)
+    assert chosen == [5.0]
+    panel.controls.answered_by_box.setFocus()
+    QTest.keyClick(panel.controls.answered_by_box, Qt.Key.Key_Tab)
+    assert next(iter(panel.fault_boxes.values())).hasFocus()
+    panel.shutdown()
+    frame.close()
+    frame.deleteLater()
 
 
 @pytest.mark.deep

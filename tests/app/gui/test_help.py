@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.help.concepts import CONCEPTS
 from app.gui.help.tutorial import TUTORIALS
+from app.gui.tabs import CAMPAIGN
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.session_events import LIVE, LOST, OPENED
 
@@ -56,6 +57,14 @@ def test_the_tour_ticks_what_the_window_shows_to_be_done_and_is_resumed(stage: S
     for _ in range(len(TUTORIALS["tour"].steps)):
         band.next_button.click()
     assert not band.isVisible()
+
+
+def test_the_key_of_a_page_shows_it_whatever_lies_over_the_pages(stage: Stage) -> None:
+    stage.window.central.show_welcome()
+    stage.press(Qt.Key.Key_2, Qt.KeyboardModifier.ControlModifier)
+    assert not stage.window.central.is_covered
+    assert stage.window.tabs.currentIndex() == CAMPAIGN
+    assert stage.window.tabs.campaign.start_pane.specimen_edit.hasFocus()
 
 
 def test_the_palette_and_the_menu_have_the_tutorials(stage: Stage) -> None:
