@@ -198,7 +198,10 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
         DetailSection(
             "Found" if counts else "Found, but does not count", tuple(map(format_named_estimate, line.estimates))
         ),
-        DetailSection(f"Parameters of {specimen} identified from all runs that count", _estimate_lines(estimates)),
+        DetailSection(
+            f"Parameters of {specimen} identified from all runs that count",
+            _estimate_lines(estimates),
+        ),
         DetailSection(
             "Carried over from earlier measurements", tuple(map(format_named_estimate, summary.accepted_estimates))
         ),
@@ -213,10 +216,15 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
     return tuple(section for section in sections if section.lines)
 
 
+EXACT_DIMENSIONS = "Dimensions and masses count as exact here; Identify … has their uncertainties."
+
+
 def _estimate_lines(estimates: CampaignEstimates | None) -> tuple[str, ...]:
     if estimates is None:
         return ()
-    return (*map(format_named_estimate, estimates.estimates), *((estimates.problem,) if estimates.problem else ()))
+    note = (EXACT_DIMENSIONS,) if estimates.estimates else ()
+    problem = (estimates.problem,) if estimates.problem else ()
+    return (*map(format_named_estimate, estimates.estimates), *note, *problem)
 
 
 def _format_setting(value: object) -> str:

@@ -53,6 +53,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "app.cli.laboratory.fleet",
         "a golden specimen over time: drift of the bench, or of the specimen",
     ),
+    "certificate": (
+        "app.cli.laboratory.certificates",
+        "calibration certificates of the instruments and when each is due: add, list, show",
+    ),
     "audit": (
         "app.cli.laboratory.audit",
         "audit trail of a folder, detects any later change: start, verify, show, head",

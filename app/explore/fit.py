@@ -1,20 +1,23 @@
 """Fit of the Explore page: joint fit of model parameters to measured runs, starting from the sliders."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model import AmplifierMap, Membrane
+from model import AmplifierMap, Membrane, ParameterError
 from protocols.base import format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse
-    from model.identification import FrequencyResponseObservation
+    from model.identification import FitOptions, FrequencyResponseObservation, ObservationSet
 
+MAX_EVALUATIONS = 60
+"""Of the fit with free dimensions, of which the slopes are used only."""
+ERRORS_NOTE = "± has noise and dimensions by ruler and caliper; the other sliders and the sensor's gain count as exact ('Identify …' has all sources)"
 FREE_PARAMETERS = ("m_add", "c0", "mu")
 """The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
 
@@ -25,7 +28,7 @@ class ExploreFit:
 
     setting: ExploreSetting
     summary: str
-    """Each parameter with its standard error, and the quality of the fit."""
+    """Each parameter with total uncertainty and noise, and the quality of the fit."""
 
 
 def fit_runs(
@@ -55,9 +58,35 @@ def fit_runs(
         if not np.isfinite(found[name]):
             raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
         setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
-    errors = {e.name: e.standard_error for e in fit.estimates()}
-    described = [_format_parameter(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
-    return ExploreFit(setting, "; ".join((*described, fit.verdict if fit.converged else fit.message)))
+    noise = {e.name: e.standard_error for e in fit.estimates()}
+    rest = _dimension_errors(ObservationSet(observed), replace(options, start=found), setting, cancelled)
+    described = [
+        _format_parameter(letter, found[name], noise.get(name, np.nan), rest.get(name, 0.0))
+        for name, letter in names.items()
+    ]
+    return ExploreFit(setting, "; ".join((*described, ERRORS_NOTE, fit.verdict if fit.converged else fit.message)))
+
+
+def _dimension_errors(
+    observations: "ObservationSet",
+    options: "FitOptions",
+    setting: ExploreSetting,
+    cancelled: Callable[[], bool] | None,
+) -> dict[str, float]:
+    """Return the uncertainty of each parameter by that of the dimensions, which are as well known as by ruler and caliper."""
+    from app.identification import DIMENSIONS, table_one_entry
+    from model.identification import IdentificationError, joint_fit, uncertainty_budget
+
+    membrane = setting.specimen.membrane is not None
+    known = [name for name in DIMENSIONS if membrane or not name.endswith("_m")]
+    priors = {name: (setting.value(name), table_one_entry(name).uncertainty) for name in known}
+    extended = replace(options, free=(*(options.free or ()), *known), priors=priors)
+    try:
+        fit = joint_fit(observations, extended, cancelled=cancelled, max_evaluations=MAX_EVALUATIONS, max_starts=1)
+    except (ParameterError, IdentificationError):
+        return {}
+    budget = uncertainty_budget(fit)
+    return dict(zip(budget.names, budget.systematic.tolist(), strict=True))
 
 
 def _observation(label: str, run: "MeasuredResponse", elongation: float | None) -> "FrequencyResponseObservation":
@@ -81,8 +110,14 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
     return FrequencyResponseObservation(label, run.frequency_hz, good=width, **more)
 
 
-def _format_parameter(letter: str, value: float, error: float) -> str:
+def _format_parameter(letter: str, value: float, noise: float, rest: float) -> str:
+    """Format a parameter with its total uncertainty, and the part by noise to the same digits."""
     slider = SLIDERS[letter]
-    if not np.isfinite(error):
+    if not np.isfinite(noise):
         return f"{slider.label}: not determined by these runs"
-    return f"{slider.label} {format_with_uncertainty(slider.factor * value, slider.factor * error, slider.unit)}"
+    text = format_with_uncertainty(slider.factor * value, slider.factor * float(np.hypot(noise, rest)))
+    digits = len(text.rpartition(".")[2]) if "." in text else 0
+    part = f"{slider.factor * noise:.{digits}f}"
+    if not float(part):
+        part = f"below {10.0**-digits:.{digits}f}"
+    return f"{slider.label} ({text}) {slider.unit}, by noise {part}"

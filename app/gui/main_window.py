@@ -26,6 +26,7 @@ from app.gui.widgets import (
     column,
     configure,
     style_sheet,
+    text_scale,
     theme_for,
     update_actions,
 )
@@ -68,6 +69,7 @@ class MainWindow(QMainWindow):
         open_bench: str = "sim",
     ) -> None:
         super().__init__()
+        self._text_scale = 1.0
         self.adapter, self._settings, self._autostart = adapter, settings, autostart
         self._change_bench, self.demo_requested = change_bench, False
         self._force_close = self._session_closed = self._connect_started = False
@@ -223,7 +225,7 @@ class MainWindow(QMainWindow):
         """Apply a theme."""
         self.theme = theme
         QApplication.setPalette(theme.palette())
-        self.setStyleSheet(style_sheet(theme))
+        self.setStyleSheet(style_sheet(theme, self._text_scale))
         self.status_bar.set_theme(theme)
         self.tabs.set_theme(theme)
         self.central.set_theme(theme)
@@ -276,6 +278,9 @@ class MainWindow(QMainWindow):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
+        if (scale := text_scale(self.size())) != self._text_scale:
+            self._text_scale = scale
+            self.set_theme(self.theme)
         self.status_bar.scale_to_window(self.size())
         if self.faults is not None:
             self.faults.limit_height(self.height() // 4)

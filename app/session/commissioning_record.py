@@ -15,7 +15,8 @@ from platformdirs import user_data_path
 from app.common import version, write_atomic
 from app.config import BenchConfig
 from drivers import Identity
-from drivers.generators.assumptions import OutputCheck, assumptions_about, assumptions_about_card
+from drivers.assumptions.assumption import OutputCheck
+from drivers.assumptions.table import assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:

@@ -312,8 +312,12 @@ class Session:
 
     @staticmethod
     def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
-        """Return the request with operator, temperature and humidity."""
-        return replace(request, conditions=with_sensor(request.conditions or current_conditions(), bench.environment))
+        """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
+        from app.config.certificate import bench_warnings
+
+        conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
+        expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
+        return replace(request, conditions=conditions, calibration_warning=expired, notes=(*request.notes, *notes))
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from drivers.generators.assumptions import OutputCheck
+from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
 from protocols.commissioning.messages import MessageKind
 from protocols.commissioning.verdict import CheckedOutput
@@ -16,6 +16,9 @@ CROSSTALK_LIMIT, START_ROUTE_LIMIT = 0.01, 0.1
 GAIN_LIMIT, OFFSET_LIMIT, SHAPE_LIMIT = 0.03, 0.02, 0.08
 FIT_LIMIT = 0.25
 """A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
+
+CARD_STOP_LIMIT_S = 2.0
+"""Longest Stop of a card's output: a queue of 0.5 s, its margin, the fade and the measurement of the level."""
 
 CAUSES = {
     OutputCheck.SETTINGS: (MessageKind.UPLOAD, MessageKind.OTHER),
@@ -85,6 +88,14 @@ def check_transients(
             if not left_v <= value:
                 value, detail = left_v, "after Stop"
         yield CheckedOutput(check, value if everything else math.nan, "V", None, TRANSIENT_V, detail)
+
+
+def check_stop_duration(stopped: Evaluation | None) -> CheckedOutput | None:
+    """Return the check of Stop if the output of a card took too long for it; None if it did not, or has a wire of its own."""
+    if stopped is None or stopped.trace.messages or stopped.stop_duration_s <= CARD_STOP_LIMIT_S:
+        return None
+    detail = stopped.trace.error or f"in '{stopped.trace.name}'"
+    return CheckedOutput(OutputCheck.STOP, stopped.stop_duration_s, "s", None, CARD_STOP_LIMIT_S, detail)
 
 
 def with_jump_at_stop(check: CheckedOutput, stopped: Evaluation) -> CheckedOutput:

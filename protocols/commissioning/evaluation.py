@@ -112,7 +112,9 @@ class Evaluation:
     @property
     def stop_duration_s(self) -> float:
         """Duration of Stop; where it waits for the burst, what it needs beyond the burst's own end."""
-        waits = self.end_s < self.trace.rest_s and not any(m.kind is MessageKind.ABORT for m in self.trace.messages)
+        messages = self.trace.messages  # a card's output has none, and never has to wait
+        aborts = any(m.kind is MessageKind.ABORT for m in messages)
+        waits = self.end_s < self.trace.rest_s and bool(messages) and not aborts
         return self.trace.rest_s - (self.end_s if waits else self.trace.stop_s)
 
     @property

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from drivers import ArmedBench, Clock, Drive, Hold, InstrumentError, Sine, Steps
-from drivers.generators.assumptions import OutputCheck
+from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
 from protocols.commissioning.checks import (
     HELD_V,
@@ -15,6 +15,7 @@ from protocols.commissioning.checks import (
     check_crosstalk,
     check_offset,
     check_start_route,
+    check_stop_duration,
     check_transients,
     check_waveforms,
     check_wire,
@@ -133,7 +134,9 @@ class Commissioning:
         cut = self._burst("wire cut in mid-drive", Sine(FREQUENCY_HZ, SMALL_V, rest_v, 10), in_mid_drive=self._cut_wire)
         uploaded, upload_s = self._upload()
         everything = [b for b in (*bursts, above, below, stopped, cut, uploaded) if b is not None]
-        steady, level_stop_s = self._long_level(), self._hastened_stop_s()
+        too_long = check_stop_duration(stopped)  # then a level could not be renewed either
+        steady = check_long_level(None) if too_long else self._long_level()
+        level_stop_s = self._hastened_stop_s()
         if not self._plays_bursts:  # a DC supply: levels only
             rest, _ = self._levels(bursts, everything)
             checks = [
@@ -152,6 +155,8 @@ class Commissioning:
         checks += [*check_wire(cut, bursts), check_crosstalk(bursts)]
         if self._bench.amplifier.starts_on_scan:
             checks.append(check_start_route(bursts, self._errors))
+        if too_long is not None:
+            checks = [too_long if check.check is OutputCheck.STOP else check for check in checks]
         safe = all(check.passed for check in checks if check.check not in HARMLESS)
         largest = self._largest_stop() if safe else None
         if largest is not None and not largest.trace.messages:  # a card's output, which no message explains

@@ -22,6 +22,8 @@ class RunRequest:
         prepare: prompts for the operator before the first entry.
         reference: model of the free specimen that the result is compared with; default is the paper's tactor.
         conditions: who measures, and the state of the air; None if not stated.
+        calibration_warning: what has expired of the instruments; every point is then flagged. Empty if nothing has.
+        notes: further messages for the log of the run.
         item: the campaign item it measures; empty outside a campaign.
     """
 
@@ -33,6 +35,8 @@ class RunRequest:
     item: str = ""
     reference: ReferenceModel | None = None
     conditions: RunConditions | None = None
+    calibration_warning: str = ""
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def resuming(cls, path: Path, folder: Path, repeat_entries: Sequence[int] = ()) -> Self:

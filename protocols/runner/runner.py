@@ -112,7 +112,9 @@ class Runner:
         self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench, reference, self._adapted))
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
-        self._calibration_warning = bench.sensor.expiry_warning(datetime.now(UTC).date())
+        warnings = (bench.sensor.expiry_warning(datetime.now(UTC).date()), request.calibration_warning)
+        self._calibration_warning = ". ".join(filter(None, warnings))
+        self._notes = request.notes
         control = control or RunControl()
         self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, control.external_events)
         self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
@@ -220,6 +222,7 @@ class Runner:
             bench.panel_warning,
             bench.commissioning_note if self._protocol.high_voltage else "",
             self._calibration_warning,
+            *self._notes,
             self._adapted.message,
             self._resume_state.message,
             self._unattended_message(),

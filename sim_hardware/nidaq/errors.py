@@ -15,6 +15,7 @@ ERROR_MESSAGES = {
     -200284: "Some or all of the samples requested have not yet been acquired.",
     -89136: "Specified route cannot be satisfied, because the hardware does not support it.",
     -200289: "Attempted to write a sample that has already been generated.",
+    -200292: "Some or all of the samples to write could not be written to the buffer yet.",
     -200462: "Generation cannot be started, because not enough samples have been written.",
     -200561: "Attempted writing analog data that is too large or too small.",
     -201132: "Attempted to write samples beyond the final sample of a finite generation.",

@@ -19,6 +19,8 @@ from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice, TaskChann
 
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
 NOT_TRIGGERED = math.inf
+WRITE_TIMEOUT_S = 10.0
+"""Default of nidaqmx; real seconds."""
 
 
 class NiOutputTask(NiTask):
@@ -107,6 +109,10 @@ class NiOutputTask(NiTask):
 
     def _rewrite(self, first: int, counts: NDArray[np.int16]) -> None:
         """Change samples of a running generation; those that are on their way to the converter are out of reach."""
+        if self.device.card.traits.get("rewrite") == "waits":
+            deadline_s = self.device.clock.now() + WRITE_TIMEOUT_S * self.device.speed
+            self._wait(lambda: False, lambda: deadline_s, WRITE_TIMEOUT_S)
+            raise NiError(-200292, f"Task Name: {self.name}")
         done = self.samples_generated()
         if first < done:
             raise NiError(-200289, f"Task Name: {self.name}")

@@ -34,6 +34,12 @@ CARD_DEVIATIONS = (
         "whether an output that is to start at a scan does",
     ),
     Trait(
+        "rewrite",
+        ("prompt", "waits"),
+        ("",),
+        "whether NI's protection against glitches holds a rewrite back until it times out (NI-DAQmx help, Glitching: in continuous tasks)",
+    ),
+    Trait(
         "queue",
         ("as-reported", "longer"),
         ("",),

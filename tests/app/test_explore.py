@@ -1,6 +1,7 @@
 """Explore state: slider values, undo, export."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -155,6 +156,23 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(
     found = fitted.setting
     for name, value in truth.values.items():
         assert found.value(name) == pytest.approx(value, rel=2e-3), name
+    assert "± has noise and dimensions by ruler and caliper" in fitted.summary
+
+
+@pytest.mark.deep
+def test_the_errors_of_a_fit_contain_those_of_ruler_and_caliper(tmp_path: Path) -> None:
+    """Noise alone makes the added mass uncertain by 1e-5 of it, the dimensions by some percent."""
+    f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
+    made = amplifier_response(ExploreSetting().specimen.tactor, f)
+    run = MeasuredResponse(
+        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, np.abs(made.fundamental), 0 * f + 1e-8,
+        np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
+    )  # fmt: skip
+    text = fit_runs([run], ExploreSetting()).summary
+    found = re.match(r"added mass \((7\.\d+) ± (0\.\d+)\) g, by noise below 0\.01; ", text)
+    assert found is not None, text
+    assert float(found[1]) == pytest.approx(7.73, abs=0.02)
+    assert 0.01 < float(found[2]) / 7.73 < 0.1
 
 
 def test_a_fit_can_be_cancelled(tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ import random
 import pytest
 
 from app.config.bench_file import BenchConfig
-from drivers.generators.assumptions import CARD_INPUTS, CARD_OUTPUTS, OutputCheck, assumptions_about
+from drivers.assumptions.assumption import OutputCheck
+from drivers.assumptions.cards import CARD_INPUTS, CARD_OUTPUTS
+from drivers.assumptions.table import assumptions_about
 from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
 from sim_hardware.nidaq.traits import CARD_DEVIATIONS
 from sim_hardware.supplies.traits import supply_deviations_of
@@ -56,6 +58,7 @@ CARD_CHECKS = {
     "settling": {OutputCheck.CROSSTALK, OutputCheck.SETTLING},
     "start-edge": {OutputCheck.START_ROUTE},
     "queue": {OutputCheck.STOP},
+    "rewrite": {OutputCheck.STOP, OutputCheck.LONG_LEVEL},  # the latter is not measured then: it could not be renewed
 }
 """Checks that measure what a deviation of the simulated card contradicts."""
 

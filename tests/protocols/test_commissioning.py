@@ -7,12 +7,8 @@ import pytest
 from app.config.bench_file import BenchConfig
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from app.session.bench_connection import connect
-from drivers.generators.assumptions import (
-    Assumption,
-    OutputCheck,
-    assumptions,
-    assumptions_about,
-)
+from drivers.assumptions.assumption import Assumption, OutputCheck
+from drivers.assumptions.table import assumptions, assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.procedure import commission_bench
@@ -36,8 +32,11 @@ MODELS = (
     "33220A",
     "33250A",
     "EDU33212A",
+    "FG33532A",
+    "G5100A",
     "DG1032Z",
     "DG811",
+    "DG2052",
     "DG4162",
     "SDG1032X",
     "SDG2122X",

@@ -8,8 +8,8 @@ import pytest
 
 from app.session.commissioning_record import save_record
 from drivers import ScpiSession, VisaLink
+from drivers.assumptions.assumption import OutputCheck
 from drivers.clock import WallClock
-from drivers.generators.assumptions import OutputCheck
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
 from sim_hardware.bench import SimulatedBench

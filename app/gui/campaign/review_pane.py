@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from app.archive import RunSummary
     from app.campaign import ItemSummary, ResultReview
 
-COLUMNS = ("", "quantity", "this run", "limits", "before", "paper's model", "other specimens")
+COLUMNS = ("", "quantity", "this run (± noise)", "limits", "before", "paper's model", "other specimens")
 TOOLTIPS = {
-    "this run": "± one standard error of this run's noise; calibration and geometry come with identify",
+    "this run (± noise)": "± one standard error of this run's noise; the uncertainties of calibration and dimensions come with Identify …",
     "limits": "Limits of the protocol's own checks",
     "before": "The result that counts now, or the one before it, and the change since then",
     "paper's model": "The model with the paper's Table I and this bench's amplifier: free tactor with 7.73 g; and the deviation from it",

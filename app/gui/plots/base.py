@@ -180,9 +180,10 @@ def tick_spacing(low: float, high: float, max_ticks: float = 4.0) -> float:
 def needed_axis_width(plot: Any, metrics: QFontMetrics) -> int:
     """Return the width that the left axis of a plot needs for its tick labels and its name, in pixels."""
     axis, (low, high) = plot.getAxis("left"), plot.getViewBox().viewRange()[1]
-    texts: list[str] = []
-    for spacing, values in axis.tickValues(low, high, plot.getViewBox().height()):
-        texts += axis.tickStrings(values, axis.autoSIPrefixScale * axis.scale, spacing)
+    spacing = round_step(max(high - low, 1e-12), 8)
+    ends = [spacing * math.floor(low / spacing), spacing * math.ceil(high / spacing)]
+    # The axis's own ticks may still have the spacing of an earlier range: of a much larger range there would be millions.
+    texts = axis.tickStrings(ends, axis.autoSIPrefixScale * axis.scale, spacing)
     name = metrics.height() if axis.labelText else 0
     return max(map(metrics.horizontalAdvance, texts), default=0) + name + AXIS_MARGIN
 
@@ -386,6 +387,7 @@ class TracePlotBase(PlotBase):
         plots[1].setXLink(plots[0])
         plots[1].setMouseEnabled(x=False, y=False)  # it follows the one above
         plots[0].getAxis("bottom").setStyle(showValues=False)
+        self.tools[0].units = ("µm", "V")
         # One-pixel pens, no grid, no antialiasing, never raw samples: docs/decisions/0006-live-plot.md.
         self.curves = [pg.PlotCurveItem(antialias=False, skipFiniteCheck=True) for _ in plots]
         for plot, curve, label, name in zip(plots, self.curves, self.corner_labels, self.NAMES, strict=True):

@@ -109,12 +109,12 @@ class CurvesPlot(PlotBase):
 
     def _draw(self) -> None:
         for line, fill in self.drawn_curves:
-            self.legend.removeItem(line)
             self.plot.removeItem(line)
             self.plot.removeItem(fill)
         for item in self._further_items:
             self.plot.removeItem(item)
         self.drawn_curves, self._further_items = [], []
+        self._replace_legend(self.legend.columnCount)
         shown = self._visible_curves
         for at, curve in enumerate(shown):
             colour = self._color(at, len(shown))
@@ -155,6 +155,20 @@ class CurvesPlot(PlotBase):
         self._draw_model()
         self._draw_layer()
         self._scale()
+
+    def _replace_legend(self, columns: int) -> None:
+        """Lay the legend out anew: one of pyqtgraph's from which an entry was removed puts others on top of each other."""
+        drawn = [line for line, _ in self.drawn_curves]
+        entries = [(sample.item, label.text) for sample, label in self.legend.items if sample.item in drawn]
+        offset = self.legend.offset
+        self.legend.scene().removeItem(self.legend)
+        self.plot.legend = None
+        self._add_legend(left=False)
+        self.legend.setColumnCount(columns)
+        self.legend.setOffset(offset)
+        self.legend.setLabelTextColor(self._theme.text)
+        for item, label in entries:
+            self.legend.addItem(item, label)
 
     def _add_further(self, item: Any) -> None:
         self.plot.addItem(item)
@@ -241,7 +255,9 @@ class CurvesPlot(PlotBase):
         if self.model.isVisible():
             y = np.concatenate((y, self.model.getData()[1], () if self.band.ends is None else self.band.ends[2]))
         # The legend has as many columns as fit side by side, and lies above the curves.
-        self.legend.setColumnCount(max(min(int(self.plot.getViewBox().width() // LEGEND_COLUMN_WIDTH), 4), 1))
+        columns = max(min(int(self.plot.getViewBox().width() // LEGEND_COLUMN_WIDTH), 4), 1)
+        if columns != self.legend.columnCount:
+            self._replace_legend(columns)
         low, high = min(float(y.min()), 0.0), float(y.max())
         high = low + (high - low) / (1 - legend_share(self.legend, self.plot))
         low, high = stable_range(low, high, None)

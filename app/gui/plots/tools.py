@@ -42,6 +42,10 @@ class PlotTools(QObject):
         self._marked: tuple[Array, Array, int] | None = None
         """x and y of the marked series in view coordinates, and the index of the marked point."""
         self._marker_color = "#808080"
+        self.cursors: list[pg.InfiniteLine] = []
+        """One vertical line through all plots of the canvas, at the pointer; created when first used."""
+        self.units: Sequence[str] = ()
+        """Units of the plots of a canvas with several, whose axes have no names."""
         canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         canvas.customContextMenuRequested.connect(lambda at: self.make_menu().popup(canvas.mapToGlobal(at)))
         canvas.scene().sigMouseMoved.connect(self._on_mouse_moved)
@@ -155,9 +159,39 @@ class PlotTools(QObject):
             box = plot.getViewBox()
             if box.sceneBoundingRect().contains(at):
                 place = box.mapSceneToView(at)
-                self._show_text(self.describe(plot, place.x(), place.y()))
+                self._show_cursor(place.x())
+                shared = self._values_at(place.x()) if self.units else ""
+                self._show_text(shared or self.describe(plot, place.x(), place.y()))
                 return
+        self._show_cursor(None)
         self._show_text("")
+
+    def _show_cursor(self, x: float | None) -> None:
+        """Draw the cursor through all plots of a canvas with several; None: hide it."""
+        if len(self._plots) > 1 and x is not None and not self.cursors:
+            for plot in self._plots:
+                line = pg.InfiniteLine(
+                    x, angle=90, pen=pg.mkPen(self._marker_color, width=1, style=Qt.PenStyle.DotLine)
+                )
+                plot.addItem(line, ignoreBounds=True)
+                self.cursors.append(line)
+        for line in self.cursors:
+            line.setVisible(x is not None)
+            if x is not None:
+                line.setValue(x)
+
+    def _values_at(self, x: float) -> str:
+        """Return the place of the cursor and the value of the nearest sample in every plot."""
+        axis = self._plots[-1].getAxis("bottom")
+        texts = [f"{x * axis.scale:.5g} {'ms' if axis.scale == 1000.0 else 's'}"]
+        for plot, unit in zip(self._plots, self.units, strict=True):
+            for item in plot.items:
+                if isinstance(item, pg.PlotCurveItem) and item.isVisible():
+                    places, values = item.getData()
+                    if places is not None and len(places):
+                        texts.append(f"{values[int(np.abs(places + item.pos().x() - x).argmin())]:.5g} {unit}")
+                        break
+        return ",  ".join(texts) if len(texts) > 1 else ""
 
     def _show_text(self, text: str) -> None:
         self.label.setText(text)
@@ -169,6 +203,7 @@ class PlotTools(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Leave and self._marked is None:
+            self._show_cursor(None)
             self._show_text("")
         elif event.type() == QEvent.Type.MouseButtonDblClick and self.boxes:
             self.show_whole()

@@ -66,7 +66,8 @@ class ResultCard(QFrame):
         self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)
         self.more_label.setTextFormat(Qt.TextFormat.RichText)
         self.note_label = make_label(
-            "± one standard error of this run's noise; calibration and geometry come with identify", "note"
+            "± one standard error of this run's noise only; the uncertainties of calibration and dimensions come with Identify … (Shift+F7)",
+            "note",
         )
         self.file_label = make_label(kind="small", name=f"{prefix}.file", textInteractionFlags=SELECTABLE)
         self.buttons = {

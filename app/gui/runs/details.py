@@ -193,6 +193,8 @@ class RunDetailsPane(QWidget):
         self.result_plots.show_results(kind, run.points, run.curves, found, run.simulated)
         self.result_plots.show()
         self.empty_label.hide()
+        if self.isVisible() and (layout := self.layout()) is not None:
+            layout.activate()  # now: the plot takes the place of what was shown before
 
     def _save_notes(self) -> None:
         texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())

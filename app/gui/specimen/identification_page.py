@@ -228,6 +228,7 @@ class IdentificationPage(QWidget):
     def _on_identified(self, result: IdentificationResult) -> None:
         self.result = result
         self._show_fitting(False)
+        self.heading.setText(f"Identification of {result.specimen}")
         self.simulated_label.setVisible(result.observations.simulated)
         self._show_verdict()
         heading = [dimensions_line(result), held_parameters(result)]

@@ -3,9 +3,10 @@
 The system or the user chooses the theme. Colour is never the only indication; sizes follow the system's font.
 """
 
+import re
 from dataclasses import dataclass
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 
 from app.common import Severity
@@ -148,8 +149,26 @@ def theme_for(appearance: str) -> Theme:
     return {"light": LIGHT, "dark": DARK}.get(appearance) or system_theme()
 
 
-def style_sheet(theme: Theme) -> str:
-    """Return the style sheet."""
+LARGE_WINDOW = QSize(1900, 1200)
+LARGE_TEXT = 1.2
+
+
+def text_scale(window: QSize) -> float:
+    """Return by how much text is larger than usual in a window of a size: 1, or more on a large screen."""
+    large = window.width() >= LARGE_WINDOW.width() and window.height() >= LARGE_WINDOW.height()
+    return LARGE_TEXT if large else 1.0
+
+
+def style_sheet(theme: Theme, scale: float = 1.0) -> str:
+    """Return the style sheet; `scale` enlarges the text that is read at a desk, not the signs."""
+    sheet = _style_sheet(theme)
+    if scale == 1.0:
+        return sheet
+    base = f"QWidget {{ font-size: {scale * QGuiApplication.font().pointSizeF():.3g}pt; }}"
+    return base + re.sub(r"(\d+)pt", lambda m: f"{scale * float(m[1]):.3g}pt", sheet)
+
+
+def _style_sheet(theme: Theme) -> str:
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
     QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPointF, QSize
 from PySide6.QtWidgets import QApplication
 
-from app.gui.plots.base import needed_axis_width
+from app.gui.plots.base import TracePlotBase, needed_axis_width
 from app.gui.plots.curve_layers import COHERENCE, LESS_MEAN, RESIDUAL, isolated, layer_series, layers_of
 from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
-from app.gui.widgets.theme import LIGHT
+from app.gui.widgets.theme import LARGE_TEXT, LIGHT, style_sheet, text_scale
 from model import Array
 from protocols.base import CurveColumn, Quality, ResultCurve
 from protocols.measurements.hysteresis import Hysteresis
@@ -162,6 +163,11 @@ def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
     box = plot.plot.getViewBox()
     lowest_of_legend = box.mapSceneToView(plot.legend.mapToScene(plot.legend.boundingRect().bottomLeft())).y()
     assert lowest_of_legend > max(line.getData()[1].max() for line, _ in plot.drawn_curves)
+    plot.show_curves(tuple(response(f"with {mass} g") for mass in range(5)), bare_tactor=False)
+    plot.resize(500, 500)
+    qt.processEvents()
+    places = {(sample.pos().x(), sample.pos().y()) for sample, _ in plot.legend.items}
+    assert len(places) == 5, "no entry lies on another, also after other curves and in a narrower plot"
     plot.close()
 
 
@@ -190,4 +196,37 @@ def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) ->
     width = plot.plot.getAxis("left").width()
     assert width >= needed_axis_width(plot.plot, plot.fontMetrics()) > 62
     assert plot.strip.plot.getAxis("left").width() == width, "both left edges are in line"
+    plot.strip.plot.setYRange(0.0, 1e6)  # whose ticks have the spacing of micrometres until it is painted
+    assert plot.strip.plot.getAxis("left").width() < 150
     plot.close()
+
+
+@pytest.mark.deep
+def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> None:
+    plot = TracePlotBase(LIGHT)
+    plot._add_head()
+    plot.resize(800, 400)
+    plot.show()
+    times = np.linspace(0, 1, 101)
+    plot.curves[0].setData(times, 100 * times)
+    plot.curves[1].setData(times, 5 * times)
+    for each in plot._plots:
+        each.setXRange(0, 1, padding=0)
+        each.setYRange(0, 100, padding=0)
+    qt.processEvents()
+    box = plot._plots[1].getViewBox()
+    tools = plot.tools[0]
+    tools._on_mouse_moved(box.mapViewToScene(QPointF(0.5, 50.0)))
+    assert [line.isVisible() for line in tools.cursors] == [True, True]
+    assert [round(line.value(), 2) for line in tools.cursors] == [0.5, 0.5]
+    assert tools.label.text() == "0.5 s,  50 µm,  2.5 V"
+    tools._on_mouse_moved(QPointF(-10.0, -10.0))
+    assert not any(line.isVisible() for line in tools.cursors)
+    plot.close()
+
+
+def test_text_is_larger_in_a_window_on_a_large_screen() -> None:
+    assert text_scale(QSize(1366, 768)) == text_scale(QSize(1920, 1080)) == 1.0
+    assert text_scale(QSize(2560, 1440)) == LARGE_TEXT
+    assert "font-size: 18pt" in style_sheet(LIGHT, LARGE_TEXT), "a heading of 15 points"
+    assert style_sheet(LIGHT) == style_sheet(LIGHT, 1.0)

@@ -1,0 +1,196 @@
+"""The command `certificate`: calibration certificates of the instruments, and when each is due."""
+
+import csv
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, switch
+from app.cli.output import CommandResult, print_json, render
+from app.common import Column, ExitCode, Table, UsageError, path_argument, print_line, print_message, usage_errors
+from app.config.certificate import (
+    ROLES,
+    Certificate,
+    CertificateColumn,
+    CertificateError,
+    due_after,
+    read_certificates,
+    store_certificate,
+)
+
+
+@dataclass(frozen=True)
+class AddCertificateCommand:
+    """Add a certificate: from a DCC, or typed."""
+
+    dcc: Path | None = option(
+        nargs="?", type=path_argument, metavar="DCC.xml", help="digital calibration certificate, version 3"
+    )
+    role: str = option("--role", default="", metavar="INSTRUMENT", help=", ".join(ROLES))
+    number: str = option(
+        "--number", default="", help="of the certificate (default: that of the DCC; so for the following)"
+    )
+    laboratory: str = option("--laboratory", default="", metavar="NAME", help="that calibrated")
+    date: str = option("--date", default="", metavar="YYYY-MM-DD", help="of the calibration")
+    due: str = option("--due", default="", metavar="YYYY-MM-DD", help="last day on which the calibration holds")
+    months: int = option(
+        "--months", type=int, default=0, metavar="N", help="due so many months after its date, instead of --due"
+    )
+    item: str = option("--item", default="", metavar="TEXT", help="maker and model")
+    serial: str = option("--serial", default="", help="serial number, by which the instruments of a run are matched")
+    table: Path | None = option(
+        "--table",
+        type=path_argument,
+        metavar="CSV",
+        help="points: 'name [unit]' columns; a column 'u(name) [unit]' has k = 1",
+    )
+    pdf: Path | None = option(
+        "--pdf", type=path_argument, metavar="FILE", help="the certificate as a PDF, copied beside it"
+    )
+    folder: Path = folder_option()
+
+    @usage_errors(CertificateError)
+    def execute(self) -> int:
+        from app.config.dcc import read_dcc
+
+        base = read_dcc(self.dcc) if self.dcc else Certificate("", "", "")
+        given = {
+            name: value
+            for name in ("role", "number", "laboratory", "date", "item", "serial", "due")
+            if (value := getattr(self, name).strip())
+        }
+        certificate = replace(base, **given)
+        if missing := [name for name in ("number", "laboratory", "date") if not getattr(certificate, name)]:
+            raise UsageError(f"the certificate has no {missing[0]}: give it with --{missing[0]}")
+        if not self.role:
+            raise UsageError(f"name the instrument: --role {'|'.join(ROLES)}")
+        if self.months:
+            certificate = replace(certificate, due=due_after(certificate.date, self.months))
+        if self.table:
+            certificate = replace(certificate, columns=_read_table(self.table))
+        path = store_certificate(self.folder, certificate, [each for each in (self.dcc, self.pdf) if each])
+        print_line(str(path))
+        if not certificate.due:
+            print_message("It has no due date, so nothing will warn: add it with --due or --months")
+        if not certificate.serial and certificate.role != "weights":
+            print_message("It has no serial number, so no run is matched with it: add it with --serial")
+        return ExitCode.DONE
+
+
+def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
+    """Read the points of a certificate from a CSV file.
+
+    Raises:
+        CertificateError: it cannot be read, or a cell is no number.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            head, *rows = [row for row in csv.reader(file) if row]
+        columns = {name.strip(): [float(row[i]) for row in rows] for i, name in enumerate(head)}
+    except (OSError, ValueError, IndexError, csv.Error) as error:
+        raise CertificateError(
+            f"{path} is no table of points ({error}); write a header such as 'displacement [mm],u(displacement) [mm]' and numbers"
+        ) from None
+    found = []
+    for heading, values in columns.items():
+        name, _, unit = heading.removesuffix("]").partition(" [")
+        if not name.startswith("u("):
+            errors = columns.get(f"u({name}) [{unit}]", columns.get(f"u({name})", []))
+            found.append(CertificateColumn(name, unit or "1", tuple(values), tuple(errors)))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ListCertificatesCommand:
+    """List certificates by their due dates; the exit code is 1 if one has expired."""
+
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+    def execute(self) -> int:
+        found, problems = read_certificates(self.folder)
+        today = datetime.now(UTC).date()
+        left = [each.days_left(today) for each in found]
+        table = Table(
+            "certificates",
+            f"Calibration certificates in {self.folder}",
+            (
+                Column("due", None, [each.due or "not stated" for each in found]),
+                Column("state", None, [each.state(today) for each in found]),
+                Column("days_left", None, ["" if days is None else str(days) for days in left], "days left"),
+                Column("role", None, [each.role for each in found], "instrument"),
+                Column("item", None, [each.item for each in found]),
+                Column("serial", None, [each.serial for each in found]),
+                Column("number", None, [each.number for each in found], "certificate"),
+                Column("laboratory", None, [each.laboratory for each in found]),
+                Column("date", None, [each.date for each in found]),
+            ),
+        )
+        render(CommandResult("certificate list", {}, (table,), tuple(problems)), self.json)
+        return ExitCode.FAILED if problems or any(each.state(today) == "expired" for each in found) else ExitCode.DONE
+
+
+@dataclass(frozen=True)
+class ShowCertificateCommand:
+    """Print a certificate with its table."""
+
+    number: str = option(help="of the certificate, or its beginning")
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+    def execute(self) -> int:
+        found, _ = read_certificates(self.folder)
+        chosen = [each for each in found if each.number == self.number] or [
+            each for each in found if each.number.startswith(self.number)
+        ]
+        if len(chosen) != 1:
+            known = ", ".join(each.number for each in found) or "none"
+            raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {known}")
+        (one,) = chosen
+        if self.json:
+            print_json(asdict(one))
+            return ExitCode.DONE
+        print_line(f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}")
+        print_line(f"due {one.due or 'not stated'}: {one.state(datetime.now(UTC).date())}")
+        for name, digest in one.files:
+            print_line(f"attached {name}, SHA-256 {digest[:16]}...")
+        for column in one.columns:
+            errors = one_line(column.standard_uncertainties)
+            print_line(
+                f"{column.name} [{column.unit}]: {one_line(column.values)}"
+                + (f"; standard uncertainties {errors}" if errors else "")
+            )
+        return ExitCode.DONE
+
+
+def one_line(values: tuple[float, ...]) -> str:
+    """Return numbers as text; equal ones once."""
+    return f"{values[0]:.7g}" if values and len(set(values)) == 1 else ", ".join(f"{value:.7g}" for value in values)
+
+
+COMMANDS: Mapping[str, CommandGroup] = {
+    "certificate": CommandGroup(
+        "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
+        "date of an instrument that it uses, by serial number, and flags every point after it.",
+        "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
+        "what",
+        "WHAT",
+        {
+            "add": (
+                "add one: a DCC of version 3, or typed values",
+                CommandSyntax(
+                    AddCertificateCommand, example="example: certificate add dcc.xml --role weights --due 2027-05-31"
+                ),
+            ),
+            "list": (
+                "certificates by due date; exit code 1 if one has expired",
+                CommandSyntax(ListCertificatesCommand),
+            ),
+            "show": (
+                "a certificate with its table",
+                CommandSyntax(ShowCertificateCommand, example="example: certificate show D-K-1234"),
+            ),
+        },
+    )
+}

@@ -1,0 +1,218 @@
+"""Calibration certificates of instruments: number, laboratory, dates, table with uncertainties; a file each beside the runs."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime, timedelta
+from datetime import date as Day  # noqa: N812 - a certificate has a field `date`
+from pathlib import Path
+from typing import Any
+
+from app.common import read_json_file, write_atomic
+from app.common.audit import record_audit
+from protocols.base import visible_values
+from protocols.runfile.names import safe_name
+
+FOLDER = "certificates"
+"""Folder of the certificates in that of the runs."""
+SUFFIX = ".certificate.json"
+ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
+WEIGHT_PROTOCOLS = frozenset({"static-loading", "mass-resonance"})
+"""Protocols that use weights."""
+WARNING_DAYS = 30
+"""Days before the due date from which on every run warns."""
+
+
+class CertificateError(ValueError):
+    """A certificate cannot be read or stored; the message gives file, entry and remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateColumn:
+    """A quantity of the table: values in the unit of the certificate; standard uncertainties (k = 1), empty if none are stated."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    standard_uncertainties: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A calibration certificate.
+
+    Attributes:
+        number: as the laboratory gave it.
+        date: of the calibration, ISO 8601.
+        due: last day on which the calibration holds, ISO 8601; empty if it is not stated.
+        role: of the instrument at a bench.
+        item: maker and model.
+        serial: serial number, by which the instruments of a run are matched.
+        columns: table of points.
+        files: names of the attached files with their SHA-256.
+    """
+
+    number: str
+    laboratory: str
+    date: str
+    item: str = ""
+    serial: str = ""
+    role: str = "other"
+    due: str = ""
+    columns: tuple[CertificateColumn, ...] = ()
+    files: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("date", "due"):
+            if value := getattr(self, name):
+                _check_day(name, value)
+        if self.due and self.date and self.due < self.date:
+            raise CertificateError(
+                f"certificate {self.number} is due on {self.due}, before its date {self.date}; correct one of them"
+            )
+        if self.role not in ROLES:
+            raise CertificateError(f"there is no instrument '{self.role}'; there are: {', '.join(ROLES)}")
+
+    @property
+    def name(self) -> str:
+        """What it is of, as text."""
+        return " ".join(filter(None, (self.role, self.item, self.serial and f"#{self.serial}")))
+
+    def days_left(self, today: Day) -> int | None:
+        """Return the days until the due date, negative after it; None if it is not stated."""
+        return (Day.fromisoformat(self.due) - today).days if self.due else None
+
+    def state(self, today: Day) -> str:
+        """Return `valid`, `due soon`, `expired`, or `no due date`."""
+        left = self.days_left(today)
+        if left is None:
+            return "no due date"
+        return "expired" if left < 0 else "due soon" if left <= WARNING_DAYS else "valid"
+
+    def warning(self, today: Day) -> str:
+        """Return the warning before and after the due date; empty otherwise."""
+        left = self.days_left(today)
+        if left is None or left > WARNING_DAYS:
+            return ""
+        about = f"The calibration of {self.name} (certificate {self.number})"
+        if left < 0:
+            return f"{about} expired on {self.due}; every point of this run is flagged. Have it calibrated and add the new certificate"
+        return f"{about} is due on {self.due}, in {left} days"
+
+
+def certificates_folder(folder: Path) -> Path:
+    """Return the folder of the certificates, for a folder of runs."""
+    return folder / FOLDER
+
+
+def store_certificate(folder: Path, certificate: Certificate, attachments: Iterable[Path] = ()) -> Path:
+    """Store a certificate beside the runs, with copies of the attached files; return its file.
+
+    Raises:
+        CertificateError: there is one of that number already, or a file cannot be copied or written.
+    """
+    place = certificates_folder(folder)
+    stem = safe_name(certificate.number)
+    path = place / f"{stem}{SUFFIX}"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            raise CertificateError(f"{path} is there already and is not overwritten; move it away to add another")
+        files = []
+        for source in attachments:
+            data = source.read_bytes()
+            name = f"{stem}{source.suffix.casefold()}"
+            if not (place / name).exists():
+                shutil.copyfile(source, place / name)
+            files.append((name, hashlib.sha256(data).hexdigest()))
+        certificate = replace(certificate, files=tuple(files))
+        text = json.dumps(asdict(certificate), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        write_atomic(path, text)
+    except OSError as error:
+        raise CertificateError(
+            f"{error.filename or path} cannot be copied or written: {error.strerror or error}"
+        ) from None
+    record_audit("certificate", path, *(place / name for name, _ in certificate.files), subject=certificate.number)
+    return path
+
+
+def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
+    """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
+    found, problems = list[Certificate](), list[str]()
+    for path in sorted(certificates_folder(folder).glob(f"*{SUFFIX}")):
+        try:
+            found.append(_from_record(visible_values(read_json_file(path))))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            problems.append(f"the certificate {path} cannot be read ({error}); restore it from a copy, or add it again")
+    return sorted(found, key=lambda each: (not each.due, each.due, each.number)), problems
+
+
+def certificates_of_bench(
+    certificates: Iterable[Certificate], serials: Iterable[str], protocol: str
+) -> list[Certificate]:
+    """Return the newest certificate of each instrument that a run uses: by serial number, and the weights where it uses them."""
+    used = {serial.casefold() for serial in serials if serial}
+    newest: dict[tuple[str, str], Certificate] = {}
+    for each in sorted(certificates, key=lambda one: one.date):
+        if each.serial.casefold() in used or (each.role == "weights" and protocol in WEIGHT_PROTOCOLS):
+            newest[each.role, each.serial.casefold()] = each
+    return list(newest.values())
+
+
+def calibration_warnings(certificates: Iterable[Certificate], today: Day) -> tuple[str, tuple[str, ...]]:
+    """Return the warning for what has expired, because of which points are flagged, and those for what is due soon."""
+    expired = [each.warning(today) for each in certificates if each.state(today) == "expired"]
+    soon = tuple(each.warning(today) for each in certificates if each.state(today) == "due soon")
+    return ". ".join(expired), soon
+
+
+def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str) -> tuple[str, tuple[str, ...]]:
+    """Return what has expired of the instruments of a bench, and what is due soon or cannot be read, as sentences.
+
+    Args:
+        folder: of the runs.
+        configuration: tables of the bench file, with the identities that the instruments answered.
+        protocol: name of the protocol.
+    """
+    found, problems = read_certificates(folder)
+    if not (found or problems):
+        return "", ()
+    tables = [each for each in configuration.values() if isinstance(each, Mapping)]
+    serials = {str(table.get("serial", "")) for table in tables}
+    identities = configuration.get("identities", {})
+    serials |= {str(identity).rpartition("#")[2] for identity in identities.values() if "#" in str(identity)}
+    used = certificates_of_bench(found, serials, protocol)
+    expired, soon = calibration_warnings(used, datetime.now(UTC).date())
+    return expired, (*soon, *problems)
+
+
+def due_after(day: str, months: int) -> str:
+    """Return the day some months of 30.44 days after a day, ISO 8601.
+
+    Raises:
+        CertificateError: the day is none.
+    """
+    return (_check_day("date", day) + timedelta(days=round(30.44 * months))).isoformat()
+
+
+def _check_day(name: str, text: str) -> Day:
+    try:
+        return Day.fromisoformat(text)
+    except ValueError:
+        raise CertificateError(f"{name} '{text[:40]}' is no day; write it as YYYY-MM-DD") from None
+
+
+def _from_record(record: dict[str, Any]) -> Certificate:
+    columns = tuple(
+        CertificateColumn(
+            str(each["name"]),
+            str(each["unit"]),
+            tuple(map(float, each["values"])),
+            tuple(map(float, each["standard_uncertainties"])),
+        )
+        for each in record.pop("columns")
+    )
+    files = tuple((str(name), str(digest)) for name, digest in record.pop("files"))
+    return Certificate(**{name: str(value) for name, value in record.items()}, columns=columns, files=files)

@@ -1,0 +1,1 @@
+"""What the drivers of sources and cards assume of their instruments, with the evidence for it."""

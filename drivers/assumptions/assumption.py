@@ -1,0 +1,83 @@
+"""One assumption of a driver: what safety or a number depends on, its evidence, and what can measure it at the output."""
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.generators.keysight_33500 import has_two_channels
+
+
+class OutputCheck(StrEnum):
+    """What commissioning measures at the output of a source. The texts are stored in records and never change."""
+
+    REST = "level between bursts"
+    AFTER = "level after a burst"
+    OFFSET = "scale of the offset"
+    POLARITY = "polarity"
+    SCALE = "amplitude of a sine"
+    UNEVEN = "amplitude of an uneven waveform"
+    SHAPE = "form of a waveform"
+    SETTINGS = "output while settings change"
+    AMPLITUDE = "output at a change of amplitude"
+    START = "start of a drive"
+    STOP = "output at Stop"
+    WIRE = "output after the wire is cut"
+    CROSSTALK = "crosstalk of the card's inputs"
+    SETTLING = "settling of the card's inputs"
+    SKEW = "skew of the card's inputs"
+    START_ROUTE = "start of a drive on a scan"
+    LONG_LEVEL = "long level"
+
+
+@dataclass(frozen=True, slots=True)
+class Assumption:
+    """One property of an instrument that a driver relies on.
+
+    Args:
+        driver: name of the driver, as the bench file has it.
+        models: the models it is about.
+        quantity: the property.
+        value: the value that the driver assumes.
+        evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
+        checks: what measures it at the output; empty if it cannot be seen there.
+    """
+
+    driver: str
+    models: str
+    quantity: str
+    value: str
+    evidence: str = ""
+    checks: tuple[OutputCheck, ...] = ()
+
+    @property
+    def shows_at_output(self) -> bool:
+        """Whether measuring the output can confirm it."""
+        return bool(self.checks)
+
+    def is_about(self, model: str) -> bool:
+        """Whether it is about a model: `DG1000Z` means DG1032Z too, `two channels` a Keysight 33522B."""
+        names = self.models.split(", ")
+        if "two channels" in names:
+            return self.driver == "keysight-33500" and has_two_channels(model)
+        is_named = _is_supply if self.driver == "dc-supply" else _is_generator
+        return any(is_named(model.upper(), name) for name in names)
+
+
+def _is_generator(model: str, name: str) -> bool:
+    """Return whether a name of the table is that of a generator: `DG1000Z` means DG1032Z too, `AFG3000` not AFG31052."""
+    digits = name.rstrip("ABCXZ")
+    begin = digits.rstrip("0")
+    if begin == digits:
+        return model.startswith(begin)
+    return re.match(re.escape(begin) + r"\d" * (len(digits) - len(begin)) + r"(?!\d)", model) is not None
+
+
+def _is_supply(model: str, name: str) -> bool:
+    """Return whether a name of the table is that of a supply: `E36300` means E36312A too, `E3640A-E3649A` all between."""
+    if name == "all":
+        return True
+    first, _, last = name.partition("-")
+    if last:
+        return len(model) == len(first) and first <= model <= last
+    digits = first.rstrip("0")
+    return re.match(re.escape(digits) + r"\d" * (len(first) - len(digits)), model) is not None

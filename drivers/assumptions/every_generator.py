@@ -1,0 +1,145 @@
+"""What the drivers of all function generators assume alike, each with its own evidence."""
+
+from collections.abc import Iterator
+
+from drivers.assumptions.assumption import Assumption, OutputCheck
+from drivers.assumptions.evidence import (
+    BENCHCTRL,
+    DG1000Z_GUIDE,
+    DG2000_GUIDE,
+    EDU_GUIDE,
+    MENLO,
+    PYMEASURE,
+    QCODES,
+    TM_DEVICES,
+)
+from drivers.assumptions.keysight import OLDER_KEYSIGHT, TRUEFORM
+from drivers.assumptions.rigol import DG800_SERIES
+from drivers.assumptions.siglent import SIGLENT_SERIES
+from drivers.assumptions.tektronix import TEKTRONIX_SERIES
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.keysight_33200 import Keysight33200
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.rigol_dg800 import RigolDg800
+from drivers.generators.siglent_sdg import SiglentSdg
+from drivers.generators.tektronix_afg import TektronixAfg
+
+SURGES = {"rigol-dg": f"contradicted by {MENLO} for a DG1000Z at another offset than 0: look at the trace"}
+
+IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
+    (
+        "keysight-33500",
+        TRUEFORM,
+        Keysight33500,
+        "the first point of the waveform is 0",
+        f"{EDU_GUIDE} p. 138, 160 (a burst begins and ends at its start phase, 0 degrees are the first point); others unproven",
+    ),
+    (
+        "keysight-33200",
+        OLDER_KEYSIGHT,
+        Keysight33200,
+        "the first point of the waveform is 0",
+        "33220A User's Guide p. 227; 33210A guide p. 215; G5100A: unproven",
+    ),
+    (
+        "rigol-dg",
+        "DG1000Z",
+        RigolDg,
+        "`BURS:IDLE CENTER`",
+        f"{DG1000Z_GUIDE} 2-165 (the setting); what CENTER of an uneven waveform is: unproven",
+    ),
+    (
+        "rigol-dg800",
+        DG800_SERIES,
+        RigolDg800,
+        "`BURS:IDLE CENTER`; on a DG4000, which has no such setting, the first point of the waveform is the middle of its range",
+        f"{DG2000_GUIDE}, BURSt:IDLE (the setting); what CENTER of an uneven waveform is, and DG4000: unproven",
+    ),
+    ("siglent-sdg", SIGLENT_SERIES, SiglentSdg, "the first point of the waveform is 0", ""),
+    (
+        "tektronix-afg",
+        TEKTRONIX_SERIES,
+        TektronixAfg,
+        "the first point of the waveform is the middle of its range; AFG31000: `BURS:IDLE START`",
+        "AFG31000: a public driver (BURSt:IDLE: START is the first point); others unproven",
+    ),
+)
+
+POLARITY = {
+    "keysight-33500": f"{QCODES} (output_polarity); {EDU_GUIDE} p. 93 (about the offset)",
+    "keysight-33200": f"{PYMEASURE} (keysight33250A)",
+    "rigol-dg": "Rigol DG4000 Programming Guide, OUTPut:POLarity (about the offset); DG1000Z has the same command",
+    "rigol-dg800": f"{DG2000_GUIDE}, OUTPut:POLarity; Rigol DG4000 Programming Guide (about the offset)",
+    "siglent-sdg": f"{BENCHCTRL}: `OUTP PLRT` and `INVT`; about the offset: unproven",
+    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG31000, AFG1000: unproven",
+}
+
+RANGE_HOLD = {
+    "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); {EDU_GUIDE} p. 85, 91; the gap without it: E1441A guide p. 99",
+    "keysight-33200": "E1441A guide p. 99, Picotest G5100A guide p. 166",
+    "rigol-dg": f"{DG1000Z_GUIDE} 2-185",
+}
+
+
+def every_generator() -> Iterator[Assumption]:
+    """Yield what the drivers of all function generators assume alike, by driver."""
+    for driver, models, kind, how_idle, evidence in IDLE_LEVELS:
+        yield from _assumptions_of(driver, models, kind, how_idle, evidence)
+
+
+def _assumptions_of(
+    driver: str, models: str, kind: type[BurstGenerator], how_idle: str, evidence: str
+) -> Iterator[Assumption]:
+    """Yield what one driver of a function generator assumes as all do."""
+    idle = f"the offset: {how_idle}"
+    yield Assumption(driver, models, "level between bursts", idle, evidence, (OutputCheck.REST,))
+    yield Assumption(driver, models, "level after a burst", "as between bursts", checks=(OutputCheck.AFTER,))
+    yield Assumption(
+        driver,
+        models,
+        "polarity",
+        "not inverted; an inverted one flips about the offset",
+        POLARITY[driver],
+        (OutputCheck.POLARITY,),
+    )
+    yield Assumption(
+        driver,
+        models,
+        "volts of the offset",
+        "those of the open output",
+        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+    )
+    yield Assumption(
+        driver,
+        models,
+        "volts of an even waveform",
+        "the amplitude, peak to peak at the open output",
+        checks=(OutputCheck.SCALE,),
+    )
+    yield Assumption(driver, models, "trigger", "each starts a drive", checks=(OutputCheck.START,))
+    yield Assumption(
+        driver, models, "a level held as one waveform", "steady to its planned end", checks=(OutputCheck.LONG_LEVEL,)
+    )
+    yield Assumption(driver, models, "start of a burst", "no surge", SURGES.get(driver, ""), (OutputCheck.SHAPE,))
+    within = f"within {kind.IDLE_AMPLITUDE_VPP / 2 * 1e3:g} mV of the offset"
+    yield Assumption(
+        driver,
+        models,
+        "output while a waveform is uploaded and selected",
+        f"stays {within}" if kind.CAN_FREEZE_RANGE else "stays at the offset",
+        checks=(OutputCheck.SETTINGS,),
+    )
+    if kind.CAN_FREEZE_RANGE:
+        held = "none: the range is held"
+        yield Assumption(
+            driver, models, "relay at a change of amplitude", held, RANGE_HOLD[driver], (OutputCheck.AMPLITUDE,)
+        )
+        how = f"plays {within} meanwhile" if driver != "keysight-33500" else f"`ABORt` ends it {within}"
+        yield Assumption(driver, models, "abort in mid-burst", how, checks=(OutputCheck.STOP,))
+    else:
+        never = "possible: the amplitude is never changed at rest or in a drive"
+        yield Assumption(driver, models, "relay at a change of amplitude", never)
+        yield Assumption(driver, models, "Stop in mid-burst", "waits for its end, at rest", checks=(OutputCheck.STOP,))
+        hastened = "plays the rest of it faster; used to end a level only where commissioning has recorded it"
+        yield Assumption(driver, models, "change of frequency in mid-burst", hastened)
