@@ -42,8 +42,8 @@ class Protocol(BaseModel, ABC):
     restore: ClassVar[Prompt | None] = None
     """Prompt of the next run of another protocol, where this one leaves something else than the tactor under the sensor."""
 
-    rest_record_s: ClassVar[float] = 0.0
-    """Duration of the recording at rest before the first drive, in which hum and other interference is measured; 0: none."""
+    rest_record_s: ClassVar[float] = 1.0
+    """Duration of the recording at rest before the first entry, in which hum and other interference is measured; 0: none."""
 
     sample_rate_hz: float
 

@@ -39,6 +39,7 @@ class InterferenceLine:
         error_m: standard uncertainty of the amplitude.
         frequency_error_hz: standard uncertainty of the frequency; NaN where it was not measured: a harmonic of the mains within noise.
         folded_from_hz: true frequency of a line above half the sample rate; NaN for a line that is not known to be folded.
+        phase_rad: of its sine at the first sample of the recording at rest.
     """
 
     frequency_hz: float
@@ -46,6 +47,7 @@ class InterferenceLine:
     error_m: float
     frequency_error_hz: float = math.nan
     folded_from_hz: float = math.nan
+    phase_rad: float = math.nan
 
     @property
     def significant(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from model import Complex
 from protocols.base import Recording
-from protocols.signals import FrequencyResponse, fit_frequency, fit_sine
+from protocols.signals import FrequencyResponse, fit_frequency, fit_sine, remove_lines
 
 HARMONIC_COUNT = 8
 """Components fitted to the displacement: the amplifier's harmonics are not to disturb the fundamental."""
@@ -69,9 +69,11 @@ def _line(recording: Recording) -> tuple[float, float, float, float]:
     rate = recording.rate_hz
     frequency = fit_frequency(recording.drive_v, rate, getattr(recording.drive, "frequency_hz", math.nan))
     driven = fit_sine(recording.drive_v, rate, frequency)
-    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONIC_COUNT)
+    clean, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
+    moved = fit_sine(clean, rate, frequency, HARMONIC_COUNT)
     turned = np.exp(2j * np.pi * frequency * recording.sensor_delay_s)
     response = complex(moved.fundamental / driven.fundamental * turned)
     drive_v = abs(driven.fundamental)
-    error = math.hypot(moved.standard_error / drive_v, abs(response) * driven.standard_error / drive_v)
+    moved_error = math.hypot(moved.standard_error, coincident.get(1, 0.0) / math.sqrt(2))
+    error = math.hypot(moved_error / drive_v, abs(response) * driven.standard_error / drive_v)
     return frequency, response.real, response.imag, error

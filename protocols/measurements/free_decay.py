@@ -144,7 +144,8 @@ class FreeDecay(Protocol):
         from protocols.signals import fit_decay
 
         _, moved = self._decay_after_edge(recording, edge)
-        return fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
+        band_hz = self.low_hz, self.high_hz
+        return fit_decay(moved, recording.rate_hz, band_hz, interference=recording.interference)
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:

@@ -32,7 +32,7 @@ from protocols.base import (
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.measurements.fit_lines import line_indices
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
-from protocols.signals import fit_frequency, fit_sine, fold, measure_loops
+from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines
 
 SOURCE = "line through the loop widths of this run over frequency"
 
@@ -83,6 +83,8 @@ class FoldedCycles:
     frequency_hz: float
     drive_v: Array
     displacement_m: Array
+    interference_m: float
+    """Amplitude of interference at harmonics of the loop's rate, which every cycle repeats; the rest is taken off."""
 
 
 class Hysteresis(Protocol):
@@ -154,12 +156,13 @@ class Hysteresis(Protocol):
         if not isinstance(drive, Sine):
             raise ValueError(f"a loop cannot be taken from a recording under {drive.kind}")
         frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
-        moved = _advance(recording.displacement_m, recording.sensor_delay_s * rate)
-        cycles = (
+        clean, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
+        moved = _advance(clean, recording.sensor_delay_s * rate)
+        drive_v, displacement_m = (
             fold(x, rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles]
             for x in (recording.drive_v[: moved.size], moved)
         )
-        return FoldedCycles(frequency, *cycles)
+        return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> ResultCurve:
         """Return the closed mean loop; its errors are those of the shape, because its position drifts between cycles."""
@@ -181,24 +184,30 @@ class Hysteresis(Protocol):
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
         drive_off = abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v
         loop = measure_loops(folded.drive_v, folded.displacement_m)
+        # A difference of two places of the loop: the variances of a sine of unknown phase add.
+        width_error, max_width_error, stroke_error = (
+            math.hypot(error, folded.interference_m)
+            for error in (loop.width_error, loop.max_width_error, loop.stroke_error)
+        )
+        interfered = folded.interference_m > loop.width_error
         return LoopPoint(
             frequency=frequency,
             share=loop.relative_width,
-            share_errors=math.hypot(
-                loop.width_error / loop.stroke, loop.relative_width * loop.stroke_error / loop.stroke
-            ),
+            share_errors=math.hypot(width_error / loop.stroke, loop.relative_width * stroke_error / loop.stroke),
             width=loop.width,
-            width_errors=loop.width_error,
+            width_errors=width_error,
             largest=loop.max_width,
-            largest_errors=loop.max_width_error,
+            largest_errors=max_width_error,
             stroke=loop.stroke,
-            stroke_errors=loop.stroke_error,
+            stroke_errors=stroke_error,
             area=loop.area,
             area_errors=loop.area_error,
             asymmetry=loop.asymmetry,
             asymmetry_errors=loop.asymmetry_error,
             cycles=loop.degrees_of_freedom + 1.0,
-            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
+            quality=point_quality(
+                (recording,), simulated, {Quality.DRIVE_OFF: drive_off, Quality.INTERFERENCE: interfered}
+            ),
         )
 
     @classmethod

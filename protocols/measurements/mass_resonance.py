@@ -369,6 +369,7 @@ class MassResonance(Protocol):
                 (drive.start_hz, drive.stop_hz),
                 self._resolution_hz,
                 recording.sensor_delay_s,
+                recording.interference,
             )
             found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
         return concatenate_responses(found)

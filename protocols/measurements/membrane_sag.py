@@ -137,7 +137,12 @@ class MembraneSag(Protocol):
             raise ValueError("a sag needs two recordings: the reference, and the membrane")
         parts = recordings[-2:]
         surface, hanging = (
-            estimate_level(part.displacement_m[-round(self.record_s * part.rate_hz) :], part.rate_hz) for part in parts
+            estimate_level(
+                part.displacement_m[-round(self.record_s * part.rate_hz) :],
+                part.rate_hz,
+                interference=part.interference,
+            )
+            for part in parts
         )
         return SagPoint(
             repeat=float(key[0]),

@@ -213,7 +213,6 @@ class SineDwell(Protocol):
     title: ClassVar[str] = "Sine dwell"
     point_type: ClassVar[type] = SinePoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
-    rest_record_s: ClassVar[float] = 1.0
 
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"

@@ -32,7 +32,7 @@ from protocols.base import (
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, sine_point
-from protocols.signals import estimate_max_min, fit_sine
+from protocols.signals import estimate_max_min, fit_sine, remove_lines
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
 """Relative change between windows that counts as settled under the sine, and how long it is waited for."""
@@ -150,9 +150,12 @@ class SquareDwell(Protocol):
         nominal_hz = sine_drive.frequency_hz if isinstance(sine_drive, Sine) else drive.frequency_hz
         frequency = drive.frequency_hz * sine.frequency / nominal_hz
         driven = fit_sine(square.drive_v, rate, frequency, HARMONIC_COUNT)
-        moved = fit_sine(square.displacement_m, rate, frequency, HARMONIC_COUNT)
-        extremes = estimate_max_min(square.displacement_m, rate, frequency)
-        error = math.hypot(extremes.scatter, extremes.systematic)
+        clean, coincident = remove_lines(square.displacement_m, rate, frequency, square.interference)
+        moved = fit_sine(clean, rate, frequency, HARMONIC_COUNT)
+        extremes = estimate_max_min(clean, rate, frequency)
+        # The amplitude of interference at a harmonic is known, its phase is not.
+        error = math.hypot(extremes.scatter, extremes.systematic, math.sqrt(2) * math.hypot(*coincident.values()))
+        fundamental_error = math.hypot(moved.standard_error, coincident.get(1, 0.0) / math.sqrt(2))
         ratio = extremes.value / sine.peak_to_peak
         fundamental, drive_v = abs(moved.fundamental), abs(driven.fundamental)
         linearity = fundamental / drive_v / (sine.fundamental / sine.drive_amplitude)
@@ -161,7 +164,8 @@ class SquareDwell(Protocol):
         seen_vpp, told_vpp = float(np.ptp(square.drive_v)), drive.high_v - drive.low_v
         detected = {
             Quality.DRIVE_OFF: abs(seen_vpp - told_vpp) > DRIVE_TOLERANCE * told_vpp,
-            Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * moved.standard_error,
+            Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * fundamental_error,
+            Quality.INTERFERENCE: fundamental_error > math.sqrt(2) * moved.standard_error,
         }
         return SquarePoint(
             frequency=frequency,
@@ -172,14 +176,12 @@ class SquareDwell(Protocol):
             ratio=ratio,
             ratio_errors=ratio * math.hypot(error / extremes.value, sine.peak_to_peak_errors / sine.peak_to_peak),
             fundamental=fundamental,
-            fundamental_errors=moved.standard_error,
+            fundamental_errors=fundamental_error,
             sine_fundamental=sine.fundamental,
             sine_fundamental_errors=sine.fundamental_errors,
             linearity=linearity,
             linearity_errors=linearity
-            * math.hypot(
-                moved.standard_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty
-            ),
+            * math.hypot(fundamental_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty),
             harmonics=tuple(harmonics.tolist()),
             drive_fundamental=drive_v,
             drive_peak_to_peak=seen_vpp,

@@ -244,7 +244,8 @@ class StaticLoading(Protocol):
 
     def _measure_level(self, recording: Recording) -> LevelEstimate:
         """The level of the last `record_s` of a recording."""
-        return estimate_level(recording.displacement_m[-round(self.record_s * recording.rate_hz) :], recording.rate_hz)
+        samples = recording.displacement_m[-round(self.record_s * recording.rate_hz) :]
+        return estimate_level(samples, recording.rate_hz, interference=recording.interference)
 
     def _plausibility_message(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
         """Why what happened is not what this weight does; empty where it is."""

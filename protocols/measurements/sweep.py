@@ -333,6 +333,7 @@ class Sweep(Protocol):
             (drive.start_hz, drive.stop_hz),
             dropped,
             delay_s=recording.sensor_delay_s,
+            interference=recording.interference,
         )
 
     def _played_periods(self, sweep_s: float) -> tuple[int, int]:

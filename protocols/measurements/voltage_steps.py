@@ -223,7 +223,8 @@ class VoltageSteps(Protocol):
         rate, moved = recording.rate_hz, recording.displacement_m
         ramp = find_ramp(recording.drive_v, rate, self.hold_s, self.window_s)
         seen = estimate_step(
-            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + ZERO_GUARD_S
+            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + ZERO_GUARD_S,
+            interference=recording.interference,
         )  # fmt: skip
         creep, creep_errors = self._creep(moved, rate, ramp, seen.before.value)
         drive_off = abs(ramp.end_level_v - level_v) > LEVEL_TOLERANCE_V

@@ -69,6 +69,7 @@ class WiringCheck(Protocol):
     """Small voltages before any high one: polarity, gain, latency, noise, sensor in range, drive read back."""
 
     name: ClassVar[str] = "wiring-check"
+    rest_record_s: ClassVar[float] = 0.0
     title: ClassVar[str] = "Wiring check"
     point_type: ClassVar[type] = WiringPoint
     axes: ClassVar[tuple[str, str]] = ("commanded", "displacement")

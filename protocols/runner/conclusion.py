@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, BenchError, UnsafeError
 from protocols.base import (
     EstimatedQuantity,
+    InterferenceMeasured,
     LogMessage,
     Outcome,
     Protocol,
@@ -65,14 +66,23 @@ class RunConclusion:
         self._recorder, self._progress = recorder, progress
         self._clock_check = ComputerClockCheck()
 
-    def conclude(self, status: RunStatus, reason: str, armed: ArmedBench | None) -> RunEnded:
-        """Record how the run ended: in the file if it can be written, and always to the observers."""
+    def conclude(
+        self,
+        status: RunStatus,
+        reason: str,
+        armed: ArmedBench | None,
+        interference: InterferenceMeasured | None = None,
+    ) -> RunEnded:
+        """Record how the run ended: in the file if it can be written, and always to the observers.
+
+        `interference` is that at rest; its largest line is one of the results.
+        """
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
         status, reason = self._publish_rest(status, reason, armed)
         estimates: tuple[EstimatedQuantity, ...] | None = None
         try:
-            estimates = self._protocol.estimates(self._progress.points)
+            estimates = (*self._protocol.estimates(self._progress.points), *_interference_estimate(interference))
         except BaseException as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
@@ -115,6 +125,15 @@ class RunConclusion:
             if status is not RunStatus.COMPLETED:
                 return Verdict.of_status(status, reason)
             return Verdict(Outcome.DOUBTFUL, (f"the result could not be checked: {type(error).__name__}: {error}",))
+
+
+def _interference_estimate(interference: InterferenceMeasured | None) -> tuple[EstimatedQuantity, ...]:
+    """Return the largest line of the displacement at rest; none where there is no significant one."""
+    if interference is None or not interference.lines:
+        return ()
+    line = interference.lines[0]
+    source = f"hum or another line at {line.frequency_hz:.2f} Hz in the displacement at rest, before the first entry"
+    return (EstimatedQuantity("interference at rest", line.amplitude_m, line.error_m, "m", source),)
 
 
 def _storage_failure(error: StorageError, status: RunStatus, reason: str) -> tuple[RunStatus, str]:

@@ -174,7 +174,7 @@ class Runner:
         except BaseException as error:  # SystemExit too, which a driver may raise: the end of a run is always reported
             log.exception("the run failed by an error of this program")
             status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
-        ended = self._conclusion.conclude(status, reason, self._armed)
+        ended = self._conclusion.conclude(status, reason, self._armed, self._executor.interference)
         self.path = self._run_file.path  # another one if the file was moved or deleted
         return ended
 

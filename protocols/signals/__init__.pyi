@@ -6,8 +6,10 @@ from .interference import MAINS_HZ as MAINS_HZ
 from .interference import SEPARATION_BINS as SEPARATION_BINS
 from .interference import find_lines as find_lines
 from .interference import folded_frequencies as folded_frequencies
+from .interference import interference_at as interference_at
 from .interference import mark_folded as mark_folded
 from .interference import remove_lines as remove_lines
+from .interference import resolved_lines as resolved_lines
 from .levels import DetectedRamp as DetectedRamp
 from .levels import LevelEstimate as LevelEstimate
 from .levels import combine_errors as combine_errors

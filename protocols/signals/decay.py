@@ -1,12 +1,15 @@
 """Free decay: frequency and damping after a step or a release, by least squares."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from model import Array
+from protocols.base import InterferenceLine
 from protocols.signals.checks import check_positive, check_samples
+from protocols.signals.interference import resolved_lines
 
 MIN_SAMPLES = 16
 MAX_DAMPING = 0.8
@@ -49,7 +52,13 @@ class DecayFit:
         return np.asarray(self.offset + self.amplitude * ringing.real)
 
 
-def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> DecayFit:
+def fit_decay(
+    samples: ArrayLike,
+    rate_hz: float,
+    band_hz: tuple[float, float],
+    skip_s: float = 0.0,
+    interference: Sequence[InterferenceLine] = (),
+) -> DecayFit:
     """Fit one decaying oscillation.
 
     A grid of frequencies and dampings, at each of which the rest is linear, finds the valley; Gauss and Newton its bottom.
@@ -59,6 +68,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
         rate_hz: samples per second.
         band_hz: band that is searched for the natural frequency.
         skip_s: left out at the start, until the drive is constant and higher modes have decayed.
+        interference: lines measured at rest: those that the record resolves are fitted with the decay.
 
     Raises:
         ValueError: too short, not finite, or no free vibration within the band.
@@ -70,13 +80,21 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
         raise ValueError(f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz must rise and end below {0.45 * rate_hz:g} Hz")
     x = check_samples("the decay", np.asarray(samples, float)[round(skip_s * rate_hz) :], MIN_SAMPLES)
     t = np.arange(x.size) / rate_hz
+    lines_hz, _ = resolved_lines(interference, x.size / rate_hz, rate_hz)
+    lines = 2 * np.pi * np.outer(t, lines_hz[: x.size // MIN_SAMPLES])
+    q, _ = np.linalg.qr(np.column_stack((np.cos(lines), np.sin(lines))))
+
+    def without_lines(columns: Array) -> Array:
+        return np.asarray(columns - q @ (q.T @ columns))
+
+    x = without_lines(x)
     w, zeta = _coarse_search(x, t, band_hz)
-    basis = _basis(t, w, zeta)
+    basis = without_lines(_basis(t, w, zeta))
     linear = np.linalg.lstsq(basis, x, rcond=None)[0]
     scale = float(np.hypot(linear[1], linear[2])) or 1.0
 
     def misfit(p: Array) -> Array:
-        return np.asarray(_basis(t, w * p[0], p[1]) @ p[2:] - x / scale)
+        return without_lines(_basis(t, w * p[0], p[1]) @ p[2:]) - x / scale
 
     def slopes(p: Array) -> Array:
         basis = _basis(t, w * p[0], p[1])
@@ -84,11 +102,11 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
         turned = (p[3] - 1j * p[4]) * (basis[:, 1] + 1j * basis[:, 2]) * w * t
         root = np.sqrt(max(1 - p[1] ** 2, 1e-6))
         of_frequency, of_damping = (turned * (-p[1] + 1j * root)).real, (turned * p[0] * (-1 - 1j * p[1] / root)).real
-        return np.column_stack((of_frequency, of_damping, basis))
+        return without_lines(np.column_stack((of_frequency, of_damping, basis)))
 
     start = np.array([1.0, zeta, *linear / scale])
     fit = least_squares(misfit, start, slopes, method="lm", x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
-    freedom = x.size - 5
+    freedom = x.size - 5 - q.shape[1]
     natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
     if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < MAX_DAMPING:
         raise ValueError(

@@ -75,10 +75,46 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
             math.sqrt(max(abs(component) ** 2 - 2 * error**2, 0.0)),
             error,
             FREQUENCY_ERROR_SHARE * error / float(abs(component)) * resolution_hz if i < measured else math.nan,
+            phase_rad=float(np.angle(component)),
         )
         for i, (f, component) in enumerate(zip(found, solution, strict=True))
     ]
     return tuple(sorted((line for line in lines if line.amplitude_m > 0), key=lambda line: -line.amplitude_m))
+
+
+def interference_at(lines: Sequence[InterferenceLine], frequency_hz: Array, duration_s: float) -> Array:
+    """Return the amplitude of interference in fits at other frequencies, (F,), as the squares of unknown phases add.
+
+    Args:
+        lines: measured at rest.
+        frequency_hz: of the fits, (F,).
+        duration_s: of the recording; a line farther away than its inverse leaks by its side lobes.
+    """
+    total = np.zeros(np.shape(frequency_hz))
+    for line in lines:
+        distance = np.abs(np.asarray(frequency_hz) - line.frequency_hz) * duration_s
+        seen = line.amplitude_m / np.maximum(1.0, math.pi * distance)
+        total += np.where((distance < SEPARATION_BINS) | line.significant, seen, 0.0) ** 2
+    return np.asarray(np.sqrt(total))
+
+
+def resolved_lines(
+    lines: Sequence[InterferenceLine], duration_s: float, rate_hz: float
+) -> tuple[tuple[float, ...], float]:
+    """Return the frequencies of the lines that a recording of a slow signal resolves, and the rms amplitude of the others.
+
+    The others are slower than `SEPARATION_BINS` over the duration: they look like a level or a drift.
+    """
+    apart: list[float] = []
+    slow = 0.0
+    for line in lines:
+        if not line.significant or line.frequency_hz > NYQUIST_SHARE * rate_hz:
+            continue
+        if line.frequency_hz * duration_s < SEPARATION_BINS:
+            slow = math.hypot(slow, line.amplitude_m / math.sqrt(2))
+        elif all(abs(f - line.frequency_hz) * duration_s >= SEPARATION_BINS for f in apart):
+            apart.append(line.frequency_hz)
+    return tuple(apart[:MAX_LINES]), slow
 
 
 def remove_lines(

@@ -6,6 +6,7 @@ gives a known number of degrees of freedom for the interval. They hold for noise
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,7 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from model import Array
+from protocols.base import InterferenceLine
 from protocols.signals.checks import check_positive, check_samples
+from protocols.signals.interference import SEPARATION_BINS, resolved_lines
 
 MAINS_HZ = 50.0
 MAINS_ORDERS = 3
@@ -21,6 +24,9 @@ MAINS_ORDERS = 3
 
 MAX_COSINE_COMPONENTS = 12
 """Largest number of cosine components for the noise estimate: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
+
+SAMPLES_PER_LINE = 24
+"""Fewest samples of a level for each line of interference that is fitted."""
 
 MIN_SAMPLES = 24
 """Fewest samples of a level."""
@@ -63,13 +69,19 @@ class StepEstimate:
     after: LevelEstimate
 
 
-def estimate_level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ) -> LevelEstimate:
+def estimate_level(
+    samples: ArrayLike,
+    rate_hz: float,
+    mains_hz: float | None = MAINS_HZ,
+    interference: Sequence[InterferenceLine] = (),
+) -> LevelEstimate:
     """The level of a stretch, (N,), with its standard error.
 
     Args:
         samples: evenly spaced; 0.1 s is whole cycles of both 50 and 60 Hz.
         rate_hz: samples per second.
         mains_hz: fitted and removed with two harmonics; None: not fitted.
+        interference: lines measured at rest: fitted and removed where the stretch resolves them, else counted in the error.
 
     Raises:
         ValueError: fewer than 24 samples, not finite, or shorter than a cycle of the mains.
@@ -79,7 +91,8 @@ def estimate_level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = 
     check_positive(rate_hz=rate_hz)
     x = check_samples("the level", samples, MIN_SAMPLES)
     n = x.size
-    q, inverse, components, freedom = _regression_design(n, rate_hz, mains_hz)
+    lines_hz, slow = resolved_lines(interference, n / rate_hz, rate_hz)
+    q, inverse, components, freedom = _regression_design(n, rate_hz, mains_hz, lines_hz[: n // SAMPLES_PER_LINE])
     middle = float(x.mean())
     projected = q.T @ (x - middle)
     residual = x - middle - q @ projected
@@ -87,7 +100,7 @@ def estimate_level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = 
     value, slope = (inverse[:2] @ projected).tolist()
     return LevelEstimate(
         value=middle + value,
-        standard_error=math.sqrt(power / freedom) * float(np.linalg.norm(inverse[0])),
+        standard_error=math.hypot(math.sqrt(power / freedom) * float(np.linalg.norm(inverse[0])), slow),
         degrees_of_freedom=freedom,
         drift_per_s=slope * 2 * rate_hz / (n - 1),
         noise=float(np.sqrt(residual @ residual / (n - q.shape[1]))),
@@ -102,6 +115,7 @@ def estimate_step(
     window_s: float = 0.1,
     guard_s: float = 0.0,
     mains_hz: float | None = MAINS_HZ,
+    interference: Sequence[InterferenceLine] = (),
 ) -> StepEstimate:
     """Estimate the value `read_s` after a step against the value just before it.
 
@@ -114,7 +128,8 @@ def estimate_step(
         read_s: after the step; the middle of the window that is read.
         window_s: length of both windows.
         guard_s: kept between the end of the first window and the step, for a step whose time is not known to a sample.
-        mains_hz: see `level`.
+        mains_hz: see `estimate_level`.
+        interference: see `estimate_level`.
 
     Raises:
         ValueError: a window lies outside the samples or on the step, or holds too little.
@@ -136,8 +151,8 @@ def estimate_step(
         raise ValueError(
             f"the record ends {x.size / rate_hz - step_s:g} s after the step, {read_s + window_s / 2:g} s are needed to read it"
         )
-    before = estimate_level(x[end_before - length : end_before], rate_hz, mains_hz)
-    after = estimate_level(x[begin_after : begin_after + length], rate_hz, mains_hz)
+    before = estimate_level(x[end_before - length : end_before], rate_hz, mains_hz, interference)
+    after = estimate_level(x[begin_after : begin_after + length], rate_hz, mains_hz, interference)
     return StepEstimate(after.value - before.value, *combine_errors(before, after), before, after)
 
 
@@ -151,21 +166,24 @@ def combine_errors(first: LevelEstimate, second: LevelEstimate) -> tuple[float, 
 
 
 @lru_cache(maxsize=8)
-def _regression_design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Array, int, float]:
+def _regression_design(
+    n: int, rate_hz: float, mains_hz: float | None, lines_hz: tuple[float, ...] = ()
+) -> tuple[Array, Array, int, float]:
     """Return the quantities that depend on the length alone: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
 
     Line and mains account for a share of the lowest cosine components: only the remainder counts, in power and in freedom.
     """
     from scipy.fft import dct
 
-    q, r = np.linalg.qr(_basis(n, rate_hz, mains_hz))
+    q, r = np.linalg.qr(_basis(n, rate_hz, mains_hz, lines_hz))
     components = min(MAX_COSINE_COMPONENTS, max(4, int(0.4 * n ** (2 / 3))))
     taken = float((dct(q, norm="ortho", axis=0)[1 : components + 1] ** 2).sum())
     return q, np.linalg.inv(r), components, components - taken
 
 
-def _basis(n: int, rate_hz: float, mains_hz: float | None) -> Array:
-    """1, the time from -1 to 1, and the mains; (n, 2 + 2 orders)."""
+def _basis(n: int, rate_hz: float, mains_hz: float | None, lines_hz: tuple[float, ...]) -> Array:
+    """1, the time from -1 to 1, the lines, and the mains where no line is; (n, 2 + 2 (orders + lines))."""
+    fitted = list(lines_hz)
     columns = [np.ones(n), np.linspace(-1, 1, n)]
     if mains_hz is not None:
         if n / rate_hz < 1 / mains_hz:
@@ -173,10 +191,11 @@ def _basis(n: int, rate_hz: float, mains_hz: float | None) -> Array:
                 f"{1e3 * n / rate_hz:.3g} ms are shorter than a cycle of the mains ({mains_hz:g} Hz): "
                 "take a longer window, or give mains_hz=None"
             )
-        t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz
-        for order in range(1, MAINS_ORDERS + 1):
-            if order * mains_hz < 0.45 * rate_hz:
-                columns += [np.sin(2 * np.pi * order * mains_hz * t), np.cos(2 * np.pi * order * mains_hz * t)]
+        harmonics = [order * mains_hz for order in range(1, MAINS_ORDERS + 1) if order * mains_hz < 0.45 * rate_hz]
+        fitted += [f for f in harmonics if all(abs(f - other) * n >= SEPARATION_BINS * rate_hz for other in lines_hz)]
+    t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz
+    for f in fitted:
+        columns += [np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)]
     return np.stack(columns, axis=1)
 
 

@@ -8,13 +8,17 @@ of another sign at every line. A response is smooth, and its inverse is so howev
 frequency for one mode. (After the local polynomial method of Pintelon & Schoukens, System Identification, 2nd ed., ch. 7.)
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike
 
 from model import Array, Complex
+from protocols.base import InterferenceLine
 from protocols.signals.checks import check_pair, check_positive
+from protocols.signals.interference import interference_at
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import POOLED_LINES, make_block_averager, pool_lines
 
@@ -79,6 +83,7 @@ def estimate_periodic_response(
     band_hz: tuple[float, float],
     dropped: int = 1,
     delay_s: float = 0.0,
+    interference: Sequence[InterferenceLine] = (),
 ) -> FrequencyResponse:
     """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
 
@@ -94,6 +99,7 @@ def estimate_periodic_response(
         band_hz: where lines are computed.
         dropped: periods left out at the beginning, while the response becomes periodic.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
+        interference: lines measured at rest; it repeats with the periods, and is counted in the errors of the lines near it.
 
     Raises:
         ValueError: fewer than two periods remain, a period is not a whole number of samples, or there is no drive.
@@ -132,10 +138,13 @@ def estimate_periodic_response(
     noise = np.maximum(np.sqrt(left / power / 2), np.finfo(float).eps * modulus.max())
     moved = (np.abs(Y) ** 2).sum(0)
     f = lines * rate_hz / n
+    drive_amplitude = 2 / n * np.sqrt(power / periods)
+    # Its phase is unknown: half of its power in the real part, half in the imaginary part.
+    hum = interference_at(interference, f, periods * n / rate_hz) / drive_amplitude / np.sqrt(2)
     return FrequencyResponse(
         frequency_hz=f,
         response=H * np.exp(2j * np.pi * f * delay_s),
-        standard_error=np.hypot(noise, repeating_error_share(f, H, noise) * modulus),
+        standard_error=np.hypot(np.hypot(noise, repeating_error_share(f, H, noise) * modulus), hum),
         coherence=np.divide(np.abs(cross) ** 2, power * moved, out=np.zeros(f.size), where=moved > 0),
         degrees_of_freedom=2.0 * (periods - 1) * alike,
         resolution_hz=rate_hz / n,

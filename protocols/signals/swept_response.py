@@ -8,11 +8,14 @@ amplifier and the whole record's noise against every line, and their segments cu
 The start, end and direction of the sweep are found in the recorded drive; a recording without a sweep is rejected.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from model import Array, Complex
+from protocols.base import InterferenceLine
 from protocols.signals.checks import check_pair
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import (
@@ -129,6 +132,7 @@ def estimate_swept_response(
     band_hz: tuple[float, float],
     resolution_hz: float | None = None,
     delay_s: float = 0.0,
+    interference: Sequence[InterferenceLine] = (),
 ) -> FrequencyResponse:
     """Response to one long linear sweep.
 
@@ -139,6 +143,7 @@ def estimate_swept_response(
         band_hz: where lines are computed; those at which the sweep was not are left out.
         resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or what a short record allows.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
+        interference: lines measured at rest, counted in the errors of the lines of the response that have them.
 
     Raises:
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
@@ -207,11 +212,14 @@ def estimate_swept_response(
     H[1:-1] -= CURVATURE_BIAS * (H[2:] - 2 * H[1:-1] + H[:-2])
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
+    hum = np.sqrt(
+        sum((_interference_errors(line, f, S_xx, blocks, rate_hz) ** 2 for line in interference), np.zeros(1))
+    )
     turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
         frequency_hz=f[used],
         response=(H * turn)[used],
-        standard_error=np.sqrt(CORRECTED_VARIANCE * variance / 2)[used],
+        standard_error=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
         resolution_hz=blocks.length * bin_hz,
@@ -230,6 +238,17 @@ def _edge_s(drive: Array, S_xx: Array, rate_hz: float) -> Array:
     amplitude = 0.5 * float(np.ptp(drive))
     with np.errstate(divide="ignore"):
         return EDGE_WIDTHS * 2 * np.sqrt(S_xx) / (amplitude * rate_hz)
+
+
+def _interference_errors(
+    line: InterferenceLine, frequency_hz: Array, S_xx: Array, blocks: BlockAverager, rate_hz: float
+) -> Array:
+    """Standard error by one line of interference of unknown phase, (count,), of real and of imaginary part: it lies under one window."""
+    width = blocks.length * blocks.bin_hz
+    distance = np.abs(frequency_hz - line.frequency_hz)
+    under = np.where(line.significant & (distance < width / 2), 1 + np.cos(2 * np.pi * distance / width), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(line.amplitude_m / np.sqrt(2) * rate_hz * under / (2 * width * np.sqrt(S_xx))))
 
 
 def _left(

@@ -42,6 +42,7 @@ class Levels(Protocol):
     """Holds levels one after the other; flags select further steps."""
 
     name: ClassVar[str] = "levels"
+    rest_record_s: ClassVar[float] = 0.0
     title: ClassVar[str] = "Levels"
     point_type: ClassVar[type] = Level
     axes: ClassVar[tuple[str, str]] = ("level", "displacement")

@@ -32,6 +32,7 @@ class OneDrive(Protocol):
     """One drive, recorded until it is stopped."""
 
     name = "one-drive"
+    rest_record_s = 0.0
     title = "One drive"
     point_type = Volts
     axes = ("level", "highest")

@@ -26,6 +26,7 @@ class Scripted(Protocol):
     """Yields the steps it was given."""
 
     name: ClassVar[str] = "scripted"
+    rest_record_s: ClassVar[float] = 0.0
     title: ClassVar[str] = "Scripted"
     point_type: ClassVar[type] = Spot
     axes: ClassVar[tuple[str, str]] = ("frequency", "mean")

@@ -7,8 +7,12 @@ import pytest
 from app.session.messages import describe_event
 from protocols.base import InterferenceMeasured, LogMessage, Quality
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.voltage_steps import VoltageSteps
+from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run, simulated
+
+BUILT_IN = {name: PROTOCOLS[name] for name in BUILT_IN_PROTOCOLS}
 
 
 @pytest.mark.deep
@@ -32,6 +36,33 @@ def test_hum_is_measured_at_rest_and_counts_in_the_points_live_and_from_the_file
         first, last = next(e.fields["rows"] for e in file.events() if e.kind == InterferenceMeasured.kind)
         assert abs(file.trace.drive_v(first, last) - 2.5).max() < 0.05
     assert again == ran.points
+
+
+def test_every_protocol_measures_at_rest_for_a_second_but_the_wiring_check() -> None:
+    assert {name: protocol.rest_record_s for name, protocol in BUILT_IN.items()} == {
+        name: 0.0 if name == "wiring-check" else 1.0 for name in BUILT_IN
+    }
+
+
+@pytest.mark.deep
+def test_hum_is_measured_before_steps_and_is_one_of_their_results(tmp_path: Path) -> None:
+    steps = VoltageSteps(levels_v=(2.0, 3.0), repeats=1, hold_s=1.5)
+    with laboratory(simulated(beyond={"hum_m": 1e-6})) as lab:
+        ran = run(steps, tmp_path, lab)
+    (event,) = [event for event in ran.events if isinstance(event, InterferenceMeasured)]
+    assert event.rows[1] - event.rows[0] == 5000
+    assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.01)
+    with Run(ran.path) as file:
+        found = {e.name: e for e in file.estimates()}["interference at rest"]
+        stored = next(e.fields["lines"][0] for e in file.events() if e.kind == InterferenceMeasured.kind)
+        again = [
+            steps.point((p.level, p.repeat, "up"), [r], True)
+            for p, r in zip(ran.points, file.recordings(), strict=True)
+        ]
+    assert found.value == pytest.approx(1e-6, rel=0.05)
+    assert set(stored) >= {"amplitude_m", "error_m", "frequency_hz", "frequency_error_hz", "phase_rad"}
+    assert [p.deflection for p in again] == [p.deflection for p in ran.points]
+    assert max(p.deflection_errors for p in ran.points) < 1e-7  # 1 um of hum is not in them
 
 
 @pytest.mark.deep
