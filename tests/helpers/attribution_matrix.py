@@ -97,9 +97,9 @@ def _without_index(title: str) -> str:
     return f"point of {title.partition(' of ')[2]}" if title.startswith("point ") else title
 
 
-def cell(lab: Laboratory, seed: int, small: bool, attribute: bool = True) -> Cell:
+def cell(lab: Laboratory, seed: int, small: bool, swept: bool = False, attribute: bool = True) -> Cell:
     """Measure, fit and judge one campaign."""
-    fit = joint_fit(measure(lab, seed, small), FitOptions(n=20), max_starts=1)
+    fit = joint_fit(measure(lab, seed, small, swept), FitOptions(n=20), max_starts=1)
     verdict = assess_adequacy(fit, attribute)
     likeliest = verdict.diagnosis.likeliest if verdict.diagnosis is not None else ()
     return Cell(verdict.adequate is False, tuple(e.cause.title for e in likeliest[:3]))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from model.identification.observations import (
+    DecayPoleObservation,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -28,6 +29,8 @@ MASSES_KG = 1e-3 * np.arange(1.75, 10, 1.0)
 LEVELS_V = np.concatenate((np.arange(0.5, 5.01, 0.5), np.arange(4.5, 0.4, -0.5)))
 FREQUENCIES_HZ = np.array([25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250.0])
 ELONGATIONS_M = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
+SWEPT_HZ = np.arange(27.0, 425, 4)
+EDGES = 10
 STATIC_REPEATS = 3
 ELEMENTS = 8
 """Of each segment."""
@@ -181,6 +184,17 @@ class Laboratory:
         return float(f[top] + (f[1] - f[0]) / 2 * (a - c) / (a - 2 * b + c))
 
     @lru_cache(maxsize=64)  # noqa: B019
+    def pole_hz(self) -> complex:
+        """First pole over 2 pi, by the secant method on the inverse response at complex frequencies."""
+        f, g = 155 + 33j, 155.1 + 33j
+        for _ in range(60):
+            a, b = (1 / self.response(np.array([x]))[0] for x in (f, g))
+            if abs(g - f) < 1e-9:
+                break
+            f, g = g, g - b * (g - f) / (b - a)
+        return complex(1j * g)
+
+    @lru_cache(maxsize=64)  # noqa: B019
     def peaks_hz(self) -> np.ndarray:
         """Resonances with each of the added masses and slopes to the mass, (2, F)."""
         masses = self.mass_fraction * MASSES_KG + self.mass_offset_kg
@@ -217,8 +231,11 @@ def _beam(L: float, L1: float, L2: float, h_Al: float, rho1: float, rho2: float,
     return M, C, K, _Places(third, 2 * ELEMENTS + 1), k1
 
 
-def measure(lab: Laboratory, seed: int, small: bool = False) -> ObservationSet:
-    """Return a campaign with noise and shared errors drawn: all runs of the paper, or loads, masses and a free dwell only."""
+def measure(lab: Laboratory, seed: int, small: bool = False, swept: bool = False) -> ObservationSet:
+    """Return a campaign with noise and shared errors drawn: all runs of the paper, or loads, masses and a free dwell only.
+
+    `swept` adds a sweep and a free decay of the free tactor; the other runs stay as they are.
+    """
     rng = np.random.default_rng(seed)
     drawn = {e.name: e.standard_error * rng.standard_normal() for e in (SENSOR, AMPLIFIER, DELAY, BALANCE, CLAY)}
     scale = (1 + drawn[SENSOR.name]) * (1 + lab.sensor_gain)
@@ -239,6 +256,8 @@ def measure(lab: Laboratory, seed: int, small: bool = False) -> ObservationSet:
         w = _sag(lab.h_m, lab.E_m) * np.ones(5)
         seen = w * (scale + 0.01 * rng.standard_normal(5))
         runs.append(MembraneSagObservation("sag", seen, 0.01 * w, shared_errors=(SENSOR,), simulated=True))
+    if swept:
+        runs += [_sweep(lab, dwell_scale, late, rng), _decay(lab, rng)]
     return ObservationSet(tuple(runs))
 
 
@@ -293,11 +312,7 @@ def _dwell(
     f = FREQUENCIES_HZ * (1 + (lab.frequency_error if label == "free" else 0.0))
     fourth = elongation == ELONGATIONS_M[3]
     skin = lab.skin(None if elongation is None else elongation + (lab.membrane_slip_m if fourth else 0.0))
-    volts = 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2
-    w = lab.vibration(tuple(f), volts, None, skin)
-    errors = 0.003 * abs(w) + 2e-7
-    w = w * (1 - lab.creep * (np.log10(f / 100) + np.euler_gamma / np.log(10) + 1j * np.pi / 2 / np.log(10)))
-    w = w * (1 + lab.hysteresis * (1 - 4j / (3 * np.pi))) * np.exp(-2j * np.pi * f * (late + lab.delay_s))
+    w, errors = _driven(lab, f, late, skin)
     w = w * scale * (1 + (lab.membrane_gain if fourth else 0.0))
     w = w + errors * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
     if lab.bad_dwell and label == "free":
@@ -306,6 +321,31 @@ def _dwell(
         label, FREQUENCIES_HZ, w, errors, 2.5, 2.5, elongation, order=float(place),
         shared_errors=(SENSOR, AMPLIFIER, DELAY), simulated=True,
     )  # fmt: skip
+
+
+def _driven(lab: Laboratory, f: np.ndarray, late: float, skin: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Fundamental under 5 V peak to peak as the sensor tells it, and the standard error of each of its components."""
+    volts = 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2
+    w = lab.vibration(tuple(f), volts, None, skin)
+    errors = 0.003 * abs(w) + 2e-7
+    w = w * (1 - lab.creep * (np.log10(f / 100) + np.euler_gamma / np.log(10) + 1j * np.pi / 2 / np.log(10)))
+    return w * (1 + lab.hysteresis * (1 - 4j / (3 * np.pi))) * np.exp(-2j * np.pi * f * (late + lab.delay_s)), errors
+
+
+def _sweep(lab: Laboratory, scale: float, late: float, rng: Any) -> FrequencyResponseObservation:
+    w, errors = _driven(lab, SWEPT_HZ, late, (0.0, 0.0))
+    w = w * scale + errors * (rng.standard_normal(w.size) + 1j * rng.standard_normal(w.size))
+    return FrequencyResponseObservation(
+        "sweep", SWEPT_HZ, w, errors, swept=True, shared_errors=(SENSOR, AMPLIFIER, DELAY), simulated=True
+    )
+
+
+def _decay(lab: Laboratory, rng: Any) -> DecayPoleObservation:
+    """Edges so small that the specimen is linear; no gain and no delay acts on them."""
+    pole, errors_hz, errors = lab.pole_hz(), np.full(EDGES, 0.3), np.full(EDGES, 2e-3)
+    f = abs(pole) + errors_hz * rng.standard_normal(EDGES)
+    damping = -pole.real / abs(pole) + errors * rng.standard_normal(EDGES)
+    return DecayPoleObservation("decay", f, errors_hz, damping, errors, simulated=True)
 
 
 @lru_cache(maxsize=64)
