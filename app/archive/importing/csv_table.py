@@ -3,17 +3,29 @@
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError, is_unit, split_heading
+from app.archive.importing.numeric_text import numeric_columns
+from app.archive.importing.table import (
+    ImportTable,
+    LineLocations,
+    TableColumn,
+    TableImportError,
+    is_unit,
+    split_heading,
+)
 from app.common import NO_PROGRESS, Progress, truncate_text
 
 COMMENT_MARKS = ("#", "%", "//")
 """Starts of comment lines."""
 DELIMITERS = "\t;|,"
 """Delimiters, the most reliable first; otherwise blanks."""
+FIRST_NUMBER = re.compile(r"^[ \t]*[-+.]?\d", re.MULTILINE)
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+LONG_TABLE_CHARACTERS = 100_000
+"""Length from which plain numbers are read in bulk."""
 SCAN_SHARE, SPLIT_SHARE = 0.4, 0.9
 """Progress when lines are split, and when cells are."""
 DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?")
@@ -44,7 +56,10 @@ def _decode(path: Path, data: bytes) -> str:
 
 
 def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> ImportTable:
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if len(text) >= LONG_TABLE_CHARACTERS and (table := _read_plain_numbers(path, sha256, text, progress)) is not None:
+        return table
     lines = [
         (at, line)
         for at, line in enumerate(progress.part(0.0, SCAN_SHARE).iterate(text.split("\n")), 1)
@@ -83,6 +98,37 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> Impo
         if head or any(below):  # a mark at the end of every line makes an empty column
             columns.append(TableColumn(head, name, unit, below))
     return ImportTable(path, sha256, tuple(columns), [f"line {at}" for at, _ in body], _uses_decimal_comma(path, body))
+
+
+def _read_plain_numbers(path: Path, sha256: str, text: str, progress: Progress) -> ImportTable | None:
+    """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
+
+    What is wrong in a table, and where, is found by reading it cell by cell.
+    """
+    begin, end = _first_line_of_numbers(text), len(text)
+    while end > 0 and text[end - 1].isspace():
+        end -= 1
+    first_end, last = text.find("\n", begin), text.rfind("\n", 0, end) + 1
+    if '"' in text or not 0 <= begin < first_end < last:
+        return None
+    header, first, final = text[:begin], text[begin:first_end], text[last:end]
+    try:
+        sample = _parse_table(path, sha256, f"{header}{first}\n{final}", NO_PROGRESS)
+    except TableImportError:
+        return None
+    width = len(sample.columns)
+    delimiter = next((mark for mark in DELIMITERS if len(final.split(mark)) == width), None)
+    values = numeric_columns(text, (begin, end), delimiter, progress)
+    if values is None or values.shape[1] != width:
+        return None
+    columns = tuple(replace(column, cells=cells) for column, cells in zip(sample.columns, values.T, strict=True))
+    return replace(sample, columns=columns, row_locations=LineLocations(header.count("\n") + 1, len(values)))
+
+
+def _first_line_of_numbers(text: str) -> int:
+    """Return where the first line begins that begins like a number; -1 if there is none."""
+    found = FIRST_NUMBER.search(text)
+    return found.start() if found else -1
 
 
 def _find_delimiter(path: Path, lines: Sequence[tuple[int, str]]) -> str:

@@ -87,7 +87,7 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
     except OSError as error:
         raise TableImportError(f"{path} cannot be read: {error.strerror or error}") from None
     sha256 = hashlib.sha256(data).hexdigest()
-    if not data.strip():
+    if not data or data.isspace():
         raise TableImportError(
             f"{path} is empty; give a table with a header line, for example 'frequency [Hz],peak_to_peak [um]'"
         )

@@ -4,9 +4,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from app.common import truncate_text
+from model import Array
 
 EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
 """Cells without a number."""
@@ -52,13 +53,33 @@ class TableImportError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
+class LineLocations(Sequence[str]):
+    """Locations of rows in consecutive lines of a text file."""
+
+    first_line: int
+    rows: int
+
+    def __len__(self) -> int:
+        return self.rows
+
+    @overload
+    def __getitem__(self, row: int) -> str: ...
+    @overload
+    def __getitem__(self, row: slice) -> list[str]: ...
+    def __getitem__(self, row: int | slice) -> str | list[str]:
+        if isinstance(row, slice):
+            return [self[i] for i in range(*row.indices(self.rows))]
+        return f"line {range(self.first_line, self.first_line + self.rows)[row]}"
+
+
+@dataclass(frozen=True, slots=True)
 class TableColumn:
-    """One column: heading as in the file, name and unit parsed from it, and cells."""
+    """One column: heading as in the file, name and unit parsed from it, and cells: texts, or numbers, (rows,)."""
 
     heading: str
     name: str
     unit: str | None
-    cells: Sequence[str | float]
+    cells: Sequence[str | float] | Array
 
 
 @dataclass(frozen=True, slots=True)

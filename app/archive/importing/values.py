@@ -116,6 +116,9 @@ def refuse_cells(table: ImportTable, column: TableColumn, wrong: Mask, fault: st
 
 def _parse_numbers(table: ImportTable, column: TableColumn, progress: Progress) -> Array:
     """Return the numbers of a column, NaN for missing values; plain numbers are converted in bulk."""
+    if isinstance(column.cells, np.ndarray):
+        progress.update(1.0)
+        return column.cells.astype(float)
     numbers = np.empty(len(column.cells))
     for start in range(0, numbers.size, ITEMS_PER_UPDATE):
         progress.update(start / numbers.size)

@@ -1,5 +1,7 @@
 """Importing long time series: progress, cancellation, speed, and the position of faulty cells."""
 
+import math
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,17 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.importing import read_table
+from app.archive.importing import csv_table, numeric_text, read_table
+from app.archive.importing.table import TableImportError
 from app.common.progress import OperationCancelled, Progress
 from tests.helpers.importing import brought, refused
 
 
-def long_series(path: Path, mark: str = ",", quote: str = "") -> Path:
+def long_series(path: Path, mark: str = ",", comma: bool = False) -> Path:
     """A second of a sine at 20 kHz."""
     t = np.arange(20_000) / 20_000
     rows = np.stack((t, 2.5 + 2.5 * np.sin(2 * np.pi * 150 * t), 480 * np.sin(2 * np.pi * 150 * t - 1.5)), axis=1)
-    lines = (mark.join(f"{quote}{value:.6f}{quote}" for value in row) for row in rows)
-    path.write_text("\n".join((mark.join(("time [s]", "drive [V]", "displacement [um]")), *lines)))
+    lines = (mark.join(f"{value:.6f}" for value in row) for row in rows)
+    text = "\n".join((mark.join(("time [s]", "drive [V]", "displacement [um]")), *lines))
+    path.write_text(text.replace(".", ",") if comma else text)
     return path
 
 
@@ -49,6 +53,7 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
         assert (words, quiet) == ("long.csv", False)
         yield Listener()
 
+    monkeypatch.setattr(numeric_text, "CHARACTERS_PER_CHUNK", 50_000)
     path = long_series(tmp_path / "long.csv")
     with monkeypatch.context() as patched:
         patched.setattr("app.cli.import_.terminal_progress", listening)
@@ -67,14 +72,40 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     assert "long.csv" in capsys.readouterr().err
 
 
-def test_cells_that_are_cut_quickly_are_the_cells_that_are_cut_carefully(tmp_path: Path) -> None:
-    quick, careful = (read_table(long_series(tmp_path / f"{i}.csv", ";", quote)) for i, quote in enumerate(("", '"')))
-    for one, other in zip(quick.columns, careful.columns, strict=True):
-        assert one.cells == other.cells
-    cells = quick.columns[1].cells
-    assert [quick.parse_number(quick.columns[1], row) for row in (0, 100, 19_999)] == [
-        float(cells[i]) for i in (0, 100, 19_999)
-    ]
+@pytest.mark.parametrize("reader", ["PyArrow", "NumPy"])
+@pytest.mark.parametrize(("mark", "comma"), [(";", False), (";", True), ("\t", False), ("  ", False)])
+def test_numbers_read_in_bulk_are_those_read_cell_by_cell(
+    mark: str, comma: bool, reader: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if reader == "NumPy":
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setattr(numeric_text, "CHARACTERS_PER_CHUNK", 50_000)
+    path = long_series(tmp_path / "long.csv", mark, comma)
+    bulk = read_table(path)
+    monkeypatch.setattr(csv_table, "LONG_TABLE_CHARACTERS", math.inf)
+    cell_by_cell = read_table(path)
+    for one, other in zip(bulk.columns, cell_by_cell.columns, strict=True):
+        assert isinstance(one.cells, np.ndarray)
+        assert (one.name, one.unit) == (other.name, other.unit)
+        assert np.array_equal(one.cells, [cell_by_cell.parse_number(other, row) for row in range(20_000)])
+    assert list(bulk.row_locations) == cell_by_cell.row_locations
+
+
+@pytest.mark.parametrize("odd", ["", "1;2", "1;2;3;4", "# remark", "1;2;"])
+def test_a_long_table_with_an_odd_line_is_read_cell_by_cell(odd: str, tmp_path: Path) -> None:
+    path = long_series(tmp_path / "long.csv", ";")
+    lines = path.read_text().split("\n")
+    lines.insert(15_000, odd)
+    path.write_text("\n".join(lines))
+    if odd in ("", "# remark"):
+        assert read_table(path).row_locations[14_999] == "line 15002"
+    elif odd == "1;2;":  # an empty cell: where the value is needed, it is refused by its line
+        table = read_table(path)
+        assert table.columns[2].cells[14_999] == ""
+        assert table.row_locations[14_999] == "line 15001"
+    else:
+        with pytest.raises(TableImportError, match="line 15001"):
+            read_table(path)
 
 
 @pytest.mark.parametrize(("cell", "says"), [("1_000", "not a number"), ("", "is not a number"), ("2,5", "decimal")])
