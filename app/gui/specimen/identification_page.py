@@ -253,7 +253,6 @@ class IdentificationPage(QWidget):
         self._content.show()
 
     def _on_accepted(self, text: str) -> None:
-        self.accept_button.setEnabled(True)
         self.accept_message.show_message(text, persistent=True)
         self.accepted.emit()
 
