@@ -366,6 +366,7 @@ class MainTabs(QTabWidget):
         controller.setParent(page)
         controller.run_requested.connect(self.run_requested)
         page.run_open_requested.connect(self.open_run)
+        page.board.details.review_pane.card.requested.connect(self._on_card_requested)
         page.explore_requested.connect(lambda path: self._overlay_runs([path]))
         page.restore_state(self._settings)
         self.sheets.add(page.board.header.sheet_button, lambda: self._specimen_of(controller))

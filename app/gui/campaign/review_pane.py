@@ -8,8 +8,8 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 
-from app.common import OUTCOME_SYMBOLS, outcome_severity
 from app.gui.plots import ResultPlots
+from app.gui.results.card import ResultCard, summary_of
 from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
 from app.live import OverlayCurve
 from protocols.base import RunEnded, RunStatus
@@ -48,7 +48,7 @@ class ReviewPane(QWidget):
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
         self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
         self.plots.setMinimumHeight(MIN_PLOT_HEIGHT)
-        self.verdict_label = make_label(kind="running", wrap=False, name="review.verdict")
+        self.card = ResultCard(theme, "review", ("report",), compact=True)
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
         self.run_box = configure(
             QComboBox(),
@@ -69,7 +69,7 @@ class ReviewPane(QWidget):
         self.table.horizontalHeader().setMaximumSectionSize(MAX_COLUMN_WIDTH)
         runs_label = QLabel("run")
         runs_label.setBuddy(self.run_box)
-        head = row(self.verdict_label, STRETCH, runs_label, self.run_box, spacing=8)
+        head = row((self.card, 1), runs_label, self.run_box, spacing=8)
         indicators = row(*self.indicator_labels, STRETCH, spacing=16)
         parts = make_splitter(
             "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]
@@ -80,6 +80,7 @@ class ReviewPane(QWidget):
         """Apply a theme."""
         self._theme = theme
         self.plots.set_theme(theme)
+        self.card.set_theme(theme)
         if self.review is not None:
             self.show_review(self.review)
 
@@ -96,8 +97,7 @@ class ReviewPane(QWidget):
     def show_reading(self, name: str) -> None:
         """Show that a run is being read; what is left of another must not be taken for its result."""
         if self.review is None or self.review.run.path.name != name:
-            self.verdict_label.setText("reading …")
-            self.verdict_label.setStyleSheet("")
+            self.card.show_reading()
             self.table.setRowCount(0)
             for label in self.indicator_labels:
                 label.hide()
@@ -106,12 +106,7 @@ class ReviewPane(QWidget):
         """Show a run with its comparisons."""
         self.review = review
         run = review.run
-        outcome = run.verdict.outcome
-        color = self._theme.severity_color(outcome_severity(outcome))
-        simulated = "   SIMULATED" if run.simulated else ""
-        self.verdict_label.setText(f"{OUTCOME_SYMBOLS[outcome]} {outcome.upper()}{simulated}")
-        self.verdict_label.setToolTip(run.verdict.describe(run.reason))
-        self.verdict_label.setStyleSheet(f"color: {color}")
+        self.card.show_summary(summary_of(run))
         for at, label in enumerate(self.indicator_labels):
             shown = at < len(review.indicators)
             label.setVisible(shown)

@@ -7,6 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QSizePolicy
 
+from app.archive import LoadedRun
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
 from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, grid, make_button, make_label, row, tooltip
 from app.session import WindowState
@@ -39,7 +40,7 @@ class ResultCard(QFrame):
     Args:
         prefix: of the object names.
         actions: names of the buttons.
-        compact: verdict and quantities in one line, without reason, hints and file.
+        compact: the verdict in one line, beside a table that has the rest.
     """
 
     requested = Signal(str, object)
@@ -53,13 +54,13 @@ class ResultCard(QFrame):
         self._theme, self._compact = theme, compact
         self._outcome: RunEnded | None = None
         self.summary: ResultSummary | None = None
-        self.verdict_label = make_label(kind="running", name=f"{prefix}.verdict")
+        self.verdict_label = make_label(kind="running", wrap=not compact, name=f"{prefix}.verdict")
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
         self.value_labels = [
             (
-                make_label(kind="note", wrap=not compact, name=f"{prefix}.name-{at}"),
-                make_label(kind="" if compact else "value", wrap=not compact, name=f"{prefix}.value-{at}"),
+                make_label(kind="note", name=f"{prefix}.name-{at}"),
+                make_label(kind="value", name=f"{prefix}.value-{at}"),
             )
             for at in range(MAX_LARGE)
         ]
@@ -78,16 +79,10 @@ class ResultCard(QFrame):
         }
         self.simulated_label = make_label("SIMULATED", "simulated-mark", wrap=False, name=f"{prefix}.simulated")
         if compact:
-            pairs = (row(*pair, spacing=4) for pair in self.value_labels)
             row(
-                self.verdict_label,
-                self.simulated_label,
-                *pairs,
-                *self.buttons.values(),
-                STRETCH,
-                parent=self,
-                spacing=14,
-            )
+                self.verdict_label, self.simulated_label, *self.buttons.values(), STRETCH,
+                parent=self, margins=(0, 0, 0, 0), spacing=14,
+            )  # fmt: skip
             return
         values = (label for pair in self.value_labels for label in pair)
         places = ((button, at // 3, at % 3) for at, button in enumerate(self.buttons.values()))
@@ -136,29 +131,40 @@ class ResultCard(QFrame):
         self._show_verdict(summary)
         reasons = summary.verdict.describe(summary.reason)
         brief = reasons if len(reasons) <= MAX_REASON_LENGTH else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
+        written = bool(summary.path) and bool(summary.measured)
+        self.simulated_label.setVisible(summary.simulated)
+        for name, button in self.buttons.items():
+            button.setVisible(written or name == "again")
+        if self._compact:
+            return
         self.reason_label.setText(f"{brief[:1].upper()}{brief[1:]}")
         self.reason_label.setToolTip(reasons if brief is not reasons else "")
         self.hints_label.setText("\n".join(f"⚠ {hint}." for hint in summary.hints))
-        self.hints_label.setVisible(bool(summary.hints) and not self._compact)
+        self.hints_label.setVisible(bool(summary.hints))
         lines = summary.quantities
         for at, labels in enumerate(self.value_labels):
             for label, shown in zip(labels, lines[at] if at < len(lines) else ("", ""), strict=True):
                 label.setText(shown)
                 label.setVisible(bool(shown))
         self.more_label.setText(_table(lines[MAX_LARGE:]) or _point_table(summary))
-        self.more_label.setVisible(bool(self.more_label.text()) and not self._compact)
-        self.note_label.setVisible(bool(lines or summary.points) and not self._compact)
+        self.more_label.setVisible(bool(self.more_label.text()))
+        self.note_label.setVisible(bool(lines or summary.points))
         self.file_label.setText(Path(summary.path).name)
         self.file_label.setToolTip(summary.path)
-        self.file_label.setVisible(bool(summary.path) and not self._compact)
-        self.simulated_label.setVisible(summary.simulated)
-        written = bool(summary.path) and bool(summary.measured)
-        for name, button in self.buttons.items():
-            button.setVisible(written or name == "again")
+        self.file_label.setVisible(bool(summary.path))
         if (resuming := self.buttons.get("continue")) is not None:
             resuming.setVisible(written and summary.verdict.outcome in UNFINISHED)
             of = f" with {summary.measured} of {summary.planned}" if summary.planned else ""
             resuming.setText(f"Continue{of}")
+
+    def show_reading(self) -> None:
+        """Show that a run is being read; what is left of another must not be taken for its result."""
+        self.summary = None
+        self.verdict_label.setText("reading …")
+        self.verdict_label.setStyleSheet("")
+        self.simulated_label.hide()
+        for button in self.buttons.values():
+            button.hide()
 
     def _request(self, name: str) -> None:
         self.requested.emit(name, Path("" if self.summary is None else self.summary.path))
@@ -168,6 +174,16 @@ class ResultCard(QFrame):
         self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
         self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
         self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(outcome_severity(verdict))}")
+
+
+def summary_of(run: LoadedRun) -> ResultSummary:
+    """Return what the result card shows of a run."""
+    kind = PROTOCOLS.get(run.protocol)
+    if kind is not None and not all(isinstance(point, kind.point_type) for point in run.points):
+        kind = None  # of another version, or imported
+    return summarize_result(
+        run.verdict, run.reason, run.estimates, kind, run.points, run.hints, str(run.path), run.simulated
+    )
 
 
 def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:

@@ -9,9 +9,9 @@ from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
-from app.common import ResultSummary, summarize_result, typeset
+from app.common import typeset
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard
+from app.gui.results.card import ResultCard, summary_of
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -212,16 +212,6 @@ def _people_text(run: RunSummary) -> str:
         "" if run.humidity is None else f"{100 * run.humidity:.0f} % relative humidity",
     )
     return ", ".join(filter(None, parts))
-
-
-def summary_of(run: LoadedRun) -> ResultSummary:
-    """Return what the result card shows of a run."""
-    kind = PROTOCOLS.get(run.protocol)
-    if kind is not None and not all(isinstance(point, kind.point_type) for point in run.points):
-        kind = None  # of another version, or imported
-    return summarize_result(
-        run.verdict, run.reason, run.estimates, kind, run.points, run.hints, str(run.path), run.simulated
-    )
 
 
 def _shorten_reason(reason: str) -> str:
