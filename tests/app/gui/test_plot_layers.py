@@ -111,7 +111,7 @@ def test_the_points_have_their_line_and_residual(qt: QApplication) -> None:
     plot.resize(900, 200)
     qt.processEvents()
     assert not plot.strip.isVisible(), "there is no space for both"
-    plot.close()
+    plot.deleteLater()
 
 
 @pytest.mark.deep
@@ -129,7 +129,7 @@ def test_a_thin_loop_is_seen_less_its_mean_line(qt: QApplication) -> None:
     assert len(plot.strip.series) == 2
     low, high = plot.strip.plot.getViewBox().viewRange()[1]
     assert high - low < 20.0
-    plot.close()
+    plot.deleteLater()
 
 
 @pytest.mark.deep
@@ -149,7 +149,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     plot.layer_box.setCurrentIndex(plot.layer_box.findData(RESIDUAL))
     plot.layer_box.activated.emit(plot.layer_box.currentIndex())
     assert plot.strip.plot.getAxis("left").labelText == "residual (µm/V)"
-    plot.close()
+    plot.deleteLater()
 
 
 @pytest.mark.deep
@@ -168,7 +168,7 @@ def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
     qt.processEvents()
     places = {(sample.pos().x(), sample.pos().y()) for sample, _ in plot.legend.items}
     assert len(places) == 5, "no entry lies on another, also after other curves and in a narrower plot"
-    plot.close()
+    plot.deleteLater()
 
 
 def test_an_error_that_stands_out_is_no_bow_tie() -> None:
@@ -198,7 +198,7 @@ def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) ->
     assert plot.strip.plot.getAxis("left").width() == width, "both left edges are in line"
     plot.strip.plot.setYRange(0.0, 1e6)  # whose ticks have the spacing of micrometres until it is painted
     assert plot.strip.plot.getAxis("left").width() < 150
-    plot.close()
+    plot.deleteLater()
 
 
 @pytest.mark.deep
@@ -222,7 +222,7 @@ def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> Non
     assert tools.label.text() == "0.5 s,  50 µm,  2.5 V"
     tools._on_mouse_moved(QPointF(-10.0, -10.0))
     assert not any(line.isVisible() for line in tools.cursors)
-    plot.close()
+    plot.deleteLater()
 
 
 def test_text_is_larger_in_a_window_on_a_large_screen() -> None:
