@@ -98,7 +98,10 @@ def test_a_missing_ni_driver_says_what_to_install(
     monkeypatch.setattr("app.cli.headless.operator_reachable", lambda: True)
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
-    assert main(["run", "sine-dwell", "--operator", "Anna", "--bench", str(file), "--out", str(tmp_path)]) == ExitCode.FAILED
+    assert (
+        main(["run", "sine-dwell", "--operator", "Anna", "--bench", str(file), "--out", str(tmp_path)])
+        == ExitCode.FAILED
+    )
     output = " ".join(capsys.readouterr().err.split())
     assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in output
     assert "--bench sim" in output
