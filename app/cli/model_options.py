@@ -168,13 +168,21 @@ class Topic(SpecimenOptions, ABC):
                 result = self.compute()
                 notes = plausibility_notes(result.specimen, self)
         except UsageError as error:
-            questions = [
-                text.removeprefix("CAUTION: ") for text in plausibility_notes(read_settings(self.settings), self)
-            ]
+            questions = self._implausible_settings()
             if not questions:
                 raise
             raise UsageError("; ".join((*questions, str(error)))) from None
         return render(replace(result, notes=(*result.notes, *notes)), self.json, self.files)
+
+    def _implausible_settings(self) -> list[str]:
+        """Return a question for each implausible setting; none where a setting cannot be read at all."""
+        try:
+            with translate_model_errors():
+                return [
+                    text.removeprefix("CAUTION: ") for text in plausibility_notes(read_settings(self.settings), self)
+                ]
+        except UsageError:
+            return []
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from drivers import ArmedBench, Clock, Drive, Hold, InstrumentError, Sine, Steps
+from drivers import (
+    ArmedBench,
+    Clock,
+    Drive,
+    Hold,
+    InstrumentError,
+    RestartableStream,
+    ScansLostError,
+    Sine,
+    Steps,
+)
 from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
 from protocols.commissioning.checks import (
@@ -134,7 +144,8 @@ class Commissioning:
         cut = self._burst("wire cut in mid-drive", Sine(FREQUENCY_HZ, SMALL_V, rest_v, 10), in_mid_drive=self._cut_wire)
         uploaded, upload_s = self._upload()
         everything = [b for b in (*bursts, above, below, stopped, cut, uploaded) if b is not None]
-        too_long = check_stop_duration(stopped)  # then a level could not be renewed either
+        # A card that stops too late could not renew a level either; a generator may have to wait for the end of its drive.
+        too_long = None if self._bench.amplifier.plays_to_the_end else check_stop_duration(stopped)
         steady = check_long_level(None) if too_long else self._long_level()
         level_stop_s = self._hastened_stop_s()
         if not self._plays_bursts:  # a DC supply: levels only
@@ -242,7 +253,10 @@ class Commissioning:
         amplifier = self._bench.amplifier
         if not amplifier.plays_to_the_end:
             return math.nan
+        amplifier.holds_by_offset = False
         planned_s = amplifier.unattended_rest_s(Hold(self._rest_v + LEVEL_V, EARLY_HELD_S))
+        if not math.isfinite(planned_s):
+            return math.nan
         before, amplifier.hastens_levels = amplifier.hastens_levels, True
         try:
             trace = self._level("Stop in mid-level", EARLY_HELD_S, stop_after_s=EARLY_STOP_AFTER_S, observe_s=planned_s)
@@ -264,7 +278,14 @@ class Commissioning:
             took_s[0] = self._clock.now() - begin_s
 
         self._announce(name)
-        trace = self._exerciser.record(name, Hold(self._rest_v, HELD_S), instead=timed)
+        try:
+            trace = self._exerciser.record(name, Hold(self._rest_v, HELD_S), instead=timed)
+        except ScansLostError as error:  # on a slow wire the upload takes longer than the card's buffer lasts
+            if not isinstance(self._bench.stream, RestartableStream):
+                raise
+            self._bench.stream.restart()
+            self._errors.append(f"{name}: took {took_s[0]:.1f} s; the output meanwhile was not recorded: {error}")
+            return None, took_s[0]
         if trace is None:
             return None, math.nan
         self._traces.append(trace)

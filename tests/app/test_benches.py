@@ -19,7 +19,8 @@ EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "docs" / "benches").glo
 
 def of_kind(kind: str, **tables) -> BenchConfig:
     """The simulated bench with another source at the amplifier."""
-    return BenchConfig.model_validate({**simulated().model_dump(), "source": {"kind": kind}, **tables})
+    card = {"traits": "start-route=present"}
+    return BenchConfig.model_validate({**simulated(card=card).model_dump(), "source": {"kind": kind}, **tables})
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
