@@ -143,7 +143,7 @@ def test_people_and_air_are_stored_in_a_run_and_found(tmp_path: Path, capsys: py
     first = ["--operator", "Anna Muster", "--temperature", "23.4 °C", "--humidity", "45 %"]
     assert main(["run", "sine-dwell", *short, *first]) == ExitCode.DONE
     assert main(["run", "sine-dwell", *short, "--specimen", "T2"]) == ExitCode.DONE, "remembered"
-    paths = sorted(runs.glob("*.h5"), key=lambda path: "T2" in path.name)  # both may be of the same second
+    paths = sorted(runs.glob("*.h5"), key=lambda path: "_T2_" in path.name)  # both may be of the same second
     for path in paths:
         with Run(path) as run:
             found = run.conditions
