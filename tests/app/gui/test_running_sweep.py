@@ -76,6 +76,7 @@ def test_a_running_sweep_is_shown_until_its_run_ends(stage: Stage) -> None:
     window.start_run()
     stage.happen(*LIVE)
     plots = window.measure_page.plots
+    feed.running_response._pause_s = 0.0  # all samples come at once here
     feed.start_stream(RATE_HZ, SCALES, SENSOR)
     play(stage.happen, PeriodicSweep(25.0, 525.0, 0.5, 9, 1.0, 2.5), 3.5)
 
