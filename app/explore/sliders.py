@@ -58,8 +58,8 @@ GROUPS: Mapping[str, Sequence[SliderSpec]] = {
     ),
     "Materials": (
         SliderSpec("E_Al", "plate modulus E_Al", "GPa", 1e-9, 1e9, 220e9),
-        SliderSpec("rho1", "plate, mass per length ρ₁", "g/m", 1e3, 2e-3, 6e-2),
-        SliderSpec("rho2", "with MFC, ρ₂", "g/m", 1e3, 5e-3, 1e-1),
+        SliderSpec("rho1", "mass per length ρ₁", "g/m", 1e3, 2e-3, 6e-2),
+        SliderSpec("rho2", "the same with MFC ρ₂", "g/m", 1e3, 5e-3, 1e-1),
     ),
     "Membrane": (
         SliderSpec("L_m", "free length", "mm", 1e3, 30e-3, 400e-3),

@@ -96,6 +96,11 @@ def _unreadable(found: Found, skip_tails: bool) -> Iterator[str]:
     """Yield a finding for an object that cannot be read; the last two chunks of a growing dataset may be incomplete."""
     if found.problem is not None:
         yield f"{found.name or '/'} cannot be read: {found.problem}"
+    elif found.id is not None:
+        try:
+            h5py.h5o.get_info(found.id)  # also what only a listing needs, such as the free space of its names
+        except READ_ERRORS as error:
+            yield f"{found.name or '/'} cannot be listed by other programs: {error}"
     if not isinstance(found.id, h5py.h5d.DatasetID):
         return
     try:

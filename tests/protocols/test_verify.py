@@ -77,6 +77,17 @@ def test_a_flipped_bit_in_points_samples_or_events_is_found_and_is_one_sentence(
     assert "is damaged inside" in said
 
 
+def test_a_flipped_bit_in_the_free_space_of_names_is_found(good: Path, tmp_path: Path) -> None:
+    """HDF5 reads it where another program lists a group, and not where the objects are opened one by one."""
+    path = Path(shutil.copy(good, tmp_path))
+    flip(path, path.read_bytes().index(b"FSHD") + 10)
+    with h5py.File(path, "r") as file, pytest.raises(RuntimeError, match="checksum"):
+        file.visit(lambda _: None)
+    found = verify_run(path)
+    assert found.state is FileState.DAMAGED
+    assert "cannot be listed by other programs" in found.findings[0]
+
+
 def test_a_text_and_an_attribute_changed_by_another_program_are_named(good: Path, tmp_path: Path) -> None:
     path = Path(shutil.copy(good, tmp_path))
     with h5py.File(path, "r+") as file:
