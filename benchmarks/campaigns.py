@@ -198,20 +198,27 @@ def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -
     return tuple(runs)
 
 
+def _loop_orders() -> np.ndarray:
+    """Orders of a Rayleigh loop over the fundamental of the volts, which the amplifier's two slopes bend, (5,)."""
+    turn = np.exp(2j * np.pi * np.arange(3600) / 3600)
+    V = np.where(turn.imag < 0, 500, 1500) * turn.imag
+    late = np.where(turn.real > 0, (V + 500) ** 2, 2000**2 - (1500 - V) ** 2) / 2 / 1000
+    return np.array([(late * turn**-k).sum() for k in range(5)]) / (V / turn).sum()
+
+
 def _dwell(
     world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float
 ) -> FrequencyResponseObservation:
     H = world.response(world.tactor, FREQUENCIES_HZ, on) * world.late(FREQUENCIES_HZ)
     F = 400 * a * H
     h = world.hysteresis * a / 2.5
-    F = F * (1 + h - 1j * h * 4 / (3 * np.pi))  # Rayleigh: softer and later with amplitude
+    loop = h * _loop_orders()
+    F = F * (1 + loop[1])  # Rayleigh: softer and later with amplitude
     harmonics = np.full((F.size, 4), np.nan)
     harmonics[:, 0] = abs(F)
     for k in (2, 3, 4):
-        V = {2: 212.2066, 3: 0.0, 4: 42.4413}[k] * a / 2.5
+        V = ({2: -212.2066, 3: 0.0, 4: -42.4413}[k] - 1000j * loop[k]) * a / 2.5
         harmonics[:, k - 1] = abs(V * world.response(world.tactor, k * FREQUENCIES_HZ, on))
-    third = abs(world.response(world.tactor, 3 * FREQUENCIES_HZ, on)) * 400 * a * h * 4 / (15 * np.pi)
-    harmonics[:, 2] = np.hypot(harmonics[:, 2], third)
     errors = noise.dwell * abs(400 * a * world.response(world.tactor, FREQUENCIES_HZ, on)) + noise.floor_m
     label = name if elongation is None else f"membrane {1e3 * elongation:.3g} mm"
     return FrequencyResponseObservation(

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from app.identification.drive_histories import history_of_levels, history_of_loads
 from app.identification.duplicates import DuplicateFinder
 from app.identification.response_lines import response_lines
 from model import GRAVITY, AmplifierMap, Array, Mask, ParameterError
@@ -38,6 +39,9 @@ CARD_READBACK_MARGIN_V = 0.02
 
 DEFAULT_SHAPE_COUNT = 20
 """Shape functions for a real tactor; for a simulated one, the number of the simulation."""
+
+EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
+"""Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
 
 MAX_INPUT_ERRORS = 100
 """Errors of single inputs, such as masses or levels, that a fit takes from one run."""
@@ -345,6 +349,9 @@ def _voltage_steps(run: Run, columns: Columns, good: Mask) -> Iterator[Observati
     common["shared_errors"] += _input_errors(
         columns, ("level", "level"), good & (errors > 0), f"{run.path.stem}, level of {{}} V", input_v
     )
+    history = history_of_levels(run, columns)
+    if history is not None:
+        common["shared_errors"] += _rest_errors(run, columns["zero"][good])
     yield VoltageStepsObservation(
         run.path.stem,
         input_v,
@@ -352,13 +359,26 @@ def _voltage_steps(run: Run, columns: Columns, good: Mask) -> Iterator[Observati
         errors,
         rising=direction > 0 if (direction != 0).all() else None,
         time_s=time if np.isfinite(time).all() else None,
+        history=history,
         good=good & (errors > 0),
         **common,
     )
 
 
+def _rest_errors(run: Run, zero_m: Array) -> tuple[SharedError, ...]:
+    """Return the drifts at rest by creep of what was before the run, which is unknown: each at most what the zeros moved."""
+    moved = float(np.ptp(zero_m)) if zero_m.size and np.isfinite(zero_m).all() else 0.0
+    if moved == 0:
+        return ()
+    return tuple(
+        SharedError(f"{run.path.stem}, creep of {age:g} s before it", "rest", moved, at=age)
+        for age in EARLIER_CREEP_AGES_S
+    )
+
+
 def _static_loading(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
+    history = history_of_loads(run, columns)
     sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
     for side, name in sides:
         at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
@@ -375,6 +395,7 @@ def _static_loading(run: Run, columns: Columns, good: Mask) -> Iterator[Observat
             down * deflection,
             errors,
             side=name,
+            history=None if history is None else history.take(at),
             good=good[at] & (errors > 0),
             **common,
         )

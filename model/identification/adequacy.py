@@ -23,10 +23,9 @@ from model.identification.forward_model import (
     beam_under,
     equation_factors,
     skin_from_values,
-    specimen_harmonic,
 )
 from model.identification.model_discrepancy import Discrepancy, clamp_discrepancy, possible_discrepancies
-from model.identification.nonidealities import with_flexible_clamp
+from model.identification.nonidealities import loop_harmonic, specimen_harmonic, with_flexible_clamp
 from model.identification.observations import FrequencyResponseObservation, observed_values
 from model.identification.receptance import ReceptanceSolver
 
@@ -257,4 +256,7 @@ def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int
     factors = equation_factors(beam_under(run, v), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]
-    return np.asarray(np.abs(per_volt * H) * np.abs(specimen_harmonic(run, fit.options.amplifier, k)[here]))
+    volts = specimen_harmonic(run, fit.options.amplifier, k)
+    if v["hysteresis"]:
+        volts = volts + v["hysteresis"] * loop_harmonic(run, fit.options.amplifier, k)
+    return np.asarray(np.abs(per_volt * H) * np.abs(volts[here]))

@@ -18,6 +18,7 @@ from model.identification.nonidealities import (
     NonidealResponse,
     acting_mass,
     acting_masses,
+    specimen_harmonic,
     with_acting_mass,
     with_flexible_clamp,
 )
@@ -124,6 +125,15 @@ class FiniteDifferences:
                 total += np.multiply.outer(np.broadcast_to(self.values[e.name], self.set_count), e.acts_at(inputs))
         return total
 
+    def rest_drift(self, run: VoltageStepsObservation) -> Any:
+        """Return what the drifts at rest add at each usable point, (S, F); 0 for a run without times."""
+        total: Any = 0.0
+        for e in run.shared_errors:
+            if e.acts_on == "rest" and e.at is not None and run.history is not None:
+                drift = run.history.easing_drift(e.at)[run.usable]
+                total = total + np.multiply.outer(np.broadcast_to(self.values[e.name], self.set_count), drift)
+        return total
+
     def stack(self, factors: Sequence[Factors]) -> tuple[Factors, Factors]:
         """Values (R, 6) and slopes (P, R, 6) of entries of (S, 6) each, one a row."""
         tables = [np.stack([f[i] for f in factors], axis=1) for i in range(3)]
@@ -148,13 +158,6 @@ class FiniteDifferences:
     def _length_ratios(self) -> tuple[Array, Array]:
         v = self.values
         return np.broadcast_to(v["L1"] / v["L"], self.set_count), np.broadcast_to(v["L2"] / v["L"], self.set_count)
-
-
-def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
-    """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
-    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-    different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([fourier_series("sine", a, o, amplifier, order)[order] for a, o in different])[where.ravel()]
 
 
 class Prediction(NamedTuple):
@@ -230,6 +233,7 @@ class ForwardModel:
                 volts = self._amplifier.specimen_v(level) + slope * differences.input_error(run, "level", level)
                 volts = self._nonideal.volts(run, v, volts)
                 y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts * self._nonideal.factor(run, v)
+                y = y + differences.rest_drift(run)
             case MembraneSagObservation():
                 return self._sag(run, differences, gain)
             case MassResonanceObservation():

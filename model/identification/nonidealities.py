@@ -4,12 +4,14 @@ At their defaults they change nothing. Each can be free, fixed or have a prior, 
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from annotated_types import Interval
 
-from model import AmplifierMap, Array, Mask, ParameterSpec
+from model import AmplifierMap, Array, Complex, Mask, ParameterSpec
+from model.drive_history import DriveHistory, rayleigh_loop, rayleigh_response
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -90,11 +92,32 @@ REFERENCE_S = 1 / (2 * np.pi * 100)
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
 """From a weight, or a level, to its reading, where a run does not state it."""
+LOOP_SAMPLES = 2048
+"""Of a period, for the harmonics that hysteresis makes."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
 """By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
+
+
+def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
+    """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
+    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+    different, where = np.unique(drives, axis=0, return_inverse=True)
+    return np.array([fourier_series("sine", a, o, amplifier, order)[order] for a, o in different])[where.ravel()]
+
+
+def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
+    """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
+    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+    different, where = np.unique(drives, axis=0, return_inverse=True)
+    return np.array([_loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
+
+
+def crept_response(creep: Any, omega: Any) -> Any:
+    """Return the factor of the response at `omega`: a compliance that grows with the logarithm of time."""
+    return 1 - creep * (np.log(1j * omega * REFERENCE_S) + np.euler_gamma) / np.log(10)
 
 
 def acting_mass(v: Values, mass_kg: Any) -> Any:
@@ -148,16 +171,23 @@ class NonidealResponse:
             case FrequencyResponseObservation():
                 return self._dwell_factor(run, v)
             case StaticLoadingObservation():
-                return self._static_factor(v, np.full(1, LOADING_TIME_S), run.deflection_m[run.usable])
+                decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
+                if run.history is not None:  # what earlier loads left is part of it
+                    loads = run.history.drive
+                    decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
+                return self._static_factor(v, decades, run.deflection_m[run.usable])
             case VoltageStepsObservation():
                 time = np.full(1, STEP_TIME_S) if run.time_s is None else run.time_s[run.usable]
-                return self._static_factor(v, time, run.deflection_m[run.usable])
+                decades = np.log10(np.maximum(time, 1e-6) / REFERENCE_S)
+                if run.history is not None:
+                    decades = run.history.decades(REFERENCE_S)[run.usable]
+                return self._static_factor(v, decades, run.deflection_m[run.usable])
         return 1.0
 
-    def _static_factor(self, v: Values, time_s: Array, deflection_m: Array) -> Any:
+    def _static_factor(self, v: Values, decades: Array, deflection_m: Array) -> Any:
         factor: Any = 1.0
         if np.any(v["creep"]):
-            factor = factor * (1 + _column(v["creep"]) * np.log10(np.maximum(time_s, 1e-6) / REFERENCE_S))
+            factor = factor * (1 + _column(v["creep"]) * decades)
         if np.any(v["stiffening"]):
             factor = factor / (1 + _column(v["stiffening"]) * (deflection_m / STIFFENING_M) ** 2)
         return factor
@@ -165,12 +195,11 @@ class NonidealResponse:
     def _dwell_factor(self, run: FrequencyResponseObservation, v: Values) -> Any:
         f = run.frequency_hz[run.usable]
         factor: Any = 1.0
-        if np.any(v["creep"]):  # a compliance that grows with the logarithm of time, at the frequency f
-            decades = (np.log(2j * np.pi * f * REFERENCE_S) + np.euler_gamma) / np.log(10)
-            factor = factor * (1 - _column(v["creep"]) * decades)
+        if np.any(v["creep"]):
+            factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
-            share = np.asarray(run.drive_amplitude_v)[run.usable] / (self._amplifier.high_v - self._amplifier.low_v) * 2
-            factor = factor * (1 + _column(v["hysteresis"]) * share * (1 - 4j / (3 * np.pi)))
+            late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
+            factor = factor * (1 + _column(v["hysteresis"]) * late)
         if np.any(v["delay"]):
             factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))
         if np.any(v["gain_drift"]) and run.order is not None and self._last > self._first:
@@ -200,11 +229,24 @@ class NonidealResponse:
         if np.any(v["gain_below_rest"]) or np.any(v["gain_above_rest"]):
             below, above = _column(v["gain_below_rest"]), _column(v["gain_above_rest"])
             volts = volts * (1 + np.where(volts < 0, below, above))
+        if run.history is not None:
+            return self._remembered(run, run.history, v, volts)
         if np.any(v["hysteresis"]) and run.rising is not None:
             full = float(self._amplifier.specimen_v(self._amplifier.high_v))
             half_width = _column(v["hysteresis"]) * (1 - (volts / full) ** 2) * full / 2
             volts = volts + np.where(run.rising[run.usable], -half_width, half_width)
         return volts
+
+    def _remembered(self, run: VoltageStepsObservation, history: DriveHistory, v: Values, volts: Array) -> Array:
+        """Return the volts that act, (S, F), with what levels and rests before each reading have left."""
+        if not np.any(v["hysteresis"]) and not np.any(v["creep"]):
+            return volts
+        creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
+        decades = history.decades(REFERENCE_S)
+        loop, left, late = _memory(history, self._amplifier)
+        volts = volts + hysteresis * loop[run.usable]
+        volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
+        return np.asarray(volts)
 
     def drift(self, run: StaticLoadingObservation, v: Values) -> Any:
         """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
@@ -217,6 +259,29 @@ class NonidealResponse:
         return np.broadcast_to(
             0.75 * _column(v["stiffening"]) * (amplitude / STIFFENING_M) ** 2, (sets, int(run.usable.sum()))
         )
+
+
+@lru_cache(maxsize=16)
+def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Array, Array]:
+    """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (F,) each.
+
+    The factor of the creep has the step's own. The last is the creep of what hysteresis adds.
+    """
+    low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
+    driven = amplifier.specimen_v(history.drive)
+    loop = rayleigh_response(driven, low, high) / ((high - low) / 2)
+    steps, decades = history.steps(loop), history.decades(REFERENCE_S)
+    left = history.crept(driven, REFERENCE_S) - decades * history.steps(driven)
+    return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
+
+
+@lru_cache(maxsize=256)
+def _loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
+    """Return V_k, k = 0..5, of what hysteresis adds under a sine at the amplifier's input, per unit of it."""
+    low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
+    theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
+    loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
+    return np.asarray(2 * np.fft.rfft(loop)[:6] / LOOP_SAMPLES)
 
 
 def _column(value: Any) -> Any:

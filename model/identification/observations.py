@@ -11,9 +11,10 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 
 from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_length
+from model.drive_history import DriveHistory
 
 Side = Literal["mfc", "aluminium", "both"]
-ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency"]
+ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay", "level", "elongation", "frequency", "rest"]
 SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "displacement": "1",
     "volts": "1",
@@ -23,6 +24,7 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
     "level": "V",
     "elongation": "m",
     "frequency": "Hz",
+    "rest": "m",
 }
 SAME_INPUT = 1e-9
 """Relative difference up to which two inputs are one: the same weight, mass, level or frequency."""
@@ -36,7 +38,8 @@ class SharedError:
     it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on
     delay a lateness of the displacement, in s, that was not corrected in the phases; on level (volts at the amplifier's
     input), elongation and frequency an offset. With `at` it acts only where the load (N), mass, level, elongation or
-    frequency is that value: the error of one weight among several.
+    frequency is that value: the error of one weight among several. On rest it is a drift of the displacement at rest, in m from
+    the first zero of the run to its last, that eases off as if it had begun `at` seconds before the run.
     """
 
     name: str
@@ -54,6 +57,8 @@ class SharedError:
                 f"common error {self.name!r} has a standard error of {self.standard_error:g}: it must be positive; "
                 "leave the error out if the instrument is perfect"
             )
+        if self.acts_on == "rest" and not (self.at is not None and self.at > 0):
+            raise ParameterError(f"common error {self.name!r} of rest needs the seconds before the run when it began")
         if self.at is not None and (self.acts_on in ("displacement", "volts", "delay") or not np.isfinite(self.at)):
             raise ParameterError(f"common error {self.name!r} of {self.acts_on} cannot act at {self.at:g} only")
 
@@ -112,6 +117,11 @@ class _ObservationBase:
             object.__setattr__(self, name, v)
         good.setflags(write=False)
         object.__setattr__(self, "good", good)
+        history = getattr(self, "history", None)
+        if history is not None and history.read_s.shape != size:
+            raise ParameterError(
+                f"{kind} {self.label!r}: its history has {history.read_s.size} readings for {size[0]} points"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +133,8 @@ class StaticLoadingObservation(_ObservationBase):
     errors_m: Array
     side: Side = "both"
     """Which side is pushed; "both" where the two are averaged already."""
+    history: DriveHistory | None = None
+    """Loads in time; None if unknown."""
 
     def __post_init__(self) -> None:
         if self.side not in get_args(Side):
@@ -160,6 +172,8 @@ class VoltageStepsObservation(_ObservationBase):
     """Whether the level was reached from below (True) or above; None if unknown."""
     time_s: Array | None = None
     """Time from reaching each level to its reading."""
+    history: DriveHistory | None = None
+    """Levels and rests in time; None if unknown."""
 
     def __post_init__(self) -> None:
         self._validate_columns(

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from model import AmplifierMap, Array, Mask, Membrane, ParameterError, Tactor, point_stiffness, young_modulus_from_sag
-from model.identification.forward_model import equation_factors, specimen_harmonic
+from model.identification.forward_model import equation_factors
+from model.identification.nonidealities import specimen_harmonic
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,

@@ -181,12 +181,20 @@ MAX_ATTEMPTS = 3
 """Number of repeats of a weight that does not fit, before its deflection is accepted as the specimen's."""
 
 
+CREEP_MARGIN = 1.5
+"""Times what a specimen creeps in a baseline under the weight before, which still counts as quiet."""
+
+
 class WeightStepWatcher:
     """Detects in the laser signal that a weight is put on or taken off, from the level before (protocols.base.steps.Detector)."""
 
     def __init__(self, baseline: Recording, min_step_m: float, baseline_s: float) -> None:
-        self._detector = WeightStepDetector(baseline.rate_hz, min_step_m)
-        self._detector.feed(baseline.displacement_m[-round(baseline_s * baseline.rate_hz) :])
+        before = baseline.displacement_m[-round(baseline_s * baseline.rate_hz) :]
+        half = before.size // 2
+        creep_m = 2 * abs(float(before[half:].mean() - before[:half].mean()))
+        tolerance_m = min_step_m * min(max(0.05, CREEP_MARGIN * creep_m / min_step_m), 0.45)
+        self._detector = WeightStepDetector(baseline.rate_hz, min_step_m, tolerance_m)
+        self._detector.feed(before)
 
     def feed(self, drive_v: Any, displacement_m: Any) -> bool:
         """Whether what came now, (n,) each, shows it."""

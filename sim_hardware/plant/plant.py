@@ -16,8 +16,9 @@ import numpy as np
 
 from drivers import Clock
 from model import Array
+from sim_hardware.plant.creep import CreepModel
 from sim_hardware.plant.faults import FaultState
-from sim_hardware.plant.nonidealities import CreepModel, HysteresisModel
+from sim_hardware.plant.hysteresis import HysteresisModel
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
 from sim_hardware.plant.setup_state import SetupState, initial_state, weight_force_n
 from sim_hardware.plant.stepper import BLOCK, Stepper, limit_slew
@@ -80,9 +81,13 @@ class Plant:
         self._changes = [SetupChange(-math.inf, -math.inf, initial_state(parameters))]
         self._starts = [-math.inf]
         beyond = parameters.beyond
-        self._voltage_creep = CreepModel(beyond.creep_per_decade, BLOCK / self._rate)
-        self._force_creep = CreepModel(beyond.creep_per_decade, BLOCK / self._rate)
-        self._hysteresis = HysteresisModel(beyond.hysteresis_width)
+        self._voltage_creep = CreepModel(beyond.creep_per_decade, 1 / self._rate)
+        self._force_creep = CreepModel(beyond.creep_per_decade, 1 / self._rate)
+        map_ = parameters.amplifier.map
+        self._hysteresis = HysteresisModel(
+            beyond.hysteresis_width, *map_.specimen_v(np.array([map_.low_v, map_.high_v]))
+        )
+        self._previous_bent_v = self._previous_pressing_n = 0.0  # before they creep
         self._next_step = 0  # first grid step not yet simulated
         self._valid_from = 0
         self._stepper = self._stepper_for(self._changes[0].state)
@@ -260,14 +265,16 @@ class Plant:
         bent_v = float(self._hysteresis.process(np.array([specimen_v]))[0])
         side, blocks = change.state.side, (stop - self._next_step) // BLOCK
         jump_v = side * self._voltage_creep.crept(bent_v) - self._previous_bending_v
-        jump_n = self._force_creep.crept(change.final_force_n) - self._previous_force_n
+        pressing_n = side * change.final_force_n  # seen from the specimen, which keeps what has crept when it is turned
+        jump_n = side * self._force_creep.crept(pressing_n) - self._previous_force_n
         if abs(stepper.steady_displacement(jump_v, jump_n)) > tolerance_m:
             return None
         if not self._parameters.beyond.creep_per_decade:
             w_m = stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
             return np.full(stop - self._next_step, w_m)
+        self._previous_bent_v, self._previous_pressing_n = bent_v, pressing_n
         volts = side * self._voltage_creep.hold(bent_v, blocks)
-        newtons = self._force_creep.hold(change.final_force_n, blocks)
+        newtons = side * self._force_creep.hold(pressing_n, blocks)
         self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
         self._state = stepper.steady_state(self._previous_bending_v, self._previous_force_n)
         edges = stepper.steady_displacement(1.0, 0.0) * volts + stepper.steady_displacement(0.0, 1.0) * newtons
@@ -286,26 +293,34 @@ class Plant:
         gap_s = (start - self._next_step) / self._rate
         self._next_step = self._valid_from = start
         volts = self._requested_voltage(start - 1, start, change.state)
-        for creep, drive in ((self._voltage_creep, float(volts[0])), (self._force_creep, change.final_force_n)):
-            creep.advance(drive, gap_s)
-        self._previous_bending_v = float(self._bending_voltage(volts, change.state)[0])
-        self._previous_force_n = float(self._forces(change, start - 1, start)[0])
+        self._previous_specimen_v = float(volts[0])
+        self._previous_bent_v = float(self._hysteresis.process(volts)[0])
+        side = change.state.side
+        self._previous_pressing_n = side * float(self._weight_forces(change, start - 1, start)[0])
+        self._voltage_creep.advance(self._previous_bent_v, gap_s)
+        self._force_creep.advance(side * change.final_force_n, gap_s)
+        self._previous_bending_v = side * self._voltage_creep.crept(self._previous_bent_v)
+        self._previous_force_n = side * self._force_creep.crept(self._previous_pressing_n)
         self._stepper = self._stepper_for(change.state)
         self._state = self._stepper.steady_state(self._previous_bending_v, self._previous_force_n)
 
     def _forces(self, change: SetupChange, first: int, stop: int) -> Array:
-        """What the weights press with at grid steps first..stop, all under one change."""
+        """What the weights press with at grid steps first..stop, all under one change, with its creep."""
+        pressing = change.state.side * self._weight_forces(change, first, stop)
+        before_n, self._previous_pressing_n = self._previous_pressing_n, float(pressing[-1])
+        return change.state.side * self._force_creep.process(pressing, before_n)
+
+    def _weight_forces(self, change: SetupChange, first: int, stop: int) -> Array:
         if first / self._rate > change.end_s + TOUCHDOWN_S:
-            force = np.full(stop - first, change.final_force_n)
-        else:
-            force = change.force_n(np.arange(first, stop) / self._rate)
-        return self._force_creep.process(force.reshape(-1, min(BLOCK, force.size))).ravel()
+            return np.full(stop - first, change.final_force_n)
+        return change.force_n(np.arange(first, stop) / self._rate)
 
     def _bending_voltage(self, volts: Array, state: SetupState) -> Array:
         """What bends the specimen, seen from the sensor: its volts with hysteresis and creep, as the side up turns them."""
         self._previous_specimen_v = float(volts[-1])
         bent = self._hysteresis.process(volts)
-        return state.side * self._voltage_creep.process(bent.reshape(-1, min(BLOCK, bent.size))).ravel()
+        before_v, self._previous_bent_v = self._previous_bent_v, float(bent[-1])
+        return state.side * self._voltage_creep.process(bent, before_v)
 
     def _slew_limited(self, first: int, requested: Array) -> Array:
         """What the amplifier makes of the volts it wants from grid step `first` on, stretch by stretch of its limit."""

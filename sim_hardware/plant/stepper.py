@@ -5,12 +5,14 @@ Whole blocks of the grid are computed at once: w = T_V V + T_F F + O z, with one
 
 import math
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from model import Array, Complex, Skin, Tactor
 from model.response import load_compliance, system_matrices, tactor_modal_form
-from sim_hardware.plant.nonidealities import linear_recursion
+
+N = TypeVar("N", Array, Complex)
 
 BLOCK = 128
 """Grid steps simulated together; nothing is known of a block before it is complete."""
@@ -53,8 +55,8 @@ class Stepper:
         c = 2 * m.B_F @ X[:n]
         slow = int(np.sum(np.abs(s) * step_s <= 1.0))
         held = s[:slow]
-        T_V, W_V = _first_order_hold(held, b_V[:slow], c[:slow], step_s)
-        T_F, W_F = _first_order_hold(held, b_F[:slow], c[:slow], step_s)
+        T_V, W_V = first_order_hold(held, b_V[:slow], c[:slow], step_s)
+        T_F, W_F = first_order_hold(held, b_F[:slow], c[:slow], step_s)
         for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _residual_compliance(tactor, n))):
             T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += more - float((c[slow:] * b[slow:] / s[slow:]).real.sum())
         powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
@@ -91,20 +93,30 @@ class Stepper:
         both = np.zeros((volts.size // BLOCK, BLOCK + 2 * m))
         for drive, before, R in ((volts, previous_v, self.R_V), (newtons, previous_n, self.R_F)):
             if before or drive.any():  # half of a bench's time nothing drives it
-                both += _with_previous(drive, before) @ R
+                both += with_previous(drive, before) @ R
         states = linear_recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
         w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
         w += both[:, :BLOCK]
         return w.ravel(), states[-1]
 
 
-def _with_previous(drive: Array, previous: float) -> Array:
+def linear_recursion(advance: N, state: N, inputs: Any) -> N:
+    """Return all states of z' = advance z + input, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
+    states = np.concatenate((state[None], inputs))
+    reach, power = 1, advance
+    while reach < len(states):
+        states[reach:] += power * states[:-reach]
+        reach, power = 2 * reach, power * power
+    return states
+
+
+def with_previous(drive: Array, previous: float) -> Array:
     """Blocks (n, BLOCK + 1), each led by the value before it."""
     blocks = drive.reshape(-1, BLOCK)
     return np.concatenate((np.concatenate(([previous], blocks[:-1, -1]))[:, None], blocks), axis=1)
 
 
-def _first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:
+def first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:
     """First-order hold of z' = s z + b u, w = Re c z over a block: T (BLOCK + 1, BLOCK) and W (BLOCK + 1, m)."""
     a, z = np.exp(s * step_s), s * step_s
     new = (a - 1 - z) / (s * z)  # weight of the drive at the end of a step

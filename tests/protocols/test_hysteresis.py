@@ -91,15 +91,15 @@ def test_each_loop_is_told_whole_the_moment_it_is_measured(plain, looped) -> Non
 
 
 def test_the_hysteresis_that_was_put_in_comes_out(looped) -> None:
-    # A play of 250 V either way: full width from the middle of the stroke on, and 2000 - 500 x 4 WIDTH volts of stroke.
+    # Rayleigh's law: at its ends the loop is steeper than what follows at once, by twice its width over the stroke.
     width_m = WIDTH * 2000 * voltage_gain(Tactor())
-    stroke_m = (2000 - 2000 * WIDTH) * voltage_gain(Tactor())
+    stroke_m = (1 + 2 * WIDTH) * 2000 * voltage_gain(Tactor())
     slowest = looped.points[0]
-    assert slowest.width == pytest.approx(width_m, rel=0.06)  # damping at 1 Hz adds a few percent of it
+    assert slowest.width == pytest.approx(0.75 * width_m, rel=0.1)  # at rest; damping at 1 Hz adds a few percent of it
     assert slowest.stroke == pytest.approx(stroke_m, rel=5e-3)
     hysteresis = found(looped)["hysteresis"]
-    assert hysteresis.value == pytest.approx(width_m / stroke_m, rel=0.03)
-    # The play opens only above the lowest 500 V, so most of the area lies above the middle of the drive.
+    assert hysteresis.value == pytest.approx(0.75 * width_m / stroke_m, rel=0.05)
+    # Rest is a quarter of the stroke from its lower end, so most of the area lies above it.
     assert slowest.asymmetry > 0.2
 
 

@@ -228,7 +228,8 @@ def test_creep_gains_the_same_in_every_decade_and_hysteresis_opens_a_loop() -> N
     bench.history.append(0.0, ConstantSegment(5.0))
     decades = [level(bench, by) for by in (1.0, 9.0, 90.0, 900.0)]
     step = 1500.0 * voltage_gain(TACTOR)
-    assert np.diff(decades) / step == pytest.approx([0.02] * 3, rel=0.1)
+    assert np.diff(decades) / step == pytest.approx([0.02] * 3, rel=0.02)
+    assert decades[0] / step == pytest.approx(1 + 0.02 * np.log10(2 * np.pi * 100), abs=2e-4)
 
     looped = bench_of(beyond=Nonidealities(hysteresis_width=0.05))
     looped.enable_hv()
@@ -237,7 +238,13 @@ def test_creep_gains_the_same_in_every_decade_and_hysteresis_opens_a_loop() -> N
         looped.history.append(1.0 + k, ConstantSegment(volts))
         at_rest.append(level(looped, 1.9 if k == 0 else 0.99))
     up, down = at_rest[1], at_rest[3]
-    assert (down - up) / (2000.0 * voltage_gain(TACTOR)) == pytest.approx(0.05, rel=1e-3)
+    # a parabola either way from the ends: at rest, a quarter of the stroke from the lower one, three quarters of the largest width
+    assert (down - up) / (2000.0 * voltage_gain(TACTOR)) == pytest.approx(0.75 * 0.05, rel=1e-3)
+    back = []
+    for k, volts in enumerate((5.0, 2.5)):  # a closed loop leaves nothing
+        looped.history.append(5.0 + k, ConstantSegment(volts))
+        back.append(level(looped, 0.99))
+    assert back == pytest.approx(at_rest[2:], rel=1e-6)
 
 
 def test_a_clamp_gives_for_good_sides_differ_and_weights_err() -> None:

@@ -1,0 +1,127 @@
+"""Drive history of a run in time: what earlier levels or loads leave of creep and hysteresis in each reading.
+
+Creep is linear and has no end, so that every level is read on what those before it still creep; hysteresis remembers the turning
+points of the voltage (Madelung's rules), between which the response is a parabola (Rayleigh's law).
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from model.arrays import Array
+from model.parameter_spec import ParameterError
+
+
+@dataclass(frozen=True, eq=False)
+class DriveHistory:
+    """Straight lines between vertices, (K,), and when each point of the run was read and its zeros were, (F,) and (F, Z).
+
+    The drive was constant before the first vertex, and is so where something is read.
+    """
+
+    time_s: Array
+    drive: Array
+    """Volts at the amplifier's input, or newtons."""
+    start_s: Array
+    """When the drive of each point had been reached, (F,)."""
+    read_s: Array
+    zero_s: Array
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = np.array(getattr(self, each.name), float)
+            if not np.isfinite(value).all():
+                raise ParameterError(f"the {each.name} of a drive's history is not finite")
+            value.setflags(write=False)
+            object.__setattr__(self, each.name, value)
+        points = self.read_s.shape
+        if self.time_s.shape != self.drive.shape or self.start_s.shape != points or self.zero_s.shape[:1] != points:
+            raise ParameterError("a drive's history has vertices or readings without a time")
+        if np.any(np.diff(self.time_s) < 0) or np.any(self.read_s <= self.start_s):
+            raise ParameterError("a drive's history goes back in time")
+
+    def take(self, rows: Any) -> "DriveHistory":
+        """Return the history with these of its readings."""
+        return DriveHistory(self.time_s, self.drive, self.start_s[rows], self.read_s[rows], self.zero_s[rows])
+
+    def steps(self, drive: Array) -> Array:
+        """Return what each point reads against the mean of its zeros, (F,), of a drive (K,) at the vertices that does not creep."""
+        return np.asarray(self._at(drive, self.read_s) - self._at(drive, self.zero_s).mean(axis=1))
+
+    def decades(self, reference_s: float) -> Array:
+        """Return the decades of time from `reference_s` to each reading, (F,)."""
+        return np.asarray(np.log10((self.read_s - self.start_s) / reference_s))
+
+    def crept(self, drive: Array, reference_s: float) -> Array:
+        """Return what each point reads, (F,), of a drive (K,) at the vertices, times its decades of time: its creep per decade."""
+        return np.asarray(
+            self._crept_at(drive, self.read_s, reference_s)
+            - self._crept_at(drive, self.zero_s, reference_s).mean(axis=1)
+        )
+
+    def easing_drift(self, age_s: float) -> Array:
+        """Return what each point reads, (F,), of a drift at rest that is 1 from the first to the last zero and eases off.
+
+        It follows the logarithm of the time since `age_s` before the run began, as creep of what was before does.
+        """
+
+        def since(t: Array) -> Array:
+            return np.asarray(np.log((t - self._began_s + age_s) / age_s))
+
+        zeros = since(self.zero_s)
+        span = float(np.ptp(zeros))
+        return np.asarray((since(self.read_s) - zeros.mean(axis=1)) / (span or 1.0))
+
+    @property
+    def _began_s(self) -> float:
+        return float(min(self.zero_s.min(), self.time_s.min()))
+
+    def _at(self, drive: Array, t: Array) -> Array:
+        return np.asarray(np.interp(t, self.time_s, drive))
+
+    def _crept_at(self, drive: Array, t: Array, reference_s: float) -> Array:
+        """Return the sum over the lines between vertices of their rise times the mean decades since."""
+        since = t[..., None] - self.time_s
+        begin, end = since[..., :-1], since[..., 1:]
+        over = end > 0  # the drive is constant where something is read: a line is over or has not begun
+        begin, end = np.where(over, begin, 2.0), np.where(over, end, 1.0)
+        lasted = begin - end
+        long = lasted > 1e-9 * begin
+        mean = np.log(end)
+        mean = np.where(
+            long, (begin * np.log(begin) - end * np.log(end)) / np.where(long, lasted, 1.0) - 1, mean
+        ) - np.log(reference_s)
+        return np.asarray((np.where(over, mean, 0.0) * np.diff(drive)).sum(axis=-1) / np.log(10))
+
+
+def rayleigh_response(volts: Array, low_v: float, high_v: float) -> Array:
+    """Return half the squares of the changes of voltage since the turning points, summed with their signs, (K,), at turning points.
+
+    `volts` begin at rest, where the specimen came from the lower end of its whole range, `low_v` to `high_v`, as a sine ends.
+    """
+    turned = [(high_v, 0.0), (low_v, -0.5 * (high_v - low_v) ** 2)]
+    """Turning points that are remembered, with the response there; the last began the present branch."""
+    at, out = float(volts[0]), []
+    rises = at >= low_v
+
+    def response(v: float) -> float:
+        start, there = turned[-1]
+        return there + 0.5 * (v - start) * abs(v - start)
+
+    for v in volts.tolist():
+        if v != at and (v > at) != rises:
+            turned.append((at, response(at)))
+            rises = not rises
+        while len(turned) > 2 and (v >= turned[-2][0] if rises else v <= turned[-2][0]):
+            del turned[-2:]  # the loop is closed and forgotten
+        at = v
+        out.append(response(v))
+    return np.array(out)
+
+
+def rayleigh_loop(volts: Array) -> Array:
+    """Return the same along one period of a periodic voltage, (N,), that rises once and falls once."""
+    low, high = float(volts.min()), float(volts.max())
+    rises = np.roll(volts, -1) > np.roll(volts, 1)
+    return np.where(rises, 0.5 * (volts - low) ** 2, 0.5 * (high - low) ** 2 - 0.5 * (high - volts) ** 2)

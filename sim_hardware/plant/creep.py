@@ -1,0 +1,65 @@
+"""Logarithmic creep of a drive: lags from the fastest motion to a day, exact on the plant's grid."""
+
+import numpy as np
+
+from model import Array
+from sim_hardware.plant.stepper import BLOCK, first_order_hold, linear_recursion, with_previous
+
+LAGS_PER_DECADE = 2
+TIME_CONSTANTS_S = np.logspace(-6, 5, 11 * LAGS_PER_DECADE + 1)
+"""Time constants of the lags: their sum follows the logarithm of time from 1 us to a day."""
+REFERENCE_S = 1 / (2 * np.pi * 100)
+"""Time at which creep counts as none: the time constant of 100 Hz, about the resonance."""
+
+
+class CreepModel:
+    """Creep of one drive: a step gains the same share of itself in every decade of time.
+
+    A sum of first-order lags, evenly spaced in the logarithm of time. What follows at once is so much less than the whole that
+    a step is itself at `REFERENCE_S`. A lag of tau has followed a step by 1 - exp(-t / tau); the sum of these over a spectrum
+    of lags that begins at tau_0 is ln(t / tau_0) + 0.577.
+
+    Args:
+        per_decade: share of a step that is gained in every decade of time.
+        step_s: of the plant's grid.
+    """
+
+    def __init__(self, per_decade: float, step_s: float) -> None:
+        self._share = per_decade / LAGS_PER_DECADE
+        begin = float(np.log10(TIME_CONSTANTS_S[0])) - 0.5 / LAGS_PER_DECADE
+        self._instant = 1 + per_decade * (begin - float(np.log10(REFERENCE_S)) - np.euler_gamma / np.log(10))
+        self._block_s = BLOCK * step_s
+        self._lags = np.zeros(TIME_CONSTANTS_S.size)
+        if self._share:
+            s = (-1 / TIME_CONSTANTS_S).astype(complex)
+            T, W = first_order_hold(s, -s, np.full(s.size, self._share, complex), step_s)
+            T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += self._instant
+            self._of_drive = np.hstack((T, W.real))
+            self._of_lags = self._share * np.exp(np.multiply.outer(s.real * step_s, np.arange(BLOCK) + 1))
+            self._advance = np.exp(s.real * self._block_s)
+
+    def process(self, drive: Array, previous: float) -> Array:
+        """Return a drive (n BLOCK,) with its creep; `previous` is the drive just before."""
+        if not self._share or not (previous or drive.any() or self._lags.any()):
+            return drive
+        both = with_previous(drive, previous) @ self._of_drive
+        lags = linear_recursion(self._advance, self._lags, both[:, BLOCK:])
+        self._lags = lags[-1].copy()
+        return np.asarray(both[:, :BLOCK] + lags[:-1] @ self._of_lags).ravel()
+
+    def crept(self, drive: float) -> float:
+        """Return a drive with what has crept on until now."""
+        return self._instant * drive + self._share * float(self._lags.sum()) if self._share else drive
+
+    def hold(self, drive: float, blocks: int) -> Array:
+        """Return a constant drive with what has crept on at the edges of the next blocks, (blocks + 1,)."""
+        if not self._share:
+            return np.full(blocks + 1, drive)
+        edges_s = self._block_s * np.arange(blocks + 1)[:, None]
+        lags = drive + (self._lags - drive) * np.exp(-edges_s / TIME_CONSTANTS_S)
+        self._lags = lags[-1].copy()
+        return np.asarray(self._instant * drive + self._share * lags.sum(axis=1))
+
+    def advance(self, drive: float, gap_s: float) -> None:
+        """Advance by `gap_s` of constant drive."""
+        self._lags = drive + (self._lags - drive) * np.exp(-gap_s / TIME_CONSTANTS_S)
