@@ -60,7 +60,8 @@ CARD_OUTPUTS = (
         CARD_OUTPUT,
         "all",
         "rewriting of a playing drive",
-        "replaces samples not yet on their way, and is not held back by NI's protection against glitches",
+        "replaces samples not yet on their way; where NI's driver holds it back, Stop keeps the sample that was reached and "
+        "leaves it in a line",
         checks=(OutputCheck.STOP,),
     ),
     Assumption(CARD_OUTPUT, "all", "lost connection in mid-drive", "the drive plays on", checks=(OutputCheck.WIRE,)),

@@ -191,6 +191,11 @@ class HvAmplifier:
             self._source.hastens_levels = hastens
 
     @property
+    def holds_rewrites_back(self) -> bool:
+        """Whether the driver of the card's output was seen not to take samples again, so that Stop keeps the sample reached."""
+        return bool(getattr(self._source, "holds_rewrites_back", False))
+
+    @property
     def upload_longest(self) -> Callable[[], object] | None:
         """Uploads the longest waveform that the driver sends, and plays none; None for a source without a memory for waveforms."""
         upload = getattr(self._source, "upload_longest", None)

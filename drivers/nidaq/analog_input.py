@@ -5,6 +5,7 @@ which also serves the simulated card. Raw 16-bit integers are kept, with the car
 """
 
 import contextlib
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -333,14 +334,18 @@ class NiStream(Closeable):
     def read(self) -> Block:
         return self._read_ahead.popleft() if self._read_ahead else self._read_block()
 
-    def newest_drive_volts(self) -> NDArray[np.float64]:
-        """Return the drive in a block that was taken after this call; `read` returns it, and those before it, later."""
+    def newest_drive_volts(self, timeout_s: float) -> NDArray[np.float64] | None:
+        """Return the drive in a block that was taken after this call; `read` returns it, and those before it, later.
+
+        None if no such block has arrived in time: on a slow wire this program does not catch up with the card.
+        """
         called_s = self._clock.now()
-        while True:
+        while self._clock.now() - called_s <= timeout_s:
             block = self._read_block()
             self._read_ahead.append(block)
             if self.start_time_s + block.start / self.rate_hz >= called_s:
                 return self.scales[0].to_volts(block.raw[0])
+        return None
 
     def _read_block(self) -> Block:
         if self._task is None:
@@ -368,13 +373,19 @@ class NiStream(Closeable):
                 self._close_task()
 
 
-def newest_drive_volts(key: tuple[str, str]) -> NDArray[np.float64] | None:
-    """Return the drive as this program's acquisition on a card measures it now; None if it runs none, or it fails."""
+def newest_drive_volts(key: tuple[str, str], timeout_s: float) -> NDArray[np.float64] | None:
+    """Return the drive as this program's acquisition on a card measures it now; None if it runs none, fails or is late."""
     stream = _RUNNING.get(key)
     try:
-        return None if stream is None else stream.newest_drive_volts()
+        return None if stream is None else stream.newest_drive_volts(timeout_s)
     except AcquisitionError:
         return None
+
+
+def acquisition_rate_hz(key: tuple[str, str]) -> float:
+    """Return scans per second of this program's acquisition on a card; NaN if it runs none."""
+    stream = _RUNNING.get(key)
+    return math.nan if stream is None else stream.rate_hz
 
 
 def _is_being_read(task: Any) -> bool:

@@ -5,8 +5,9 @@ hangs. A level other than rest is held by a finite buffer, too, which returns to
 and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
 
 Never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and stopping a
-task in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting the samples that
-are not on their way yet as a fade-out; its task is released only when the output is measured where it then idles.
+task in mid-wave unless its output is measured (it stays at the sample it had reached). A drive is stopped by rewriting the
+samples that are not on their way yet as a fade-out; its task is released only when the output is measured where it then
+idles. Where NI's driver does not take a rewrite, the sample that was reached is kept, measured, and left in a line.
 
 Sources: X Series User Manual ch. 5 (FIFO, reference); NI-DAQmx help: regeneration, states after a reset, internal
 channels. Rewriting a running buffer was not tested on a real card: see docs/decisions/0014-analogue-output.md.
@@ -22,9 +23,9 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, Ramp
-from drivers.errors import BenchError, CardInUseError, InstrumentError
-from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection, newest_drive_volts
-from drivers.nidaq.errors import translate_errors
+from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError
+from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
+from drivers.nidaq.output_readback import RELEASE_TOLERANCE_V, OutputReadback
 from drivers.nidaq.output_task import OutputQueue, OutputTask, PlaybackProgress, find_queue, write_level
 from drivers.nidaq.rendering import (
     FADE_S,
@@ -45,9 +46,6 @@ from drivers.nidaq.rendering import (
 )
 
 LEVEL_TOLERANCE_V = 5e-3
-RELEASE_TOLERANCE_V = 0.05
-"""Largest deviation of the output, as the run's acquisition measures it, from the level at which its task is released."""
-
 RELEASE_S = 0.2
 """Allowance for measuring that, in the prediction of the way to rest."""
 
@@ -85,6 +83,9 @@ class NiAnalogOutput:
         InstrumentError: the driver, the server or the card is not there.
     """
 
+    holds_rewrites_back: bool = False
+    """Whether NI's driver did not take a rewrite of a running task."""
+
     def __init__(
         self,
         device: str,
@@ -97,11 +98,14 @@ class NiAnalogOutput:
         lease_s: float = 5.0,
     ) -> None:
         self._connection, self._server = NiConnection(device, server), server
-        self._physical_channel, self._readback_channel = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
+        self._physical_channel = f"{device}/{channel}"
         self._trigger = f"/{device}/{start_trigger}" if start_trigger else ""
         self._clock, self._margin_s, self.lease_s = clock, margin_s, lease_s
         self._description = f"{self._connection.description} output {channel}"
         self.identity = self._connection.identity
+        self._readback = OutputReadback(
+            self._connection, f"{device}/_{channel}_vs_aognd", self._description, self._clock
+        )
         self._task: OutputTask | None = None
         self._drive: Drive | None = None
         self._hold: HeldLevel | None = None
@@ -111,7 +115,7 @@ class NiAnalogOutput:
         self._reply_s = 0.0
         with contextlib.suppress(CardInUseError):  # by a program that runs: starting the acquisition reports it
             self._connection.clear_abandoned(INPUT, OUTPUT, READBACK)
-        self._level_v = self._read_back_v()
+        self._level_v = self._readback.inside_v()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         del low_v, high_v  # the card's output range is fixed at +-10 V; HvAmplifier checks the amplifier's
@@ -129,13 +133,13 @@ class NiAnalogOutput:
         del low_v, high_v
         self._release_task()
         self._rest_v = rest_v
-        measured = self._read_back_v()
+        measured = self._readback.inside_v()
         self._level_v = self._level_v if measured is None else measured
         if self._level_v is None:
             self._write_level(rest_v)  # the level is not known; high voltage is disabled here
         else:
             self.ramp_to(rest_v, 0.5)
-        seen = self._read_back_v()
+        seen = self._readback.inside_v()
         if seen is not None and abs(seen - rest_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
                 f"{self._description} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
@@ -208,18 +212,21 @@ class NiAnalogOutput:
         if progress.first_changeable() >= hold.return_sample:
             raise self._late_renewal(hold)
         wanted = progress.generated + math.ceil(self.lease_s * task.rate_hz)
-        if wanted > hold.latest_return_sample:
-            # The output stays at the sample that was converted last, which is the level itself.
-            level_v = hold.level_v
-            if not progress.is_released_before(hold.return_sample):
-                raise self._late_renewal(hold)
-            self._release_task()
-            self._level_v = level_v
-            self._start_hold(level_v, level_v, 0.0)
+        if self.holds_rewrites_back or wanted > hold.latest_return_sample:
+            self._hand_over(hold, progress)
             return
         begins = hold.return_sample
         renewed = replace(hold, return_sample=wanted)
-        if not task.rewrite(begins, renewed.samples(begins, wanted + hold.fall + 1 - begins), progress):
+        try:
+            is_in_time = task.rewrite(begins, renewed.samples(begins, wanted + hold.fall + 1 - begins), progress)
+        except AcquisitionError:
+            progress = PlaybackProgress(
+                task, self._clock, self._margin_s
+            )  # a card that does not answer raises here, too
+            self.holds_rewrites_back = True
+            self._hand_over(hold, progress)
+            return
+        if not is_in_time:
             raise self._late_renewal(hold)
         self._hold = renewed
         self._renew_at_s = self._clock.now() + self.lease_s / 4
@@ -232,7 +239,13 @@ class NiAnalogOutput:
         if task is None or drive is None or task.is_done():
             self.idle_level_v()
             return
-        level_v, end = self._fade_out(task, drive)
+        try:
+            level_v, end, remainder = self._fade_out(task, drive)
+        except AcquisitionError as refused:
+            self._stop_where_it_is(task, drive, refused)
+            return
+        self._drive = Hold(level_v, drive.duration_s)
+        self._fill(task, remainder, level_v, end)
         if self._await_sample(task, end):
             self._await_level(task, level_v)
         else:  # armed, but the trigger never came: nothing has moved
@@ -281,12 +294,12 @@ class NiAnalogOutput:
             self._release_task()  # with a lost connection the task is gone, too
         self._task = self._drive = self._hold = None
         self._connection.reopen()
-        measured = self._read_back_v()
+        measured = self._readback.inside_v()
         if measured is not None:
             self._level_v = measured
         elif expected_v is not None:
             # The input is busy. A reading of the drive's cable may confirm a level, but is no level to start from.
-            seen = newest_drive_volts(self._connection.key)
+            seen = self._readback.cable_volts()
             confirmed = seen is not None and bool(np.abs(seen - expected_v).max() <= RELEASE_TOLERANCE_V)
             self._level_v = expected_v if confirmed else None
 
@@ -338,6 +351,14 @@ class NiAnalogOutput:
         self._start(task, hold.samples, None, hold)
         self._renew_at_s = self._start_s + ramp.duration_s + self.lease_s / 4
 
+    def _hand_over(self, hold: HeldLevel, progress: PlaybackProgress) -> None:
+        """Release the task of a level and begin the next: the output stays at the sample converted last, the level itself."""
+        if not progress.is_released_before(hold.return_sample):
+            raise self._late_renewal(hold)
+        self._release_task()
+        self._level_v = hold.level_v
+        self._start_hold(hold.level_v, hold.level_v, 0.0)
+
     def _late_renewal(self, hold: HeldLevel) -> InstrumentError:
         return InstrumentError(
             f"{self._description}: the level of {hold.level_v:g} V was not renewed for {self.lease_s:g} s, because this "
@@ -380,8 +401,14 @@ class NiAnalogOutput:
                 task.release()
             raise
 
-    def _fade_out(self, task: OutputTask, drive: Drive) -> tuple[float, int]:
-        """Rewrite a running drive so that it fades out; return the level at which it then idles, and the sample."""
+    def _fade_out(self, task: OutputTask, drive: Drive) -> tuple[float, int, int]:
+        """Rewrite a running drive so that it fades out.
+
+        Returns the level at which it then idles, the sample where it reaches that, and the first of the drive's remainder.
+
+        Raises:
+            AcquisitionError: NI's driver does not take the samples, or the card does not answer.
+        """
         rate, margin_s = task.rate_hz, self._margin_s
         while True:
             progress = PlaybackProgress(task, self._clock, margin_s)
@@ -389,15 +416,44 @@ class NiAnalogOutput:
             first = progress.first_changeable(hold)
             level_v = idle_level_after_stop_v(drive, rate, first)
             if first >= task.total:
-                return level_v, task.total
+                return level_v, task.total, task.total
             wave = fade_out(drive, rate, first)
             end = first + wave.size
             if task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))), progress):
                 break
             margin_s = max(2 * margin_s, 0.1)  # this program was held up
-        self._drive = Hold(level_v, drive.duration_s)
-        self._fill(task, end + hold, level_v, end)
-        return level_v, end
+        return level_v, end, end + hold
+
+    def _stop_where_it_is(self, task: OutputTask, drive: Drive, refused: AcquisitionError) -> None:
+        """Release a drive that cannot be rewritten: the output keeps the sample that was reached, which is then measured.
+
+        Raises:
+            InstrumentError: its output cannot be measured, and it plays to its end; or it is not steady afterwards.
+        """
+        played = task.generated()  # raises where the card itself does not answer
+        self.holds_rewrites_back = True
+        waits = bool(task.trigger) and played == 0
+        amplitude_v = (drive.high_v - drive.low_v) / 2
+        if not waits and not self._readback.follows(
+            task, lambda first, count: render_samples(drive, task.rate_hz, first, count), amplitude_v
+        ):
+            raise InstrumentError(
+                f"{self._description} plays on to the end of its drive, in {(task.total - played) / task.rate_hz:.3g} s: {refused}. "
+                "To be stopped now it would have to be measured, and the card's drive channel does not show it; switch high "
+                "voltage off at the amplifier, and check the cable from the output to the card's drive channel"
+            ) from refused
+        self._release_task()
+        self._level_v = None
+        seen = self._readback.volts()
+        low_v, high_v = drive.low_v - RELEASE_TOLERANCE_V, drive.high_v + RELEASE_TOLERANCE_V
+        if seen is None or np.ptp(seen) > RELEASE_TOLERANCE_V or not low_v <= seen.min() <= seen.max() <= high_v:
+            measured = "is not measured" if seen is None else f"measures {seen.min():.3f} to {seen.max():.3f} V"
+            raise InstrumentError(
+                f"{self._description} was stopped in mid-drive and {measured}, where one level between {drive.low_v:g} and "
+                f"{drive.high_v:g} V is expected (limit ±{RELEASE_TOLERANCE_V:g} V); switch high voltage off at the amplifier, and "
+                "check the cable from the output to the card's drive channel"
+            )
+        self._write_level(float(seen.mean()))
 
     def _fill(self, task: OutputTask, first: int, level_v: float, played: int) -> None:
         """Rewrite the remainder of a stopped drive with its idle level, until the fade-out has been played.
@@ -437,7 +493,7 @@ class NiAnalogOutput:
         """
         deadline_s = self._clock.now() + RELEASE_TIMEOUT_S
         while True:
-            seen = self._measured_volts()
+            seen = self._readback.volts(RELEASE_TIMEOUT_S)  # as long as the level is sure to be played
             if seen is None or np.abs(seen - level_v).max() <= RELEASE_TOLERANCE_V or task.is_done():
                 return
             if self._clock.now() > deadline_s:
@@ -448,16 +504,6 @@ class NiAnalogOutput:
                     "from the output to the card's drive channel"
                 )
             self._clock.sleep(0.01)
-
-    def _measured_volts(self) -> Array | None:
-        """Return the output as measured now: inside the card, or by the run's acquisition, or None."""
-        inside = [self._read_back_v()]
-        if inside[0] is None:
-            return newest_drive_volts(self._connection.key)
-        for _ in range(2):  # one reading of a wave may happen to be the level
-            self._clock.sleep(0.007)
-            inside.append(self._read_back_v())
-        return np.array([seen for seen in inside if seen is not None])
 
     def _expected_v(self) -> float | None:
         """Return the volts of the sample at which the task is, or was when its connection broke; None if unknown."""
@@ -484,18 +530,3 @@ class NiAnalogOutput:
     def _write_level(self, level_v: float) -> None:
         write_level(self._connection, self._physical_channel, self._description, level_v)
         self._level_v = level_v
-
-    def _read_back_v(self) -> float | None:
-        """Return the output as measured inside the card; None if its converter is busy or has no such channel."""
-        task = None
-        try:
-            task = self._connection.new_task(READBACK)
-            with translate_errors(self._description):
-                task.ai_channels.add_ai_voltage_chan(self._readback_channel, min_val=-10.0, max_val=10.0)
-                return float(task.read())
-        except InstrumentError:
-            return None
-        finally:
-            if task is not None:
-                with contextlib.suppress(InstrumentError):
-                    self._connection.close_task(task, READBACK)

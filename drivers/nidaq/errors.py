@@ -32,7 +32,7 @@ REMEDIES = {
     -200332: "the card cannot sample that fast; lower the rate",
     -200561: "the output cannot be given this voltage; correct the amplifier's range in the bench file",
     -200289: "the drive came too late to be changed; nothing was rewritten",
-    -200292: "NI's driver held the samples back until its time was up; a drive of this output cannot be stopped before its end: use a generator",
+    -200292: "NI's driver holds rewritten samples of this output back; run 'tactor-bench commission', which measures how it is stopped",
     -89136: "the card cannot start its output by this signal; leave start_trigger empty in the bench file",
     -200170: "no such channel on this card; correct it in the bench file",
 }

@@ -34,6 +34,9 @@ USB_PACKET_BYTES = 512
 SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB that a gRPC server takes by default."""
 
+WRITE_TIMEOUT_S, REWRITE_TIMEOUT_S = 10.0, 0.1
+"""How long NI's driver may hold samples back: nidaqmx's default, and while the task runs. A copy to memory has no need to wait."""
+
 WRITE_MESSAGES = 3
 """Messages of one write: the offset, the number of channels, which `nidaqmx` asks for, and the samples."""
 
@@ -123,6 +126,9 @@ class OutputTask:
         """Replace samples from `first` on; return False, with none replaced, if `progress` says that they may be on their way.
 
         The last message is written first: what follows on a slow wire is in place when the first sample changes.
+
+        Raises:
+            AcquisitionError: NI's driver holds the samples back or refuses them, or does not answer.
         """
         with translate_errors(self._description):
             self._task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
@@ -135,7 +141,7 @@ class OutputTask:
                     and not progress.reaches(first, WRITE_MESSAGES * len(pieces) - 1)
                 ):
                     return False
-                self._write(wave[k : k + SAMPLES_PER_WRITE])
+                self._write(wave[k : k + SAMPLES_PER_WRITE], REWRITE_TIMEOUT_S)
         return True
 
     def generated(self) -> int:
@@ -151,9 +157,9 @@ class OutputTask:
         """Clear the task; the output stays at the sample that was converted last."""
         self._connection.close_task(self._task, OUTPUT)
 
-    def _write(self, samples: Array) -> None:
+    def _write(self, samples: Array, timeout_s: float = WRITE_TIMEOUT_S) -> None:
         writer = AnalogSingleChannelWriter(self._task.out_stream, auto_start=False)
-        written = writer.write_many_sample(np.ascontiguousarray(samples))
+        written = writer.write_many_sample(np.ascontiguousarray(samples), timeout_s)
         if written != samples.size:
             raise InstrumentError(
                 f"{self._description} took {written} of {samples.size} samples; restart the program, and NI's driver if it recurs"

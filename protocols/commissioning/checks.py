@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from drivers.assumptions.assumption import OutputCheck
 from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
@@ -18,7 +19,8 @@ FIT_LIMIT = 0.25
 """A recording that departs further (rms, in peaks) from the commanded form has no amplitude and no polarity."""
 
 CARD_STOP_LIMIT_S = 2.0
-"""Longest Stop of a card's output: a queue of 0.5 s, its margin, the fade and the measurement of the level."""
+"""Longest Stop of a card's output: a queue of 0.5 s, its margin, the fade and the measurement of the level. Without a rewrite:
+the time-out of 0.1 s, four blocks in which the output is measured, and the ramp of a small drive."""
 
 CAUSES = {
     OutputCheck.SETTINGS: (MessageKind.UPLOAD, MessageKind.OTHER),
@@ -96,6 +98,14 @@ def check_stop_duration(stopped: Evaluation | None) -> CheckedOutput | None:
         return None
     detail = stopped.trace.error or f"in '{stopped.trace.name}'"
     return CheckedOutput(OutputCheck.STOP, stopped.stop_duration_s, "s", None, CARD_STOP_LIMIT_S, detail)
+
+
+def with_rewrites_held_back(check: CheckedOutput) -> CheckedOutput:
+    """Return the check of Stop with the remark that it was measured without a rewrite."""
+    if check.check is not OutputCheck.STOP:
+        return check
+    remark = "NI's driver holds rewritten samples back: Stop keeps the sample that was reached, and leaves it in a line"
+    return replace(check, detail="; ".join(filter(None, (check.detail, remark))))
 
 
 def with_jump_at_stop(check: CheckedOutput, stopped: Evaluation) -> CheckedOutput:

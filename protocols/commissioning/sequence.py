@@ -30,6 +30,7 @@ from protocols.commissioning.checks import (
     check_waveforms,
     check_wire,
     with_jump_at_stop,
+    with_rewrites_held_back,
     worst_deviation,
 )
 from protocols.commissioning.evaluation import Evaluation
@@ -172,6 +173,8 @@ class Commissioning:
         largest = self._largest_stop() if safe else None
         if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
             checks = [with_jump_at_stop(check, largest) for check in checks]
+        if self._bench.amplifier.holds_rewrites_back:
+            checks = [with_rewrites_held_back(check) for check in checks]
         times = replace(self._times(largest or stopped, bursts), level_stop_s=level_stop_s, upload_s=upload_s)
         return self._commissioned(checks, times)
 

@@ -137,7 +137,9 @@ class NiGrpcServer(Closeable):
             ),
             "CfgDigEdgeStartTrig": lambda q: self._output(q).configure_trigger(q.trigger_source),
             "WriteAnalogF64": lambda q: {
-                "samps_per_chan_written": self._output(q).write(np.array(q.write_array, np.float64), q.auto_start)
+                "samps_per_chan_written": self._output(q).write(
+                    np.array(q.write_array, np.float64), q.auto_start, q.timeout
+                )
             },
             "WriteAnalogScalarF64": self._write_scalar,
             "ResetDevice": lambda _: self.device.reset(),

@@ -20,7 +20,7 @@ from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice, TaskChann
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
 NOT_TRIGGERED = math.inf
 WRITE_TIMEOUT_S = 10.0
-"""Default of nidaqmx; real seconds."""
+"""Default of nidaqmx, in real seconds, where a call has no timeout of its own."""
 
 
 class NiOutputTask(NiTask):
@@ -79,8 +79,10 @@ class NiOutputTask(NiTask):
     def set_buffer(self, scans: int) -> None:
         self._counts = np.zeros(scans, np.int16)
 
-    def write(self, volts: Array, auto_start: bool) -> int:
+    def write(self, volts: Array, auto_start: bool, timeout_s: float = WRITE_TIMEOUT_S) -> int:
         """Write samples, or one level immediately where there is no clock; return the number written.
+
+        `timeout_s` is in real seconds, as NI's.
 
         Raises:
             NiError: out of range, in use, beyond the last sample, or already played.
@@ -99,7 +101,7 @@ class NiOutputTask(NiTask):
             raise NiError(-201132, f"Task Name: {self.name}")
         counts = to_counts(volts)
         if self._start_time_s is not None:
-            self._rewrite(first, counts)
+            self._rewrite(first, counts, timeout_s)
         else:
             self._counts[first : first + counts.size] = counts
         self._written = first + counts.size
@@ -107,11 +109,12 @@ class NiOutputTask(NiTask):
             self.start()
         return volts.size
 
-    def _rewrite(self, first: int, counts: NDArray[np.int16]) -> None:
+    def _rewrite(self, first: int, counts: NDArray[np.int16], timeout_s: float) -> None:
         """Change samples of a running generation; those that are on their way to the converter are out of reach."""
-        if self.device.card.traits.get("rewrite") == "waits":
-            deadline_s = self.device.clock.now() + WRITE_TIMEOUT_S * self.device.speed
-            self._wait(lambda: False, lambda: deadline_s, WRITE_TIMEOUT_S)
+        if (held_back := self.device.card.traits.get("rewrite")) in ("waits", "blocks"):
+            timeout_s = WRITE_TIMEOUT_S if held_back == "blocks" else timeout_s
+            deadline_s = self.device.clock.now() + timeout_s * self.device.speed
+            self._wait(lambda: False, lambda: deadline_s, timeout_s)
             raise NiError(-200292, f"Task Name: {self.name}")
         done = self.samples_generated()
         if first < done:

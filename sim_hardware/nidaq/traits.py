@@ -35,9 +35,10 @@ CARD_DEVIATIONS = (
     ),
     Trait(
         "rewrite",
-        ("prompt", "waits"),
+        ("prompt", "waits", "blocks"),
         ("",),
-        "whether NI's protection against glitches holds a rewrite back until it times out (NI-DAQmx help, Glitching: in continuous tasks)",
+        "whether NI's protection against glitches holds a rewrite back until the caller's time-out (NI-DAQmx help, Glitching: in "
+        "continuous tasks), or whatever that is for 10 s",
     ),
     Trait(
         "queue",

@@ -137,7 +137,7 @@ def act(bench: SimulatedBench) -> Iterator[str]:
     source.ramp_to(2.5, 0.1)
     yield "restart"
     stream.restart()
-    stream.newest_drive_volts()
+    stream.newest_drive_volts(5.0)
     yield "reconnect"
     source.reconnect()
     yield "release"

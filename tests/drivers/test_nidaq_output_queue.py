@@ -136,6 +136,20 @@ def test_a_drive_is_stopped_without_a_jump_on_a_wire_that_became_slow(reply_s: f
         assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
+@pytest.mark.deep
+def test_an_acquisition_that_falls_behind_on_a_slow_wire_does_not_delay_the_release() -> None:
+    """The blocks were read until the card's buffer was full; meanwhile the remainder of the drive followed the fade."""
+    with slow() as (source, bench, library), acquiring(bench).stream(5000.0, 250):
+        source.start_drive(Sine(40.0, 2.0, 2.5, 4000))
+        bench.clock.sleep(0.37)
+        begin_s = bench.clock.now()
+        library.reply_s = 0.1
+        source.stop()
+        assert bench.clock.now() - begin_s < 15.0
+        library.reply_s = 0.0
+        assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
 def hold_up(monkeypatch: pytest.MonkeyPatch, bench: SimulatedBench, *pauses_s: float) -> None:
     """Stop the program, as SIGSTOP or a busy computer does, once for each pause: after the card has counted its samples."""
     left, changeable = list(pauses_s), PlaybackProgress.first_changeable

@@ -158,10 +158,10 @@ class NiLibrary:
         return _fill(self.device.card.scale.to_volts(raw), fill, into, size, read, ctypes.c_double) or status
 
     def _write_f64(
-        self, handle: int, count: int, auto: int, _timeout: float, _fill: int, data: int, done: Any, _: Any
+        self, handle: int, count: int, auto: int, timeout: float, _fill: int, data: int, done: Any, _: Any
     ) -> None:
         volts = np.ctypeslib.as_array((ctypes.c_double * count).from_address(data))
-        done[0] = self._tasks.output(handle).write(volts, bool(auto))
+        done[0] = self._tasks.output(handle).write(volts, bool(auto), timeout)
 
     def _write_one(self, handle: int, value: float, auto: int) -> None:
         self._tasks.output(handle).write(np.array([value]), bool(auto))
