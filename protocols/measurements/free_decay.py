@@ -143,9 +143,10 @@ class FreeDecay(Protocol):
     def _fit(self, recording: Recording, edge: int) -> DecayFit:
         from protocols.signals import fit_decay
 
-        _, moved = self._decay_after_edge(recording, edge)
+        time, moved = self._decay_after_edge(recording, edge)
         band_hz = self.low_hz, self.high_hz
-        return fit_decay(moved, recording.rate_hz, band_hz, interference=recording.interference)
+        released_s = float(time[:1].sum()) - recording.sensor_delay_s
+        return fit_decay(moved, recording.rate_hz, band_hz, 0.0, recording.interference, released_s)
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
