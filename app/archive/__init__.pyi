@@ -15,6 +15,7 @@ from .replay import TraceWindow as TraceWindow
 from .replay import load_run as load_run
 from .replay import load_trace_window as load_trace_window
 from .replay import read_measured_response as read_measured_response
+from .replay import run_result as run_result
 from .run_summary import RunFilter as RunFilter
 from .run_summary import RunState as RunState
 from .run_summary import RunSummary as RunSummary

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from app.common import Severity, minmax_decimate, minmax_pairs
+from app.common import ResultSummary, Severity, minmax_decimate, minmax_pairs, summarize_result
 from app.session import LogLine, describe_event, describe_point
 from model import Array, Mask
 from protocols.base import (
@@ -75,6 +75,14 @@ class LoadedRun:
         """Highest frequency of the points."""
         return max((float(p.frequency) for p in self.points if hasattr(p, "frequency")), default=250.0)
 
+    @property
+    def result(self) -> ResultSummary:
+        """What the result card shows of the run."""
+        kind = _summarized_kind(PROTOCOLS.get(self.protocol), self.points)
+        return summarize_result(
+            self.verdict, self.reason, self.estimates, kind, self.points, self.hints, str(self.path), self.simulated
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class MeasuredResponse:
@@ -130,6 +138,28 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
             duration_s=run.trace.duration_s,
             hints=_load_hints(run, kind, points),
         )
+
+
+def run_result(run: Run) -> ResultSummary:
+    """Return what the result card shows of an open run."""
+    kind = PROTOCOLS.get(run.protocol)
+    points = tuple(_load_points(run, kind))
+    hints = _load_hints(run, kind, points)
+    return summarize_result(
+        run.verdict,
+        run.reason,
+        run.estimates(),
+        _summarized_kind(kind, points),
+        points,
+        hints,
+        str(run.path),
+        run.simulated,
+    )
+
+
+def _summarized_kind(kind: type[Protocol] | None, points: Sequence[Any]) -> type[Protocol] | None:
+    """Return the protocol on whose axes points are listed; None for points of another version, or imported ones."""
+    return kind if kind is not None and all(isinstance(point, kind.point_type) for point in points) else None
 
 
 def read_measured_response(path: Path) -> MeasuredResponse:

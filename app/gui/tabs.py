@@ -380,6 +380,7 @@ class MainTabs(QTabWidget):
 
         page = ExplorePage(self._first_theme, fit_runs)
         page.runs_wanted.connect(self._choose_runs)
+        page.card.requested.connect(self._on_card_requested)
         page.folder = lambda: self.folder
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
         page.toolbar.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
@@ -392,7 +393,8 @@ class MainTabs(QTabWidget):
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_requested.connect(self._overlay_runs)
         page.continue_requested.connect(self.continue_requested)
-        page.details.card.requested.connect(self._on_card_requested)
+        for card in (page.details.card, page.viewer.card):
+            card.requested.connect(self._on_card_requested)
         return page
 
     def _make_bench(self) -> BenchPage:

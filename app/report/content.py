@@ -13,6 +13,7 @@ from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSe
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
 from app.report.plots import TITLE, paper_plots
+from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
 
@@ -141,4 +142,8 @@ def _appendix(
         tables.hash_table(runs),
         *audit_blocks(folder),
     ]
-    return [*sections, ReportSection("Where the numbers come from", sources)]
+    return [
+        *sections,
+        ReportSection("Result of every run", result_cards(runs)),
+        ReportSection("Where the numbers come from", sources),
+    ]

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from app.archive import Catalogue, RunFilter, RunState, RunSummary
-from app.common import NO_PROGRESS, Progress
+from app.archive import Catalogue, RunFilter, RunState, RunSummary, run_result
+from app.common import NO_PROGRESS, Progress, ResultSummary
 from app.identification import run_observations, shape_count_of_run
 from model import AmplifierMap, ParameterError
 from model.identification import FitOptions, Observation
@@ -45,6 +45,8 @@ class ReportRun:
     software: str = ""
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     observations: tuple[Observation, ...] = ()
+    result: ResultSummary | None = None
+    """What the result card shows of it; None if its file could not be used."""
     continues: Path | None = None
     sha256: str = ""
     problem: str = ""
@@ -150,6 +152,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         software=", ".join(f"{name} {version}" for name, version in run.software.items()),
         amplifier=run.amplifier_map,
         observations=observations,
+        result=run_result(run),
         continues=run.resumed_from and run.resumed_from.resolve(),
         exclusion_reason=exclusion_reason,
     )

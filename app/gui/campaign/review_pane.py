@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard, summary_of
+from app.gui.results.card import ResultCard
 from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
 from app.live import OverlayCurve
 from protocols.base import RunEnded, RunStatus
@@ -106,7 +106,7 @@ class ReviewPane(QWidget):
         """Show a run with its comparisons."""
         self.review = review
         run = review.run
-        self.card.show_summary(summary_of(run))
+        self.card.show_summary(run.result)
         for at, label in enumerate(self.indicator_labels):
             shown = at < len(review.indicators)
             label.setVisible(shown)

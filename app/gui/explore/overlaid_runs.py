@@ -7,7 +7,8 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive import MeasuredResponse, read_measured_response
+from app.archive import MeasuredResponse, load_run, read_measured_response
+from app.common import ResultSummary
 from app.explore import ExploreFit, ExploreSetting
 from app.gui.widgets import BackgroundWorker
 
@@ -44,6 +45,12 @@ class OverlaidRuns(QObject):
         """Remove runs."""
         removed = [run.path for run in runs]
         self._set_runs(tuple(run for run in self.runs if run.path not in removed))
+
+    def read_result(self, path: Path, show: Callable[[ResultSummary], object]) -> None:
+        """Read what the result card shows of a run; only the newest request is answered."""
+        self._file_worker.submit(
+            lambda: load_run(path, with_traces=False).result, show, self._on_error, latest_only="result"
+        )
 
     def fit(self, setting: ExploreSetting) -> None:
         """Fit the model to the runs, starting from a setting; during a fit: cancel it."""

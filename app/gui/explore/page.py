@@ -9,6 +9,7 @@ from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
+from app.common import ResultSummary
 from app.explore import (
     PRESET_TITLES,
     ExploreFit,
@@ -25,7 +26,9 @@ from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
+from app.gui.results.card import ResultCard
 from app.gui.widgets import (
+    STRETCH,
     BackgroundWorker,
     Mode,
     StatusLine,
@@ -34,12 +37,14 @@ from app.gui.widgets import (
     choose_files,
     column,
     dropped_runs,
+    make_scroll_area,
     make_splitter,
 )
 from app.live import LatestOnlyWorker
 from app.session import WindowState
 from model import ParameterError
 
+CARD_WIDTH = 250
 PAINT_PAUSE_S = 0.02
 """Pause of the worker after the curve, so that it is painted before the motion is computed."""
 
@@ -73,6 +78,8 @@ class ExplorePage(QSplitter):
         )
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
+        self.card = ResultCard(theme, "explore.card", ("open", "report"), stretch_below=True)
+        """Result of the chosen overlaid run."""
         self.status_line = StatusLine()
         self.addWidget(self._left_column())
         self.addWidget(self._right_column())
@@ -100,6 +107,7 @@ class ExplorePage(QSplitter):
         """Apply a theme."""
         self.plot.set_theme(theme)
         self.shape_plot.set_theme(theme)
+        self.card.set_theme(theme)
 
     def activate(self) -> None:
         """Take the keyboard focus."""
@@ -209,12 +217,24 @@ class ExplorePage(QSplitter):
 
     def _show_overlaid(self) -> None:
         self.plot.show_runs(self.overlaid.runs)
-        self.toolbar.show_runs(self.overlaid.runs, self.overlaid.remove)
+        self.toolbar.show_runs(self.overlaid.runs)
         if other := self.session.runs_with_other_drive(self.overlaid.runs):
             drives = ", ".join(f"{run.label} at {run.peak_to_peak_v:.3g} V" for run in other)
             self.status_line.show_message(
                 f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
             )
+
+    def _show_result_of(self, path: Path | None) -> None:
+        """Show the result card of an overlaid run beside the plot; None hides it."""
+        self._card_area.setVisible(path is not None)
+        if path is not None:
+            self.card.show_reading()
+            self.overlaid.read_result(path, self._show_card)
+
+    def _show_card(self, result: ResultSummary) -> None:
+        if self.toolbar.chosen_run == Path(result.path):
+            self.card.show_summary(result)
+            self.card.show()
 
     def _apply_change(self, change: Callable[[], object]) -> None:
         """Change the setting; if the model rejects it, show why and keep the old one."""
@@ -295,8 +315,18 @@ class ExplorePage(QSplitter):
         rows = make_splitter(
             "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
         )
+        self._card_area = make_scroll_area(
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff, minimumWidth=CARD_WIDTH
+        )
+        self._card_area.setAccessibleName("result of the chosen run")
+        result = QWidget()
+        column(self.card, STRETCH, parent=result, margins=(4, 0, 4, 0))
+        result.setAutoFillBackground(False)
+        self._card_area.setWidget(result)
+        self._card_area.hide()
+        columns = make_splitter("explore/result", (rows, 1), (self._card_area, 0), sizes=[600, CARD_WIDTH])
         column(
-            self.toolbar.series_row, self.toolbar.overlay_row, (rows, 1),
+            self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, (columns, 1),
             parent=right, margins=(0, 0, 0, 0), spacing=4,
         )  # fmt: skip
         return right
@@ -319,6 +349,8 @@ class ExplorePage(QSplitter):
             (bar.range_chosen, self._set_range),
             (bar.series_changed, self._update_series),
             (bar.copy_chosen, self.copy),
+            (bar.run_chosen, self._show_result_of),
+            (bar.run_removed, self.overlaid.remove),
             (bar.undo_button.clicked, self.undo),
             (bar.redo_button.clicked, self.redo),
             (bar.keep_button.clicked, self.keep_curve),

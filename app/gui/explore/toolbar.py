@@ -1,15 +1,16 @@
 """Toolbar of the Explore page: presets, displayed series, overlaid runs, export."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineEdit, QPushButton
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineEdit, QPushButton, QWidget
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import ExploreSetting
 from app.gui.plots import SERIES, caption_label
-from app.gui.widgets import SheetButton, configure, make_choice, row, tooltip
+from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, row, tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
 
@@ -23,6 +24,10 @@ class ExploreToolbar(QObject):
     range_chosen = Signal(float)
     series_changed = Signal()
     copy_chosen = Signal(str)
+    run_chosen = Signal(object)
+    """Path of the overlaid run whose result is to be shown; None for no longer."""
+    run_removed = Signal(object)
+    """A `MeasuredResponse` that is to be taken away."""
 
     def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -72,8 +77,10 @@ class ExploreToolbar(QObject):
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self.sheet_button = SheetButton("explore")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
-        self._chips = row(spacing=4)
-        self.run_chips: list[QPushButton] = []
+        self.runs_row = WrappedRow(spacing=4)
+        self.run_chips: dict[Path, QPushButton] = {}
+        """A button for each overlaid run, which shows its result."""
+        self.remove_buttons: dict[Path, QPushButton] = {}
         self.start_row = row(
             self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
         )
@@ -90,7 +97,6 @@ class ExploreToolbar(QObject):
             self.file_button,
             self.fit_button,
             self.identify_button,
-            self._chips,
             None,
             self.clear_button,
             spacing=6,
@@ -112,17 +118,36 @@ class ExploreToolbar(QObject):
         if not self.frequency.hasFocus():
             self.frequency.setText(f"{hz:.4g}")
 
-    def show_runs(self, runs: Sequence[MeasuredResponse], remove: Callable[[MeasuredResponse], None]) -> None:
-        """Show a button for each overlaid run, which removes it."""
-        for chip in self.run_chips:
-            self._chips.removeWidget(chip)
-            chip.deleteLater()
-        self.run_chips = []
+    def show_runs(self, runs: Sequence[MeasuredResponse]) -> None:
+        """Show two buttons for each overlaid run: one shows its result, one takes it away."""
+        chosen = self.chosen_run
+        while (item := self.runs_row.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self.run_chips, self.remove_buttons = {}, {}
         for run in runs:
-            chip = make_choice(f"{run.label}  ✕", f"{run.path}: press to take it away")
-            chip.clicked.connect(lambda _=False, run=run: remove(run))
-            self._chips.addWidget(chip)
-            self.run_chips.append(chip)
+            chip = make_choice(run.label, f"{run.path}: show its result", checkable=True)
+            chip.setChecked(run.path == chosen)
+            chip.clicked.connect(lambda checked, path=run.path: self._choose_run(path if checked else None))
+            removing = make_choice("✕", f"Take {run.label} away")
+            removing.setAccessibleName(f"take {run.label} away")
+            removing.clicked.connect(lambda _=False, run=run: self.run_removed.emit(run))
+            pair = QWidget()
+            row(chip, removing, parent=pair, margins=(0, 0, 0, 0), spacing=0)
+            self.runs_row.addWidget(pair)
+            self.run_chips[run.path], self.remove_buttons[run.path] = chip, removing
+        if chosen is not None and chosen not in self.run_chips:
+            self.run_chosen.emit(None)
+
+    @property
+    def chosen_run(self) -> Path | None:
+        """Path of the overlaid run whose result is shown."""
+        return next((path for path, chip in self.run_chips.items() if chip.isChecked()), None)
+
+    def _choose_run(self, path: Path | None) -> None:
+        for each, chip in self.run_chips.items():
+            chip.setChecked(each == path)
+        self.run_chosen.emit(path)
 
     def show_fitting(self, fitting: bool) -> None:
         """Make the fit button cancel while a fit runs."""

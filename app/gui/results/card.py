@@ -7,7 +7,6 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QSizePolicy
 
-from app.archive import LoadedRun
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
 from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, grid, make_button, make_label, row, tooltip
 from app.session import WindowState
@@ -41,13 +40,19 @@ class ResultCard(QFrame):
         prefix: of the object names.
         actions: names of the buttons.
         compact: the verdict in one line, beside a table that has the rest.
+        stretch_below: free space below it belongs to its layout, so that it may be as high as its width requires.
     """
 
     requested = Signal(str, object)
     """Name of an action, and the path of the run."""
 
     def __init__(
-        self, theme: Theme, prefix: str = "result", actions: tuple[str, ...] = ACTIONS, compact: bool = False
+        self,
+        theme: Theme,
+        prefix: str = "result",
+        actions: tuple[str, ...] = ACTIONS,
+        compact: bool = False,
+        stretch_below: bool = False,
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="" if compact else "panel")
@@ -99,7 +104,9 @@ class ResultCard(QFrame):
             margins=(10, 8, 10, 8),
             spacing=2,
         )
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        self.setSizePolicy(
+            QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred if stretch_below else QSizePolicy.Policy.Maximum
+        )
         self.hide()
 
     def set_theme(self, theme: Theme) -> None:
@@ -174,16 +181,6 @@ class ResultCard(QFrame):
         self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
         self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
         self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(outcome_severity(verdict))}")
-
-
-def summary_of(run: LoadedRun) -> ResultSummary:
-    """Return what the result card shows of a run."""
-    kind = PROTOCOLS.get(run.protocol)
-    if kind is not None and not all(isinstance(point, kind.point_type) for point in run.points):
-        kind = None  # of another version, or imported
-    return summarize_result(
-        run.verdict, run.reason, run.estimates, kind, run.points, run.hints, str(run.path), run.simulated
-    )
 
 
 def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:

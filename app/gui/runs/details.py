@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
 from app.common import typeset
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard, summary_of
+from app.gui.results.card import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -183,7 +183,7 @@ class RunDetailsPane(QWidget):
     def show_result(self, run: LoadedRun) -> None:
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""
         kind = PROTOCOLS.get(run.protocol)
-        self.card.show_summary(summary_of(run))
+        self.card.show_summary(run.result)
         self.card.show()
         self.facts_label.setText(self._people)
         self.facts_label.setVisible(bool(self._people))

@@ -1,16 +1,30 @@
-"""Viewer of a finished run: response with model curve, traces, log and results."""
+"""Viewer of a finished run: response with model curve, traces, log and result card."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QWidget
 
 from app.archive import LoadedRun
-from app.common import OUTCOME_SYMBOLS, format_duration, format_estimate, format_outcome, outcome_severity
+from app.common import format_duration, format_outcome
 from app.gui.plots import ResultPlots
+from app.gui.results.card import ResultCard
 from app.gui.runs.trace_plot import TracePlot
-from app.gui.widgets import SELECTABLE, LogPane, Theme, column, make_button, make_label, make_splitter, row
+from app.gui.widgets import (
+    SELECTABLE,
+    STRETCH,
+    LogPane,
+    Theme,
+    column,
+    make_button,
+    make_label,
+    make_scroll_area,
+    make_splitter,
+    row,
+)
 from app.live import OverlayCurve
 from protocols.base import Outcome, RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
+
+CARD_WIDTH = 270
 
 
 class RunViewer(QWidget):
@@ -22,38 +36,39 @@ class RunViewer(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.run: LoadedRun | None = None
-        self._theme = theme
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
-        self.verdict_label = make_label(kind="caption", name="run.verdict", textInteractionFlags=SELECTABLE)
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
+        self.card = ResultCard(theme, "run.card", ("next", "report"), stretch_below=True)
         self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit, name="run.back")
         self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit, name="run.explore")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
+        result, area = QWidget(), make_scroll_area(horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setAccessibleName("result of the run")
+        column(self.card, self.facts_label, STRETCH, parent=result, margins=(4, 0, 4, 0), spacing=6)
+        result.setAutoFillBackground(False)
+        area.setWidget(result)
+        area.setMinimumWidth(CARD_WIDTH)
+        columns = make_splitter("runs/run", (rows, 1), (area, 0), sizes=[900, CARD_WIDTH])
         head = row(self.back_button, (self.heading, 1), self.explore_button)
-        column(head, self.verdict_label, self.facts_label, (rows, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
+        column(head, (columns, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self._theme = theme
-        if self.run is not None:
-            self._color_verdict(self.run)
-        for widget in (self.plots, self.trace_plot, self.log):
+        for widget in (self.plots, self.trace_plot, self.log, self.card):
             widget.set_theme(theme)
 
     def show_run(self, run: LoadedRun) -> None:
         """Show a run; its model curve follows."""
         self.run = run
         self.heading.setText(run.title)
-        self.verdict_label.setText(_verdict_text(run))
-        self._color_verdict(run)
-        estimates = "".join(f"   {format_estimate(e)}." for e in run.estimates)
+        self.card.show_summary(run.result)
+        self.card.show()
+        how = format_outcome(run.state, run.reason) if run.verdict.outcome is Outcome.NOT_JUDGED else ""
+        begun = f"{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}"
         parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.parameters.items())
-        simulated = "SIMULATED.   " if run.simulated else ""
-        self.facts_label.setText(
-            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}.{estimates}\n{parameters}"
-        )
+        self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
         found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
@@ -61,20 +76,9 @@ class RunViewer(QWidget):
         self.trace_plot.show_traces(run.traces, run.simulated)
         self.log.show_messages(run.messages)
 
-    def _color_verdict(self, run: LoadedRun) -> None:
-        color = self._theme.severity_color(outcome_severity(run.verdict.outcome))
-        self.verdict_label.setStyleSheet(f"color: {color}")
-
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model curve under the points."""
         self.plots.show_model_curve(curve)
-
-
-def _verdict_text(run: LoadedRun) -> str:
-    outcome = run.verdict.outcome
-    if outcome is Outcome.NOT_JUDGED:
-        return f"{OUTCOME_SYMBOLS[outcome]} {outcome}: {format_outcome(run.state, run.reason)}"
-    return f"{OUTCOME_SYMBOLS[outcome]} {run.verdict.describe(run.reason)}"
 
 
 def _format_value(value: object) -> str:

@@ -18,7 +18,7 @@ from app.gui.widgets.theme import DARK, LIGHT
 from model.identification.fit_options import FitCancelled
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
-from tests.helpers.main_window import OpenPage, OpenStage, Stage, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, find, until
 from tests.helpers.run_files import finished_run
 
 
@@ -136,8 +136,17 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     type_into(page, "peak_to_peak_v", "4")
     page._show_overlaid()
     assert "at 5 V; the curve is for 4 V" in page.status_line.text()
-    page.toolbar.run_chips[0].click()
+    page.toolbar.run_chips[path].click()
+    until(page.card.isVisible, "for the result of the run")
+    assert find(page, "explore.card.verdict").text() == "– NOT JUDGED"
+    assert find(page, "explore.card.file").text() == path.name
+    assert find(page, "explore.card.simulated").isVisible()
+    page.toolbar.run_chips[path].click()
+    assert not page.card.isVisible()
+    page.toolbar.run_chips[path].click()
+    page.toolbar.remove_buttons[path].click()
     assert page.overlaid.runs == ()
+    assert not page.card.isVisible()
     assert not page.plot.simulated_label.visible
 
 

@@ -56,7 +56,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         page.open_selected()
         until(lambda: page.currentWidget() is page.viewer and page.folder_model.is_idle, "for the run")
         view = page.viewer
-        assert words in view.verdict_label.text() + view.facts_label.text()
+        assert words in view.card.reason_label.text() + view.facts_label.text()
         stage.window.tick()
         grab(stage.window, tmp_path / f"{specimen}.png")
         samples = view.trace_plot.curves[0].getData()[0]

@@ -123,5 +123,5 @@ def test_a_fault_of_the_setup_is_named_in_terminal_window_list_and_report(
     assert case.outcome in page.model.index(0, COLUMNS.index("verdict")).data()
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run's plots")
-    assert case.cause in find(page, "run.verdict").text()
+    assert case.cause in find(page, "run.card.reason").text()
     assert stage.window.grab().save(str(tmp_path / "runs.png"))

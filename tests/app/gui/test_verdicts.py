@@ -98,4 +98,6 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     assert [run.specimen for run in page.model.summaries] == ["no-result"]
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run")
-    assert find(page, "run.verdict").text() == "○ no result; a remedy"
+    assert find(page, "run.card.verdict").text() == "○ NO RESULT"
+    assert find(page, "run.card.reason").text() == "No result; a remedy"
+    assert find(page, "run.card.simulated").isVisibleTo(page.viewer)

@@ -15,6 +15,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 
 from app.cli import report as command
 from app.cli.main import main
+from app.common import typeset
 from app.common.tables import Table
 from app.plotting.panels import ReportPlot
 from app.report.content import ReportError, build_report, page_marks
@@ -27,6 +28,7 @@ from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
+from protocols.runfile.reader import Run
 from protocols.runfile.results import store_verdict
 from tests.helpers.report_specimen import TRUTH, blocks_of
 from tests.helpers.simulated_bench import laboratory, run
@@ -202,6 +204,14 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
     assert f"{steps.name} is doubtful: 2 of 4 clipped; choose a larger range" in said
     (table,) = [t for t in blocks_of(report, Table) if t.title.startswith("Runs and the quality")]
     assert {row[0]: row[3] for row in table.rows} == {dwell.name: "no result", steps.name: "doubtful"}
+    cards = {t.title: t for t in blocks_of(report, Table) if t.title.startswith(("sine-dwell, ", "voltage-steps, "))}
+    assert list(cards) == [
+        f"sine-dwell, {dwell.name}: ○ NO RESULT, SIMULATED",
+        f"voltage-steps, {steps.name}: △ DOUBTFUL, SIMULATED",
+    ]
+    with Run(dwell) as measured:
+        names = [typeset(estimate.name) for estimate in measured.estimates()]
+    assert [row[0] for row in next(iter(cards.values())).rows] == names
     assert known.identification is not None
     assert len(known.identification.observations.runs) == 1
     assert {run["file"]: run["verdict"] for run in report.record["runs"]} == {

@@ -1,0 +1,40 @@
+"""Result cards of a report: verdict, quantities or points, and hints of every run, as the window shows them."""
+
+from collections.abc import Sequence
+
+from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, Table, outcome_severity
+from app.report.document import Block, Paragraph, Tone
+from app.report.runs import ReportRun
+from protocols.base import Outcome
+
+NOISE_NOTE = (
+    "± one standard error of this run's noise only; total uncertainties are those of the identified parameters."
+)
+HEADINGS = ("quantity", "value")
+TONES: dict[Severity, Tone] = {Severity.ERROR: "bad"}
+
+
+def result_cards(runs: Sequence[ReportRun]) -> list[Block]:
+    """Return the result of each run that can be read, in the order of the runs."""
+    blocks: list[Block] = []
+    for run in runs:
+        if run.result is not None:
+            blocks += _card(run, run.result)
+    return blocks
+
+
+def _card(run: ReportRun, result: ResultSummary) -> list[Block]:
+    outcome = result.verdict.outcome
+    marks = ", SIMULATED" * result.simulated + ", IMPORTED" * run.imported
+    title = f"{run.summary.protocol}, {run.name}: {OUTCOME_SYMBOLS[outcome]} {outcome.upper()}{marks}"
+    tone = TONES.get(outcome_severity(outcome), "plain")
+    remarks: list[Block] = [Paragraph(f"Hint: {hint}.") for hint in result.hints]
+    if outcome is not Outcome.GOOD:
+        remarks.insert(0, Paragraph(f"{result.verdict.describe(result.reason)}.", tone))
+    listed = result.quantities or result.points[:MAX_POINT_ROWS]
+    if not listed:
+        return [Paragraph(title, tone), *remarks]
+    more = len(result.points) - len(listed)
+    note = f"{NOISE_NOTE} {more} more points are in the file." if result.points and more > 0 else NOISE_NOTE
+    headings = HEADINGS if result.quantities else result.point_names
+    return [Table.of_rows(title, headings, listed, note), *remarks]
