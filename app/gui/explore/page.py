@@ -78,7 +78,7 @@ class ExplorePage(QSplitter):
         )
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
-        self.card = ResultCard(theme, "explore.card", ("open", "report"), stretch_below=True)
+        self.card = ResultCard(theme, "explore.card", ("open", "report"), scrolls=True)
         """Result of the chosen overlaid run."""
         self.status_line = StatusLine()
         self.addWidget(self._left_column())

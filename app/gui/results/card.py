@@ -40,7 +40,7 @@ class ResultCard(QFrame):
         prefix: of the object names.
         actions: names of the buttons.
         compact: the verdict in one line, beside a table that has the rest.
-        stretch_below: free space below it belongs to its layout, so that it may be as high as its width requires.
+        scrolls: it lies in an area that scrolls: it is as high as it needs to be, with all reasons of the verdict.
     """
 
     requested = Signal(str, object)
@@ -52,11 +52,11 @@ class ResultCard(QFrame):
         prefix: str = "result",
         actions: tuple[str, ...] = ACTIONS,
         compact: bool = False,
-        stretch_below: bool = False,
+        scrolls: bool = False,
     ) -> None:
         super().__init__()
         configure(self, prefix, kind="" if compact else "panel")
-        self._theme, self._compact = theme, compact
+        self._theme, self._compact, self._scrolls = theme, compact, scrolls
         self._outcome: RunEnded | None = None
         self.summary: ResultSummary | None = None
         self.verdict_label = make_label(kind="running", wrap=not compact, name=f"{prefix}.verdict")
@@ -105,7 +105,7 @@ class ResultCard(QFrame):
             spacing=2,
         )
         self.setSizePolicy(
-            QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred if stretch_below else QSizePolicy.Policy.Maximum
+            QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred if scrolls else QSizePolicy.Policy.Maximum
         )
         self.hide()
 
@@ -137,7 +137,8 @@ class ResultCard(QFrame):
         self.summary = summary
         self._show_verdict(summary)
         reasons = summary.verdict.describe(summary.reason)
-        brief = reasons if len(reasons) <= MAX_REASON_LENGTH else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
+        short = self._scrolls or len(reasons) <= MAX_REASON_LENGTH
+        brief = reasons if short else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
         written = bool(summary.path) and bool(summary.measured)
         self.simulated_label.setVisible(summary.simulated)
         for name, button in self.buttons.items():

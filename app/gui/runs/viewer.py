@@ -39,7 +39,7 @@ class RunViewer(QWidget):
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
-        self.card = ResultCard(theme, "run.card", ("next", "report"), stretch_below=True)
+        self.card = ResultCard(theme, "run.card", ("next", "report"), scrolls=True)
         self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit, name="run.back")
         self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit, name="run.explore")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))

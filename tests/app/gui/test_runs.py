@@ -150,8 +150,8 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert t[-1] == pytest.approx(length, abs=0.01)
     gap = np.flatnonzero(~view.trace_plot.curves[1].opts["connect"][:-1])
     assert t[gap] == pytest.approx([0.2], abs=0.01)  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
-    assert "158.350 ± 0.010 Hz" in view.facts_label.text()
-    assert "SIMULATED" in view.facts_label.text()
+    assert view.card.value_labels[0][1].text() == "158.350 ± 0.010 Hz"
+    assert view.card.simulated_label.isVisible()
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.result() is not None, "for the curve")
     page.tick()
