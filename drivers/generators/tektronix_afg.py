@@ -27,7 +27,7 @@ class TektronixAfg(ScpiBurstGenerator):
     """A `Source` that keeps one amplitude and carries every drive in the points of its edit memory."""
 
     MODELS = ("AFG3", "AFG1")
-    MODEL_PATTERN = r"AFG1|AFG3\d{3}(?!\d)|AFG31(02|05|10)[12]"
+    MODEL_PATTERN = r"AFG1|AFG3(?!25)\d{3}(?!\d)|AFG31(02|05|10)[12]"
     PRODUCT_NAMES = "Tektronix AFG3000, AFG31000 and AFG1000"
     CAN_FREEZE_RANGE = False
     SOURCE_PREFIX = "SOUR1:"

@@ -53,12 +53,12 @@ UNSUITABLE_GENERATORS = (
         "benchctrl at 0c6e51e (uploads over USB); SDG programming guide (WVDT: numbered memories on SDG800)",
     ),
     UnsuitableGenerator(
-        "Tektronix AFG31151, AFG31152, AFG31251 and AFG31252",
+        "Tektronix AFG3251, AFG3252, AFG31151, AFG31152, AFG31251 and AFG31252",
         "TEKTRONIX",
-        r"AFG31[12]5[12](?!\d)",
+        r"AFG3(25|1[12]5)[12](?!\d)",
         "its open output ends at 5 V, so that with the amplitude of 0 to 5 V, which it cannot change without a relay, its level cannot "
         "be moved",
-        "tm_devices at db887dd (AFG31K: offset and amplitude of models 15 and 25)",
+        "tm_devices at db887dd (offset and amplitude: AFG3K, model 25; AFG31K, models 15 and 25)",
     ),
     UnsuitableGenerator("GW Instek AFG-2000, AFG-3000 and MFG-2000", "GW", r"[AM]FG-?[23]\d", NOT_DOCUMENTED),
     UnsuitableGenerator("OWON XDG, DGE and AG", "OWON|LILLIPUT", r"XDG|DGE|AG", NOT_DOCUMENTED),

@@ -71,6 +71,7 @@ UNSUITABLE = {
     "*IDN SDG,SDG805,SDG00003140697,5.01.01.12": r"SDG830\) and Teledyne T3AFG5, T3AFG10\): it has a USB port only",
     "Teledyne,T3AFG10,1,1": r"T3AFG10\): it has a USB port only",
     "TEKTRONIX,AFG31252,C013019,SCPI:99.0 FV:1.6.1": r"its open output ends at 5 V",
+    "TEKTRONIX,AFG3252C,C010001,SCPI:99.0 FV:1.0.0": r"its open output ends at 5 V",
     "GW INSTEK,AFG-2225,SN:1,V1.0": r"at which level its output waits",
     "owon,XDG2035,1,V1": r"at which level its output waits",
 }
@@ -117,6 +118,7 @@ def test_relatives_of_an_unsuitable_model_are_not_advised_against() -> None:
     assert not reason_unsuitable(Identity("Agilent Technologies", "33220A"))
     assert not reason_unsuitable(Identity("Siglent Technologies", "SDG810X"))
     assert not reason_unsuitable(Identity("TEKTRONIX", "AFG31052"))
+    assert not reason_unsuitable(Identity("TEKTRONIX", "AFG3152C"))
 
 
 def drivers_for(model: str) -> list[str]:

@@ -42,12 +42,12 @@ MODELS = (
     "SDG2122X",
     "SDG6022X",
     "AFG31052",
-    "AFG3252",
+    "AFG3102",
     "AFG1022",
 )
 LEVELS = {OutputCheck.REST, OutputCheck.OFFSET, OutputCheck.SETTINGS, OutputCheck.LONG_LEVEL}
 
-FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3252")
+FAMILIES = ("33622A", "33220A", "DG1032Z", "SDG1032X", "AFG3102")
 
 
 def test_an_instrument_as_assumed_passes() -> None:
@@ -92,7 +92,7 @@ def test_deviations_drawn_blind_are_found_and_nothing_else(model: str, seed: int
 
 
 @pytest.mark.deep
-@pytest.mark.parametrize("model", ["DG812", "SDG2122X", "AFG3252"])
+@pytest.mark.parametrize("model", ["DG812", "SDG2122X", "AFG3102"])
 @pytest.mark.parametrize("retime", ["continues", "at-next-burst", "restarts"])
 def test_whether_stop_may_hasten_the_end_of_a_level_is_measured_and_is_no_deviation(model: str, retime: str) -> None:
     found = commissioned(model, f"retime={retime}")
