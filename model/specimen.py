@@ -32,7 +32,7 @@ def variable_specs() -> dict[str, ParameterSpec]:
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """A tactor on `membrane` at pre-stretch `delta`, or free if there is none.
+    """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
 
     `k_s` and `c_s`, where given, replace those of the membrane; None is as described in `model.skin_model`.
 

@@ -147,7 +147,7 @@ def _entry_duration_s(entry: PlanEntry, amplifier: HvAmplifier) -> float:
 
 
 def _substitutes_text(protocol: Protocol, amplifier: HvAmplifier) -> str:
-    """Return the protocols to run in its place on this source, as a sentence; empty if there is none."""
+    """Return a sentence that names the alternative protocols on this source; empty without one."""
     rest_v, playable = amplifier.map.rest_v, []
     for name in protocol.substitutes:
         adapted = adapt_to_source(PROTOCOLS[name].model_validate({}), amplifier).protocol

@@ -178,7 +178,7 @@ class NotebookFrontEnd(FrontEnd):
         self._queue.put((ask_id, prompt))
 
     def answer(self, ask_id: int) -> str | None:
-        """Return the answer, None while there is none; in the session's thread."""
+        """Return the answer, or None before it was given; called in the session's thread."""
         return self._answers.pop(ask_id, None)
 
     def observe(self, event: SessionEvent) -> None:

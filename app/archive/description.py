@@ -194,6 +194,6 @@ def _import_text(run: Run) -> str:
 
 
 def _standard_error(points: dict[str, Any], name: str, row: int) -> float:
-    """Return the standard error of a column's value, 0 if there is none."""
+    """Return the standard error of a column's value; 0 for a column without one."""
     column = points.get(f"{name}_errors")
     return float(column[row]) if column is not None else 0.0

@@ -190,7 +190,7 @@ class RunFilter:
     """A word of the verdict: `good`, `not judged`, `crashed`."""
     operator: str = ""
     checked_by: str = ""
-    """A second person; `nobody` selects runs that were not checked."""
+    """The person who checked the run; `nobody` selects runs that were not checked."""
     instrument: str = ""
     """Part of the identity of an instrument, such as a serial number."""
 

@@ -24,7 +24,7 @@ def content_hash(path: Path) -> str:
 
 
 def record_audit(action: str, *paths: Path, subject: str = "", **details: object) -> None:
-    """Append a line on changed files to the audit trail that covers them; nothing where there is none. Never raises."""
+    """Append an entry on changed files to the audit trail that covers them, if any. Errors are logged, not raised."""
     if not paths or audited_folder(paths[0]) is None:
         return
     hashes = {}

@@ -62,7 +62,7 @@ class AuditEntry:
 
 
 def audited_folder(path: Path) -> Path | None:
-    """Return the folder whose audit trail covers a file: its own, or one above; None if there is none."""
+    """Return the folder whose audit trail covers a file, its own or a parent, or None."""
     absolute = path.absolute()
     return next((folder for folder in list(absolute.parents)[:MAX_LEVELS] if (folder / LOG_NAME).is_file()), None)
 
@@ -70,7 +70,7 @@ def audited_folder(path: Path) -> Path | None:
 def record_change(
     path: Path, action: str, subject: str = "", by: str = "", files: Mapping[Path, str] | None = None, **details: Any
 ) -> None:
-    """Append a line on a changed file to the audit trail that covers it; nothing where there is none. Never raises.
+    """Append an entry on a changed file to the audit trail that covers it, if any. Errors are logged, not raised.
 
     Args:
         path: the file that was written or removed.
@@ -174,7 +174,7 @@ def _check_chain(lines: Sequence[bytes]) -> tuple[list[AuditEntry], list[str]]:
 
 
 def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file; empty if there is none.
+    """Return the SHA-256 of a file; empty for a missing file.
 
     Raises:
         OSError: it cannot be read.

@@ -32,7 +32,7 @@ def operator_path() -> Path:
 
 
 def remembered_conditions(now: datetime | None = None) -> RunConditions:
-    """Return what was stated today; without an operator where nobody was named today, or the file is damaged."""
+    """Return what was stated today; its operator is empty if none was stated today or the file is damaged."""
     today = f"{now or datetime.now():%Y-%m-%d}"
     try:
         record = read_json_file(operator_path())
@@ -53,7 +53,7 @@ def remember_conditions(
     humidity: float | None = None,
     now: datetime | None = None,
 ) -> RunConditions:
-    """Remember who measures, and the typed state of the air, until midnight; what is None stays as it is.
+    """Store the operator and the typed conditions until midnight; arguments that are None leave the stored value unchanged.
 
     Raises:
         UsageError: the name cannot be used, or the file cannot be written.
@@ -82,13 +82,13 @@ def remember_conditions(
 
 
 def current_conditions() -> RunConditions:
-    """Return what was stated today; the operator is the login of the computer where nobody was named."""
+    """Return what was stated today; the operator defaults to the computer's login name."""
     found = remembered_conditions()
     return found if found.operator else replace(found, operator=login_name(), operator_origin=LOGIN)
 
 
 def with_sensor(conditions: RunConditions, sensor: "EnvironmentSensor | None") -> RunConditions:
-    """Return the conditions with the sensor's reading; the reason where it cannot be read. Never raises a BenchError."""
+    """Return the conditions with the sensor's reading, or with the reason why it could not be read."""
     if sensor is None:
         return conditions
     try:
@@ -101,7 +101,7 @@ def with_sensor(conditions: RunConditions, sensor: "EnvironmentSensor | None") -
 
 
 def login_name() -> str:
-    """Return the login of the computer; empty if there is none."""
+    """Return the computer's login name; empty if it has none."""
     import getpass
 
     try:

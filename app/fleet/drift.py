@@ -16,7 +16,7 @@ from app.fleet.control_chart import BASELINE, ControlChart, TooFewValuesError, c
 from app.fleet.values import FleetSelection, FleetValue, arrays
 
 SIGNIFICANT = 3.0
-"""Standard errors of a change that is none of chance."""
+"""Standard errors above which a change is not attributed to chance."""
 
 
 class DriftCause(StrEnum):
@@ -148,7 +148,7 @@ def _judge(
 
 
 def _vote(change: Change, other: Change, alike: DriftCause, apart: DriftCause) -> set[DriftCause]:
-    """Return what another change says of the cause: the same change, or none at all; empty where it tells neither."""
+    """Return what another change implies for the cause: the same change, or no change; empty if it implies neither."""
     same = not other.differs(change.relative, change.error)
     if same == other.differs():  # the same and significant, or another and none
         return {alike} if same else {apart}

@@ -59,7 +59,7 @@ MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH = range(5)
 """Index of each page."""
 
 OPERATOR_POLL_MS = 30_000
-"""Interval at which it is looked who measures today: another program may name somebody, and at midnight nobody is named."""
+"""Interval at which today's operator is read again: another program may set it, and it expires at midnight."""
 
 TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench")
 

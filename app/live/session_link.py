@@ -41,7 +41,7 @@ class PromptMailbox:
 
     @property
     def pending_id(self) -> int | None:
-        """Id of the prompt that the window must answer, None if there is none."""
+        """Id of the prompt that the window must answer, or None."""
         with self._lock:
             return self._pending_id
 

@@ -154,7 +154,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
 
 
 def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningRecord | None:
-    """Return the record of an instrument with its present firmware; None if there is none that can be read."""
+    """Return the readable record of an instrument with its present firmware, or None."""
     path = record_path(identity, simulated_bench)
     try:
         with path.open("rb") as file:

@@ -32,7 +32,7 @@ LEVEL_REACHED_S = 0.01
 """After the rise of a level that is played as a waveform: the duration of a point, and what the instrument needs to begin."""
 
 NOT_A_LEVEL_V = 1e6
-"""Beyond this a level is none: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
+"""A level beyond this is not a number: SCPI's "not a number" and infinity are 9.91e37 and 9.9e37."""
 
 
 class UnreadableLevelError(LinkError):

@@ -121,7 +121,7 @@ class ArmedBench:
         return block
 
     def catch_up(self, now_s: float) -> None:
-        """Read and store the blocks that were sampled until `now_s`. Never raises: it serves a warning."""
+        """Read and store the blocks that were sampled until `now_s`. Errors are suppressed: the caller reports a warning."""
         with contextlib.suppress(Exception):
             while (
                 self.last_block is None

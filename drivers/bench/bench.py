@@ -63,7 +63,7 @@ class Bench:
     channels: tuple[InputChannel, ...] = ()
     """Further inputs of the card, in the order of a block's rows from the third on."""
     environment: EnvironmentSensor | None = None
-    """Sensor of temperature and humidity; None if there is none."""
+    """Sensor of temperature and humidity, or None."""
     suspend_warning: str = ""
     """Why the computer cannot be kept from suspending; empty if it is kept."""
     panel_warning: str = ""
@@ -71,7 +71,7 @@ class Bench:
     high_voltage_refusal: str = ""
     """Why high voltage must not be switched on, with the remedy: the source is not commissioned. Empty if it may be."""
     commissioning_note: str = ""
-    """On the commissioning of the source, for the log of each run; empty if there is nothing to say."""
+    """Remark on the commissioning of the source for the log of each run; may be empty."""
     _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether high voltage was switched on since this bench was opened."""
 

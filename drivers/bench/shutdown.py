@@ -88,7 +88,7 @@ class SafeShutdown:
     def run(
         self, stream: Stream, block_sink: BlockSink, initial_rest: RestMeasurement | None
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Go to rest and measure it; also return what `block_sink` raised. Never raises, and no failing sink stops it."""
+        """Go to rest and measure it; also return what `block_sink` raised. Errors are returned, not raised, and do not stop it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
             trouble = self.command_rest(self.amplifier.return_to_rest)
             remaining_s = self.amplifier.remaining_s

@@ -44,7 +44,7 @@ class Watchdog(Protocol):
         """
 
     def send_heartbeat(self) -> None:
-        """Report that the run thread is running. Never raises."""
+        """Report that the run thread is running. Errors are not raised."""
 
     def raise_for_status(self) -> None:
         """Raise BenchError if the watchdog has ended, or has brought the source to rest itself."""
@@ -59,7 +59,7 @@ class Watchdog(Protocol):
         """Raise BenchError if the watchdog took the source over since the present `allow_silence` began."""
 
     def request_rest(self, reason: str, /) -> str:
-        """Ask the watchdog to bring the source to rest because the program could not; return the outcome. Never raises."""
+        """Ask the watchdog to bring the source to rest because the program could not; return the outcome. Errors are not raised."""
 
     def log(self, message: str) -> None:
         """Write a line into the log."""

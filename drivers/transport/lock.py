@@ -69,7 +69,7 @@ class InstrumentLocks(Closeable):
         self._bench, self._simulated = bench, simulated
         self._locks: dict[str, FileLock] = {}
         self.left_by = ""
-        """The program that ended without releasing one of the instruments; empty if there was none."""
+        """The program that ended without releasing one of the instruments; empty if all were released."""
         self._left_records: dict[str, str] = {}
         """Records of that program, by lock."""
 

@@ -103,7 +103,7 @@ class ScpiSession:
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
     def query_optional(self, query: str) -> str | None:
-        """Return the reply to a query that the instrument may not know; None if it says so.
+        """Return the reply to a query that the instrument may not know; None if it reports an unknown header.
 
         Raises:
             LinkError: no reply, although it knows the query.

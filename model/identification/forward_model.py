@@ -51,7 +51,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
     if k_s is None:
         membrane = v["L_m"], v["b_m"], v["h_m"], v["E_m"]
         k_s = point_stiffness(*membrane, np.abs(delta)) / length
-        if np.any(np.asarray(delta) < 0):  # an error of an elongation of 0: the tangent goes on below
+        if np.any(np.asarray(delta) < 0):  # an error of an elongation of 0: the tangent continues below 0
             k_s = np.where(np.asarray(delta) < 0, 2 * point_stiffness(*membrane, 0.0) / length - k_s, k_s)
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
 

@@ -16,7 +16,7 @@ class Operator(Protocol):
         """Show a prompt; must not wait."""
 
     def answer(self, ask_id: int) -> str | None:
-        """Return the answer, or None if there is none yet. Called many times a second; must not wait."""
+        """Return the answer, or None before it was given. Called many times a second; must not wait."""
 
 
 DISABLE_HIGH_VOLTAGE = Prompt(

@@ -231,7 +231,7 @@ class Commissioning:
     def _level(
         self, name: str, held_s: float, stop_after_s: float | None = None, observe_s: float = TAIL_S
     ) -> Trace | None:
-        """Hold a level as in a run, once more if it was not reached; return its recording, None if there is none."""
+        """Hold a level as in a run, once more if it was not reached; return its recording, or None."""
         level_v = self._rest_v + LEVEL_V
         for _ in range(2):
             self._announce(name)

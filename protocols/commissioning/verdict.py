@@ -62,7 +62,7 @@ class CheckedOutput:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTimes:
-    """Measured times of a source, seconds; NaN where there is none.
+    """Measured times of a source, seconds; NaN where not measured.
 
     Attributes:
         stop_s: of Stop from the largest drive until the driver reports rest; of a small drive if the source differs. Where Stop

@@ -15,7 +15,7 @@ MAX_OBJECTS = 1_000_000
 
 
 def find_endless_heap(path: Path) -> int | None:
-    """Return the place of a global heap that HDF5 would read without end, None if there is none."""
+    """Return the offset of a global heap that HDF5 would read without end, or None."""
     size = path.stat().st_size
     with path.open("rb") as file:
         for start in sorted({0, max(size - WINDOW_BYTES, 0)}):

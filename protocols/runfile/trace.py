@@ -190,7 +190,7 @@ class RunTrace:
         return int(row["start_row"]), int(row["stop_row"]), entry
 
     def last_recording(self) -> Recording | None:
-        """Return the last recording without reading the others; None if there is none."""
+        """Return the last recording, or None, without reading the others."""
         return self.recording(-1) if self.recording_count else None
 
     @property

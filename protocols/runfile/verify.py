@@ -55,7 +55,7 @@ class Verification:
 
 
 def verify_run(path: Path) -> Verification:
-    """Read everything in a run file and compare it with its checksums. Never raises."""
+    """Read everything in a run file and compare it with its checksums. Read errors are findings, not raised."""
     found = _verify(path)
     if found.state is FileState.DAMAGED and has_journal(path):
         return Verification(path, FileState.NOT_CHECKABLE, (str(UnfinishedStorageError(path)),))

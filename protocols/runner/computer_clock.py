@@ -14,7 +14,7 @@ class ComputerClockCheck:
         self._started_at, self._started_s = datetime.now(UTC), time.monotonic()
 
     def message(self) -> str:
-        """Return the report of a change; empty if there was none."""
+        """Return the report of a change; empty without a change."""
         lasted = timedelta(seconds=time.monotonic() - self._started_s)
         change = datetime.now(UTC) - (self._started_at + lasted)
         if abs(change) <= CLOCK_CHANGE:

@@ -141,7 +141,7 @@ class Runner:
         self._conclusion = RunConclusion(self._protocol, reference, self._run_file, self._recorder, self._plan_progress)
 
     def run(self) -> RunEnded:
-        """Run the protocol; return how it ended and the verdict. Never raises."""
+        """Run the protocol; return how it ended and the verdict. Errors end the run and are reported in it, not raised."""
         try:
             self._start()
             protocol = self._protocol

@@ -210,7 +210,7 @@ def _mains_multiples(top_hz: float) -> Iterator[float]:
 
 
 def _largest_peak(samples: Array, rate_hz: float) -> float | None:
-    """Return the frequency of the largest line that stands out of the noise; None if there is none."""
+    """Return the frequency of the largest line above the noise, or None."""
     n = samples.size
     length = 4 * n
     spectrum = np.fft.rfft(samples * np.hanning(n), length)

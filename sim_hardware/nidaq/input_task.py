@@ -13,7 +13,7 @@ from sim_hardware.nidaq.task import CONTINUOUS, FINITE, NiTask, SimulatedNiDevic
 ALL_AVAILABLE = -1
 
 LATE_S = 1.0
-"""Bench seconds by which a reader may be late before bench time waits for it, where it can: longer than a ramp, in which nobody reads."""
+"""Bench seconds by which a reader may be late before bench time waits for it, where it can: longer than a ramp, during which the program does not read."""
 
 
 def default_buffer_size(rate_hz: float) -> int:

@@ -120,7 +120,7 @@ class NiOutputTask(NiTask):
         if first < done:
             raise NiError(-200289, f"Task Name: {self.name}")
         late = max(done + self.queue.samples(self.actual_rate()) - first, 0)
-        # In place: nobody has read volts of the future, and 80 million samples are not copied for each message.
+        # In place: no reader has seen volts of the future, and 80 million samples are not copied for each message.
         self._counts[first + late : first + counts.size] = counts[late:]
 
     def start(self) -> None:

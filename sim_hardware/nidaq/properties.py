@@ -164,7 +164,7 @@ class NiTaskTable:
         return key in self._tasks
 
     def __getitem__(self, key: Hashable) -> NiInputTask | NiOutputTask:
-        """Return the task. Raises NiError if there is none."""
+        """Return the task. Raises NiError for an unknown handle."""
         if key not in self._tasks:
             raise NiError(-200088)
         return self._tasks[key]

@@ -107,7 +107,7 @@ def format_real(value: float) -> str:
 
 
 def single_argument(arguments: Arguments) -> str:
-    """Return the only argument of a command. Raises ScpiError if there is none or more than one."""
+    """Return the only argument of a command. Raises ScpiError for any other number of arguments."""
     if len(arguments) != 1:
         raise ScpiError(-108 if arguments else -109)
     return arguments[0]

@@ -1,4 +1,4 @@
-"""Suspend inhibitor: asks each operating system in its own way, and says so where that fails."""
+"""Suspend inhibitor: asks each operating system in its own way and reports a failure."""
 
 import ctypes
 import subprocess

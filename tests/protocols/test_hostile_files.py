@@ -1,4 +1,4 @@
-"""Run files built by somebody else: links, foreign storage, sparse sizes, wrong types, runs that continue themselves."""
+"""Run files built to do harm: links, foreign storage, sparse sizes, wrong types, runs that continue themselves."""
 
 import os
 import resource

@@ -1,4 +1,4 @@
-"""Scans lost by a late reader: the entry is measured again once, by itself, and the run goes on to its end."""
+"""Scans lost by a late reader: the entry is measured again once, automatically, and the run continues to its end."""
 
 import threading
 from pathlib import Path

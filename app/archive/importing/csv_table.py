@@ -126,7 +126,7 @@ def _read_plain_numbers(path: Path, sha256: str, text: str, progress: Progress) 
 
 
 def _first_line_of_numbers(text: str) -> int:
-    """Return where the first line begins that begins like a number; -1 if there is none."""
+    """Return the offset of the first line that starts with a number, or -1."""
     found = FIRST_NUMBER.search(text)
     return found.start() if found else -1
 

@@ -130,7 +130,7 @@ TUTORIALS = {
 
 
 class TutorialBand(QWidget):
-    """One step of a tutorial above the pages; hidden while there is none."""
+    """The current step of a tutorial, shown above the pages; hidden while no tutorial is open."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -149,7 +149,7 @@ class TutorialBand(QWidget):
 
     @property
     def position(self) -> str:
-        """The tutorial and its step, for `resume`; empty if there is none."""
+        """The tutorial and its step, for `resume`; empty while no tutorial is open."""
         return f"{self._name}:{self._at}" if self._name else ""
 
     def start(self, name: str, at: int = 0) -> None:

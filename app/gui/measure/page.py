@@ -158,7 +158,7 @@ class MeasurePage(QSplitter):
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:
-    """Return the saved protocol; None if there is none, or this version rejects it."""
+    """Return the saved protocol; None if none is saved or this version rejects it."""
     try:
         saved = json.loads(str(settings.value("measure/form", "")))
         return PROTOCOLS[saved["protocol"]].model_validate(saved["parameters"])

@@ -209,7 +209,7 @@ def round_step(span: float, max_steps: float) -> float:
 
 
 def finite_max(values: Array) -> float:
-    """Return the largest finite value, 0 if there is none."""
+    """Return the largest finite value; 0 without one."""
     return float(np.max(values, where=np.isfinite(values), initial=0.0))
 
 

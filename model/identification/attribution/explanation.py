@@ -8,7 +8,7 @@ from model.identification.attribution.causes import Cause
 from model.identification.fit_result import JointFit
 
 SAME_CHI_SQUARE = 6.0
-"""Causes whose chi-squares differ by less are not told apart: odds of 20 to 1."""
+"""Causes whose chi-squares differ by less are reported as indistinguishable: odds of 20 to 1."""
 
 IMPLAUSIBLE = 25.0
 """Penalty, five standard deviations, beyond which a cause is not named beside another."""

@@ -87,7 +87,7 @@ def test_an_outlier_of_a_robust_fit_is_named_and_left_out_of_the_verdict() -> No
 
 
 def test_errors_are_enlarged_in_the_run_that_needs_it_and_not_in_the_others() -> None:
-    """The loads deflect the two sides 4 % differently; coupling, mass and damping are told by other runs."""
+    """The loads deflect the two sides 4 % differently; coupling, mass and damping come from other runs."""
     rng = np.random.default_rng(4)
     w = PER_NEWTON * np.tile(LOADS, 4)
     sides = [
