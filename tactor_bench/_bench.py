@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from app.archive.after_run import AfterRun
 from app.cli.headless import refuse_without_operator
 from app.common import UsageError
 from app.config import BenchConfig
@@ -63,6 +64,7 @@ class BenchSession(Closeable):
         *,
         progress: bool,
         without_commissioning: str = "",
+        after_run: str = "",
     ) -> None:
         self.folder, self.specimen, self._config = folder, specimen, config
         self.name, self.simulated, self.identities = config.name, config.simulated, dict[str, str]()
@@ -70,9 +72,10 @@ class BenchSession(Closeable):
         self._connected = threading.Event()
         self._running = threading.Lock()
         self._front = front_end(progress=progress)
+        self._after_run = AfterRun(self._front.observe, config, after_run)
         self._session = Session(
             lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S, without_commissioning=without_commissioning),
-            [self._observe, self._front.observe],
+            [self._observe, self._front.observe, self._after_run.observe],
             self._front.operator,
             folder,
         )
@@ -166,6 +169,7 @@ class BenchSession(Closeable):
     def close(self) -> None:
         """Stop a run that is in progress, wait for rest, and release the instruments. Closing twice is harmless."""
         self._session.close()
+        self._after_run.close()
         _OPEN.discard(self)
 
     def _measure(self, protocol: Protocol, folder: Path, specimen: str) -> Path | None:
@@ -213,6 +217,7 @@ def connect(
     seed: int | None = None,
     progress: bool = True,
     without_commissioning: str = "",
+    after_run: str = "",
 ) -> BenchSession:
     """Connect a bench; use it with `with`, or close it.
 
@@ -225,6 +230,7 @@ def connect(
         progress: whether to show it; without, only prompts and problems are shown.
         without_commissioning: why high voltage may be switched on with a real source that has no valid commissioning record
             (`tactor-bench commission`); every run stores it.
+        after_run: program to start after each run with its file, e.g. `"upload --to notebook {run}"`.
 
     Raises:
         ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.
@@ -240,7 +246,13 @@ def connect(
     except UsageError as error:
         raise ValueError(str(error)) from None
     return BenchSession(
-        config, pace, Path(folder), specimen, progress=progress, without_commissioning=without_commissioning.strip()
+        config,
+        pace,
+        Path(folder),
+        specimen,
+        progress=progress,
+        without_commissioning=without_commissioning.strip(),
+        after_run=after_run,
     )
 
 

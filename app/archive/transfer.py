@@ -1,5 +1,7 @@
 """Batch operations on run files: annotate, export, copy, import tables, read for comparison."""
 
+import hashlib
+import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,6 +13,7 @@ from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
 from app.common.audit import record_audit
+from app.common.audit_log import file_hash
 from app.config import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -80,7 +83,7 @@ def copy_runs_into(
         with Run(path):  # rejects files that are not runs
             pass
         try:
-            _copy_file(path, folder / path.name, file_progress)
+            copy_file(path, folder / path.name, file_progress)
         except OperationCancelled:
             break
         except OSError as error:
@@ -92,15 +95,29 @@ def copy_runs_into(
     return CopyResult(tuple(copied), tuple(there))
 
 
-def _copy_file(path: Path, to: Path, progress: Progress) -> None:
-    """Copy a file in chunks, cancellable between them."""
-    size = max(path.stat().st_size, 1)
+def copy_file(path: Path, to: Path, progress: Progress = NO_PROGRESS) -> None:
+    """Copy a file in pieces, cancellable between them; the copy is read back and compared by its SHA-256.
+
+    Raises:
+        OSError: it cannot be copied, changes meanwhile, or reads back differently; then `to` is unchanged.
+        OperationCancelled: cancelled; `to` is unchanged.
+    """
+    before = path.stat()
+    size, digest = max(before.st_size, 1), hashlib.sha256()
     with replacing(to) as working:
         with path.open("rb") as source, working.open("wb") as copy:
             while piece := source.read(COPY_CHUNK_BYTES):
                 progress.raise_if_cancelled()
                 copy.write(piece)
+                digest.update(piece)
                 progress.update(copy.tell() / size)
+            copy.flush()
+            os.fsync(copy.fileno())
+        after = path.stat()
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            raise OSError("it is being written; copy it when it is finished")
+        if file_hash(working) != digest.hexdigest():
+            raise OSError("the copy reads back differently; its disk may be failing")
         shutil.copystat(path, working)
 
 

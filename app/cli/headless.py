@@ -4,7 +4,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -82,6 +82,7 @@ class SelectedBench:
     config: BenchConfig
     speed: float | None
     without_commissioning: str = ""
+    after_run: str = ""
 
 
 def select_bench(options: BenchSelection) -> SelectedBench:
@@ -94,7 +95,8 @@ def select_bench(options: BenchSelection) -> SelectedBench:
     if isinstance(options, BenchOptions):
         state_people(options.operator, options.temperature, options.humidity)
     reason = getattr(options, "without_commissioning", None)
-    return SelectedBench(options.bench, config, speed, check_reason(reason, config))
+    after_run = options.after_run if isinstance(options, BenchOptions) else ""
+    return SelectedBench(options.bench, config, speed, check_reason(reason, config), after_run)
 
 
 def check_reason(reason: str | None, config: BenchConfig) -> str:
@@ -234,6 +236,7 @@ def headless_session(
         UsageError: faults were planned for a real bench.
     """
     check_planned_faults(bench, planned_faults)
+    from app.archive.after_run import AfterRun
     from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
     from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
     from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
@@ -252,9 +255,12 @@ def headless_session(
                 without_commissioning=bench.without_commissioning,
             )
         )
-        front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator, folder))
+        after_run = AfterRun(observer, bench.config, bench.after_run)
+        front = HeadlessSession(
+            Session(opener, [observer, operator, plan, *observers, after_run.observe], operator, folder)
+        )
         plan.on_switched = front.session.inject_event
-        with handling_stop_signals(front.stop), operator.listening(front.session):
+        with closing(after_run), handling_stop_signals(front.stop), operator.listening(front.session):
             front.session.start()
             try:
                 yield front

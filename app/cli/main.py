@@ -61,6 +61,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "app.cli.laboratory.audit",
         "audit trail of a folder, detects any later change: start, verify, show, head",
     ),
+    "backup": ("app.cli.laboratory.backup", "copy new and changed runs to a second folder, verified by their hashes"),
     "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
         "app.cli.specimen.archive",

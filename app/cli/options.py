@@ -172,6 +172,14 @@ class BenchOptions(BenchSelection):
     humidity: str | None = option(
         "--humidity", inherited=True, metavar="RH", help="of the air, e.g. '45 %%'; remembered for today"
     )
+    after_run: str = option(
+        "--after-run",
+        default="",
+        inherited=True,
+        metavar="COMMAND",
+        help="program to start after each run with its file, such as an upload to a lab notebook; {run} is the file, "
+        "by default the last argument",
+    )
 
 
 @dataclass(frozen=True)

@@ -177,10 +177,13 @@ def _open_window(
     def choose(name: str, config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
         if not config.simulated:
             return OpenedBench(
-                lambda: connect(config, speed, without_commissioning=without_commissioning), config, name=name
+                lambda: connect(config, speed, without_commissioning=without_commissioning),
+                config,
+                name=name,
+                after_run=options.after_run,
             )
         simulation = SimulationSettings(speed)
-        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation, name)
+        return OpenedBench(lambda: connect(config, simulation.speed), config, simulation, name, options.after_run)
 
     def open_bench(name: str) -> OpenedBench:
         other = load_bench(name)

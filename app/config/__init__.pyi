@@ -30,6 +30,7 @@ from .simulation_tables import simulation_tables as simulation_tables
 from .simulation_tables import table_at as table_at
 from .simulation_tables import with_simulation_tables as with_simulation_tables
 from .tables import AmplifierTable as AmplifierTable
+from .tables import BackupTable as BackupTable
 from .tables import CardTable as CardTable
 from .tables import EnvironmentTable as EnvironmentTable
 from .tables import GeneratorTable as GeneratorTable

@@ -16,6 +16,7 @@ from app.config.config_table import ConfigTable
 from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.tables import (
     AmplifierTable,
+    BackupTable,
     CardTable,
     EnvironmentTable,
     GeneratorTable,
@@ -58,6 +59,7 @@ class BenchConfig(ConfigTable):
     )
     environment: EnvironmentTable = Field(default_factory=EnvironmentTable)
     watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
+    backup: BackupTable = Field(default_factory=BackupTable)
     specimen: SpecimenTable = Field(default_factory=SpecimenTable)
     levels: LevelsTable = Field(default_factory=LevelsTable)
     simulation: Annotated[dict[str, Any] | None, "the truth of a simulated bench; a real bench has no such table"] = (

@@ -160,6 +160,12 @@ class SensorTable(ConfigTable):
         return self
 
 
+class BackupTable(ConfigTable):
+    """Copies of finished run files."""
+
+    folder: Annotated[str, "second folder, best on another disk or a share; empty: no copies"] = ""
+
+
 class WatchdogTable(ConfigTable):
     """The watchdog process, which brings the source to rest if the program is killed or hangs while the bench is live."""
 

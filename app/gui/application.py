@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -14,6 +14,7 @@ from types import FrameType
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
+from app.archive.after_run import AfterRun
 from app.common import to_number
 from app.config import BenchConfig, ConfigError
 from app.gui.main_window import MainWindow
@@ -39,12 +40,14 @@ class OpenedBench:
         config: the bench file, for names and the amplifier's map.
         simulation: settings of a simulated bench that the operator may change in the window.
         name: path of its file, or name of a simulated bench.
+        after_run: command to start after each run.
     """
 
     connect: Connect
     config: BenchConfig
     simulation: SimulationSettings | None = None
     name: str = "sim"
+    after_run: str = ""
 
 
 BenchFactory = Callable[[str], OpenedBench]
@@ -120,7 +123,8 @@ def open_window(
             window.central.show_welcome()
         if starts_demo:
             window.start_demo()
-        code = _run_until_closed(window, units)
+        with _actions_after_run(bench, adapter):
+            code = _run_until_closed(window, units)
         starts_demo = window.demo_requested
         if not requested or code == UNSAFE_EXIT:
             break
@@ -130,6 +134,15 @@ def open_window(
     if units.ident is not None:
         units.join()
     return code
+
+
+@contextmanager
+def _actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> Iterator[None]:
+    """Copy run files and start the command after each run; at the end wait for those of the last run."""
+    after_run = AfterRun(lambda message: adapter.publish([message]), bench.config, bench.after_run)
+    adapter.events.subscribe(after_run.observe)
+    with closing(after_run):
+        yield
 
 
 def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:

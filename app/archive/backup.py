@@ -1,0 +1,121 @@
+"""Backup of a folder of runs to a second folder or share: each copy is read back and compared by its hash."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.archive.transfer import copy_file
+from app.common import NO_PROGRESS, OperationCancelled, Progress, UsageError
+from app.common.audit_log import file_hash
+from protocols.runfile.verify import FileState, verify_run
+
+TIME_STEP_S = 2.0
+"""Step of the modification time on a FAT file system, as on memory sticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackupResult:
+    """Names of the files, relative to the folder, by what became of each.
+
+    Attributes:
+        copied: copied, and read back with an equal hash.
+        unchanged: the copy was there already.
+        problems: a sentence for each file that was not copied, or whose copy differs.
+    """
+
+    copied: tuple[str, ...] = ()
+    unchanged: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def back_up(
+    folder: Path,
+    target: Path,
+    paths: Sequence[Path] | None = None,
+    compare_all: bool = False,
+    progress: Progress = NO_PROGRESS,
+) -> BackupResult:
+    """Copy files below `folder` that are new or changed into `target`. Nothing in `target` is deleted.
+
+    Args:
+        folder: folder of the runs.
+        target: second folder; created if missing.
+        paths: files below `folder`; default is all except hidden ones.
+        compare_all: compare the hashes of all copies, not only size and time of modification.
+        progress: updated by bytes. After cancellation, complete copies are kept.
+
+    Raises:
+        UsageError: a folder is missing, cannot be used, or lies within the other one.
+    """
+    _check_folders(folder, target)
+    chosen = list(_files(folder)) if paths is None else list(paths)
+    result = BackupResult()
+    for path, part in zip(chosen, progress.split_by_files(chosen), strict=True):
+        name = path.relative_to(folder).as_posix()
+        try:
+            progress.raise_if_cancelled()
+            result = _back_up_file(path, target / name, name, compare_all, part, result)
+        except OperationCancelled:
+            break
+        except OSError as error:
+            result = _with_problem(result, f"{name} was not copied: {error.strerror or error}")
+    return result
+
+
+def _back_up_file(
+    path: Path, copy: Path, name: str, compare: bool, progress: Progress, result: BackupResult
+) -> BackupResult:
+    if copy.exists():
+        same_time = _has_same_size_and_time(path, copy)
+        if same_time and not (compare and file_hash(path) != file_hash(copy)):
+            return replace(result, unchanged=(*result.unchanged, name))
+        if same_time:
+            damaged = [str(each) for each in (path, copy) if _is_damaged(each)]
+            which = f": {' and '.join(damaged)} is damaged" if damaged else ""
+            problem = (
+                f"{name} and its copy differ although neither was written since{which}. Both were left as they are"
+            )
+            return _with_problem(result, problem)
+        if _is_damaged(path):
+            return _with_problem(
+                result, f"{name} is damaged and does not replace its earlier copy {copy}; restore it from there"
+            )
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    copy_file(path, copy, progress)
+    return replace(result, copied=(*result.copied, name))
+
+
+def _with_problem(result: BackupResult, problem: str) -> BackupResult:
+    return replace(result, problems=(*result.problems, problem))
+
+
+def _is_damaged(path: Path) -> bool:
+    return path.suffix == ".h5" and verify_run(path).state is FileState.DAMAGED
+
+
+def _has_same_size_and_time(path: Path, copy: Path) -> bool:
+    ours, theirs = path.stat(), copy.stat()
+    return ours.st_size == theirs.st_size and abs(ours.st_mtime - theirs.st_mtime) <= TIME_STEP_S
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield the regular files below a folder, without hidden files and folders, such as the trash, and without links."""
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(names):
+            path = Path(place, name)
+            if not name.startswith(".") and path.suffix != ".part" and path.is_file() and not path.is_symlink():
+                yield path
+
+
+def _check_folders(folder: Path, target: Path) -> None:
+    if not folder.is_dir():
+        raise UsageError(f"there is no folder {folder}; name the one your runs are in")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{target} cannot be used for a backup: {error.strerror or error}; name a folder") from None
+    ours, theirs = folder.resolve(), target.resolve()
+    if ours == theirs or ours in theirs.parents or theirs in ours.parents:
+        raise UsageError(f"{target} cannot hold the backup of {folder}: one is inside the other; name another folder")
