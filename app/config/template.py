@@ -59,6 +59,9 @@ drive = "rest"          # the drive read back is not the commanded one
 [watchdog]              # brings the source to rest if the program is killed or hangs while the bench is live
 enabled = true
 own_connection = {own}   # {own_why}
+
+[backup]
+folder = ""             # second folder into which each finished run file is copied; "" for none
 {ports}"""
 
 GENERATOR = """\
