@@ -17,6 +17,7 @@ from sim_hardware.plant import (
     SPECIMEN_ACTIONS,
     ConstantSegment,
     FaultState,
+    GeneratorParameters,
     LaserView,
     Plant,
     Segment,
@@ -92,16 +93,29 @@ class SimulatedBench:
         self._generator_model = make_generator(g, self.generator, self.clock.now, parameters.seed)
         engine = ScpiEngine(self._generator_model)
         self._generator_model.queue_error = engine.queue_error
-        self.message_port = MessagePort(engine, self.faults)
+        self.message_port = MessagePort(engine, self.faults, self._make_other_instrument)
         self.supply = SimulatedSupply(self._segment_sink("supply"), self.clock.now, parameters.supply)
         if parameters.source == "supply":  # the link is that of the instrument at the cable
             self.message_port = MessagePort(
-                make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial), self.faults
+                make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial),
+                self.faults,
+                self._make_other_instrument,
             )
         self.message_port.set_processing(partial(self.clock.sleep, g.command_s))
         self._listeners: list[Callable[[], None]] = []
         if parameters.amplifier.enabled:
             self.enable_hv()
+
+    def _make_other_instrument(self) -> ScpiEngine:
+        """Return an instrument of another model, whose output leads nowhere."""
+        own = self.parameters.generator
+        model = "33511B" if own.model.startswith("3322") else "33220A"
+        output = SimulatedGenerator(self._discard_segment, 0, 0.0, own.relay_s, self.parameters.amplifier.open_v)
+        output.reset()
+        instrument = make_generator(GeneratorParameters(model=model, serial="MY00000009"), output, self.clock.now)
+        engine = ScpiEngine(instrument)
+        instrument.queue_error = engine.queue_error
+        return engine
 
     def _segment_sink(self, source: str) -> Callable[[SegmentFactory], None]:
         """Return the sink of an output's segments: the cable to the amplifier, or none."""

@@ -5,13 +5,16 @@ from collections.abc import Iterator
 from drivers.assumptions.assumption import Assumption, OutputCheck
 from drivers.assumptions.evidence import (
     BENCHCTRL,
+    COMMANDS_33500,
     DG1000Z_GUIDE,
     DG2000_GUIDE,
     EDU_GUIDE,
+    GUIDE_33220,
     MENLO,
     PYMEASURE,
-    QCODES,
+    QMI,
     TM_DEVICES,
+    XFEL,
 )
 from drivers.assumptions.keysight import OLDER_KEYSIGHT, TRUEFORM
 from drivers.assumptions.rigol import DG800_SERIES
@@ -40,7 +43,7 @@ IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
         OLDER_KEYSIGHT,
         Keysight33200,
         "the first point of the waveform is 0",
-        "33220A User's Guide p. 227; 33210A guide p. 215; G5100A: unproven",
+        f"{GUIDE_33220} p. 112, 227; 33210A guide p. 215; G5100A: unproven",
     ),
     (
         "rigol-dg",
@@ -62,22 +65,31 @@ IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
         TEKTRONIX_SERIES,
         TektronixAfg,
         "the first point of the waveform is the middle of its range; AFG31000: `BURS:IDLE START`",
-        "AFG31000: a public driver (BURSt:IDLE: START is the first point); others unproven",
+        f"AFG31000: {XFEL} (BURSt:IDLE: START is the first point); others unproven",
     ),
 )
 
 POLARITY = {
-    "keysight-33500": f"{QCODES} (output_polarity); {EDU_GUIDE} p. 93 (about the offset)",
-    "keysight-33200": f"{PYMEASURE} (keysight33250A)",
+    "keysight-33500": f"{COMMANDS_33500}; {EDU_GUIDE} p. 93 (about the offset)",
+    "keysight-33200": f"{GUIDE_33220} p. 67, 190 (about the offset); {PYMEASURE} (keysight33250A)",
     "rigol-dg": "Rigol DG4000 Programming Guide, OUTPut:POLarity (about the offset); DG1000Z has the same command",
-    "rigol-dg800": f"{DG2000_GUIDE}, OUTPut:POLarity; Rigol DG4000 Programming Guide (about the offset)",
+    "rigol-dg800": f"{DG2000_GUIDE}, OUTPut:POLarity (about the offset); Rigol DG4000 Programming Guide",
     "siglent-sdg": f"{BENCHCTRL}: `OUTP PLRT` and `INVT`; about the offset: unproven",
-    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG31000, AFG1000: unproven",
+    "tektronix-afg": f"{TM_DEVICES} (AFG3000: relative to the offset level); AFG31000: {QMI} (the setting); AFG1000: unproven",
 }
+
+AFTER = {
+    "keysight-33200": f"{GUIDE_33220} p. 225 (of gated bursts: the level of the starting phase)",
+    "rigol-dg": f"{MENLO} (the first voltage of the waveform)",
+}
+
+VOLTS = {"keysight-33200": f"{GUIDE_33220} p. 63, 182, 184"}
+
+ABORT = {"keysight-33500": f"{COMMANDS_33500}: it halts a burst; where it leaves the output: unproven"}
 
 RANGE_HOLD = {
     "keysight-33500": f"{PYMEASURE} (VOLT:RANG:AUTO); {EDU_GUIDE} p. 85, 91; the gap without it: E1441A guide p. 99",
-    "keysight-33200": "E1441A guide p. 99, Picotest G5100A guide p. 166",
+    "keysight-33200": f"{GUIDE_33220} p. 66, 186, 332; Picotest G5100A guide p. 166; the gap without it: E1441A guide p. 99",
     "rigol-dg": f"{DG1000Z_GUIDE} 2-185",
 }
 
@@ -94,7 +106,9 @@ def _assumptions_of(
     """Yield what one driver of a function generator assumes as all do."""
     idle = f"the offset: {how_idle}"
     yield Assumption(driver, models, "level between bursts", idle, evidence, (OutputCheck.REST,))
-    yield Assumption(driver, models, "level after a burst", "as between bursts", checks=(OutputCheck.AFTER,))
+    yield Assumption(
+        driver, models, "level after a burst", "as between bursts", AFTER.get(driver, ""), (OutputCheck.AFTER,)
+    )
     yield Assumption(
         driver,
         models,
@@ -108,14 +122,16 @@ def _assumptions_of(
         models,
         "volts of the offset",
         "those of the open output",
-        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+        VOLTS.get(driver, ""),
+        (OutputCheck.REST, OutputCheck.OFFSET),
     )
     yield Assumption(
         driver,
         models,
         "volts of an even waveform",
         "the amplitude, peak to peak at the open output",
-        checks=(OutputCheck.SCALE,),
+        VOLTS.get(driver, ""),
+        (OutputCheck.SCALE,),
     )
     yield Assumption(driver, models, "trigger", "each starts a drive", checks=(OutputCheck.START,))
     yield Assumption(
@@ -136,7 +152,7 @@ def _assumptions_of(
             driver, models, "relay at a change of amplitude", held, RANGE_HOLD[driver], (OutputCheck.AMPLITUDE,)
         )
         how = f"plays {within} meanwhile" if driver != "keysight-33500" else f"`ABORt` ends it {within}"
-        yield Assumption(driver, models, "abort in mid-burst", how, checks=(OutputCheck.STOP,))
+        yield Assumption(driver, models, "abort in mid-burst", how, ABORT.get(driver, ""), (OutputCheck.STOP,))
     else:
         never = "possible: the amplitude is never changed at rest or in a drive"
         yield Assumption(driver, models, "relay at a change of amplitude", never)

@@ -1,7 +1,7 @@
 """What the drivers of the Keysight generators assume of their own families."""
 
 from drivers.assumptions.assumption import Assumption, OutputCheck
-from drivers.assumptions.evidence import EDU_GUIDE, PYMEASURE
+from drivers.assumptions.evidence import COMMANDS_33500, EDU_GUIDE, GUIDE_33220, PYMEASURE
 from drivers.generators.keysight_33200 import FULL_SCALES, Keysight33200
 from drivers.generators.keysight_33500 import Keysight33500
 
@@ -50,7 +50,7 @@ KEYSIGHT_33500 = (
         "two channels",
         "combining, coupling, tracking",
         "`COMB:FEED`, `VOLT:COUP`, `FREQ:COUP`, `TRAC`: off",
-        "public 33512B adapter and agilent33500 driver, EDU33210 guide p. 151 (commands); their effect on the output: unproven",
+        f"{COMMANDS_33500}; {EDU_GUIDE} p. 151",
         (OutputCheck.REST,),
     ),
     Assumption(
@@ -58,7 +58,8 @@ KEYSIGHT_33500 = (
         TRUEFORM,
         "gating",
         "`OUTP:MODE NORM`, where the model knows it",
-        checks=(OutputCheck.REST, OutputCheck.OFFSET),
+        f"{COMMANDS_33500} (GATed: by the trigger input)",
+        (OutputCheck.REST, OutputCheck.OFFSET),
     ),
 )
 
@@ -68,14 +69,22 @@ KEYSIGHT_33200 = (
         OLDER_KEYSIGHT,
         "amplitude of an uneven waveform",
         "its span",
-        checks=(OutputCheck.UNEVEN,),
+        f"{GUIDE_33220} p. 59, 237 (the built-in Sinc, with a span of 61 % of the converter's, ends at 6.087 of 10 Vpp)",
+        (OutputCheck.UNEVEN,),
     ),
     Assumption(
         "keysight-33200",
         OLDER_KEYSIGHT,
         "smallest amplitude",
         f"{Keysight33200.MIN_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
-        f"{PYMEASURE} (agilent33220A: limits double with High Z)",
+        f"{GUIDE_33220} p. 182, 189; {PYMEASURE} (agilent33220A: limits double with High Z)",
+    ),
+    Assumption(
+        "keysight-33200",
+        OLDER_KEYSIGHT,
+        "smallest amplitude in a held range",
+        "the same; where it is not taken, arming is refused and the output stays off",
+        f"{GUIDE_33220} p. 66: it may not be reached",
     ),
     Assumption(
         "keysight-33200",
@@ -89,7 +98,7 @@ KEYSIGHT_33200 = (
         "33210A, 33220A, G5100A",
         "converter",
         "±8191, big-endian",
-        f"{PYMEASURE} (agilent33220A); G5100A: unproven",
+        f"{GUIDE_33220} p. 237, 239; G5100A: unproven",
         (OutputCheck.SHAPE,),
     ),
 )

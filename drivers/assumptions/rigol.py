@@ -40,7 +40,7 @@ RIGOL = (
         "DG1000Z",
         "offset",
         "`APPL?`, not `VOLT:OFFS?`",
-        "nominal-io/instro (rigol_dg1022z)",
+        "nominal-io/instro at 9530731 (rigol_dg1022z)",
         (OutputCheck.REST, OutputCheck.OFFSET),
     ),
     Assumption(

@@ -4,8 +4,8 @@ As a 33500B, but: one volatile waveform of 14-bit integers (33250A: 12-bit) that
 periods, at most 50 000 cycles in a burst, at least 20 mVpp into a high-impedance load, no limits and no ABORt. A 33210A
 needs its option 002 for waveforms. A G5100A has the commands of a 33220A.
 
-Sources: 33220A User's Guide p. 227 (burst phase of waveforms) and chapter DATA; 33210A guide p. 166, p. 215; Picotest G5100A
-guide p. 166 (range hold); public G5100A drivers (NICOS, lantz) for its SCPI headers.
+Sources: 33220A User's Guide p. 66, 186 (range hold), 182 (smallest amplitude), 227 (burst phase of waveforms), 234 to 241
+(downloads); 33210A guide p. 166, 215; Picotest G5100A guide p. 166 (range hold); public G5100A drivers (NICOS, lantz).
 """
 
 from collections.abc import Iterable

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from drivers.deprecated import renamed
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
     ExpectedSetting,
@@ -119,11 +119,21 @@ class ScpiBurstGenerator(BurstGenerator):
     def _freeze_range(self, rest_v: float, span_v: float) -> None:
         """Freeze the attenuator at the range of the largest sine on this bench.
 
-        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99).
+        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99). Whether the idle
+        amplitude is possible in that range, no guide says (33220A User's Guide p. 66: perhaps not).
         """
         source = self.SOURCE_PREFIX
         wide, small = f"{source}VOLT {span_v:.6f}", f"{source}VOLT {self.IDLE_AMPLITUDE_VPP}"
-        self._write_checked(f"{source}VOLT:OFFS {rest_v:.6f}", wide, f"{source}VOLT:RANG:AUTO OFF", small)
+        self._write_checked(f"{source}VOLT:OFFS {rest_v:.6f}", wide, f"{source}VOLT:RANG:AUTO OFF")
+        try:
+            self._write_checked(small)
+        except LinkError:
+            raise
+        except InstrumentError as refusal:
+            raise InstrumentError(
+                f"{refusal}. It does not take {1e3 * self.IDLE_AMPLITUDE_VPP:g} mV peak to peak, at which it is stopped, while its range "
+                f"is held for {span_v:g} V; it was not brought up. Use another generator or the card's analogue output"
+            ) from refusal
 
     @staticmethod
     def _join_commands(commands: Sequence[str]) -> str:

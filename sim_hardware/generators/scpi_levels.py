@@ -7,6 +7,7 @@ open output, so a change of the declared load changes the display and not the vo
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import ClassVar
 
 from sim_hardware.generators.generator import RANGES_VPP, SimulatedGenerator
 from sim_hardware.wires.scpi_engine import (
@@ -35,6 +36,9 @@ class OutputLevels:
         format_number: writes a number as this family does.
         min_emf_vpp: smallest amplitude at the open output.
     """
+
+    min_held_vpp: ClassVar[float] = 0.0
+    """Smallest amplitude while the range is held, if it is larger: it may be (33220A User's Guide p. 66), no guide gives it."""
 
     def __init__(
         self,
@@ -97,10 +101,11 @@ class OutputLevels:
         unit = next((u for u in ("VPP", "VRMS", "DBM") if text.strip().upper().endswith(u)), self._unit)
         s = self._generator.settings
         top = min(2 * (MAX_EMF_V - abs(s.emf_offset_v)), self._frozen_range_vpp)
-        low, high = (self._from_vpp(emf * self.display_ratio, unit) for emf in (self._min_emf_vpp, top))
+        floor = self._min_emf_vpp if math.isinf(self._frozen_range_vpp) else max(self._min_emf_vpp, self.min_held_vpp)
+        low, high = (self._from_vpp(emf * self.display_ratio, unit) for emf in (floor, top))
         value = parse_number(text, unit if unit in text.upper() else "V", low, high)
         emf = self._to_vpp(value, unit) / self.display_ratio
-        self._apply_levels(self.clip(emf, self._min_emf_vpp, top), s.emf_offset_v)
+        self._apply_levels(self.clip(emf, floor, top), s.emf_offset_v)
 
     def set_offset(self, text: str) -> None:
         """Offset in volts."""

@@ -41,11 +41,22 @@ class WireResponse:
 
 
 class MessagePort:
-    """Runs the messages of one instrument and applies link faults to its replies."""
+    """Runs the messages of one instrument and applies link faults to its replies.
 
-    def __init__(self, engine: ScpiEngine, faults: FaultState) -> None:
+    Args:
+        engine: of the instrument.
+        faults: of the bench.
+        make_other: makes the instrument of another model that answers with the fault scpi-other-model.
+    """
+
+    def __init__(
+        self, engine: ScpiEngine, faults: FaultState, make_other: Callable[[], ScpiEngine] | None = None
+    ) -> None:
         self._engine = engine
         self._faults = faults
+        self._make_other = make_other
+        self._other: ScpiEngine | None = None
+        self._previous_text = ""
         self._lock = threading.Lock()
 
     def set_processing(self, process_command: Callable[[], None]) -> None:
@@ -62,6 +73,13 @@ class MessagePort:
         """Whether the instrument is reachable."""
         return not (self._faults.is_active("scpi-dropped") or self._faults.is_active("generator-power-off"))
 
+    def _answering_engine(self) -> ScpiEngine:
+        if self._make_other is None or not self._faults.is_active("scpi-other-model"):
+            return self._engine
+        if self._other is None:
+            self._other = self._make_other()
+        return self._other
+
     def handle(self, message: str) -> WireResponse | None:
         """Run one message; None if nothing comes back."""
         if self._faults.is_active("scpi-silent") or not self.connected:
@@ -69,11 +87,15 @@ class MessagePort:
         if self._engine.hung:
             return None
         with self._lock:
-            silent = self._engine.silent
-            answer = self._engine.execute(message)
-        if answer is None or silent:
-            return None
-        text, ended, late = answer.text, True, 0.0
+            engine = self._answering_engine()
+            silent = engine.silent
+            answer = engine.execute(message)
+            if answer is None or silent:
+                return None
+            text, ended, late = answer.text, True, 0.0
+            previous, self._previous_text = self._previous_text, text
+        if self._faults.is_active("scpi-previous"):
+            text = previous
         if self._faults.is_active("scpi-late"):
             late = LATE_RESPONSE_S
         if self._faults.is_active("scpi-garbled"):

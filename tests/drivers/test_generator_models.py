@@ -11,6 +11,7 @@ from drivers.generators.rigol_dg import RigolDg
 from drivers.generators.unsuitable import reason_unsuitable
 from drivers.interfaces import Identity
 from sim_hardware.clock import VirtualClock
+from sim_hardware.generators.scpi_levels import OutputLevels
 from tests.drivers.test_generator_foreign_settings import opened
 from tests.helpers.simulated_bench import assert_safe_voltage
 
@@ -191,3 +192,18 @@ def test_no_packet_of_a_rigol_is_too_small(points: int) -> None:
     source, _, _ = opened("DG1032Z")
     source.initialize_at_rest(*ARMED)
     source._download_waveform(np.zeros(points))
+
+
+@pytest.mark.parametrize("model", ["33220A", "DG1032Z"])
+def test_a_held_range_without_the_idle_amplitude_is_refused_before_the_output_comes_up(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OutputLevels, "min_held_vpp", 0.1)
+    source, bench, _ = opened(model)
+    with pytest.raises(
+        InstrumentError,
+        match=r"VOLT 0\.0\d'.*does not take \d+ mV peak to peak.* while its range is held for 5 V; .*analogue output$",
+    ):
+        source.initialize_at_rest(*ARMED)
+    assert not source.is_output_on()
+    assert bench.report().live_s == 0

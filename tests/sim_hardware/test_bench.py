@@ -40,6 +40,31 @@ def test_a_garbled_answer_is_no_number(bench, source):
         source.idle_level_v()
 
 
+def test_each_answer_is_the_one_to_the_query_before(bench):
+    link = bench.link()
+
+    def asked(question: str) -> str:
+        link.write(question)
+        return link.read()
+
+    first = asked("VOLT:OFFS?")
+    bench.inject("scpi-previous")
+    assert asked("*IDN?") == first
+    assert asked("VOLT?").startswith("Keysight")
+
+
+def test_another_model_answers_and_obeys_in_place_of_the_generator_and_is_recognised_by_its_name(bench, source):
+    bench.inject("scpi-other-model")
+    assert source.idle_level_v() == 0.0
+    source._send("VOLT:OFFS 1")
+    assert source.idle_level_v() == 1.0
+    with pytest.raises(LinkError, match="now answers as 'Agilent Technologies 33220A"):
+        source.reconnect()
+    bench.clear()
+    assert source.idle_level_v() == 2.5
+    assert bench.report().outside_rest_s == 0
+
+
 def test_a_silent_generator_does_not_obey_and_plays_on(bench, source):
     link = bench.link()
     bench.inject("scpi-silent")

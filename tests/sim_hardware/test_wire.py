@@ -82,7 +82,9 @@ def test_lines_may_come_in_pieces_and_several_at_once(server):
             assert lines.readline().startswith("Keysight")
 
 
-@pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-half", "scpi-garbled", "scpi-dropped"])
+@pytest.mark.parametrize(
+    "fault", ["scpi-silent", "scpi-late", "scpi-half", "scpi-garbled", "scpi-previous", "scpi-dropped"]
+)
 def test_faults_reach_the_driver_as_its_own_errors_and_mend(bench, link, fault):
     source = Keysight33500(link, WallClock(20.0))
     bench.inject(fault)
