@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from PySide6.QtCore import QRect
@@ -29,6 +29,8 @@ ALWAYS_WHOLE = ("status.state", "status.stop", "status.pause")
 STATES = {"idle": range(5), "finished": range(5), "live": (0, 4), "unsafe": (0, 4)}
 """States with the pages that are looked at; the first and third in light, the others in dark."""
 FRAME = (4, 32)
+SIDEWAYS_BELOW = 900
+"""Only a narrower window scrolls its pages sideways."""
 
 
 def main() -> int:
@@ -109,13 +111,17 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
 
 def cut_widgets(window: "MainWindow") -> Iterator[str]:
     """Yield what is cut, out of reach, or elided although it must not be."""
-    from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QWidget
+    from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QScrollArea, QWidget
 
     from app.gui.widgets.elided_label import ElidedLabel
 
     least = window.minimumSizeHint()
     if least.width() > window.width() or least.height() > window.height():
         yield f"the window is {window.width()} x {window.height()} and its contents need {least.width()} x {least.height()}"
+    page = cast("QWidget", window.tabs.current_page)
+    area = page.parentWidget().parentWidget()
+    if isinstance(area, QScrollArea) and window.width() >= SIDEWAYS_BELOW and area.horizontalScrollBar().maximum():
+        yield f"the page scrolls sideways: it needs {page.minimumSizeHint().width()} points of {area.width()}"
     for name in ALWAYS_WHOLE:
         widget = window.findChild(QWidget, name)
         if widget is None or not widget.isVisible():

@@ -13,6 +13,7 @@ from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
 from app.gui.widgets import (
     STRETCH,
+    ElidedLabel,
     SheetButton,
     StatusLine,
     Theme,
@@ -49,6 +50,7 @@ ACTION_BUTTON_LABELS = {
 
 
 STEP_HEIGHT_LINES = 9
+MIN_LIVE_WIDTH = 460
 
 
 class NextStepPane(QFrame):
@@ -98,15 +100,16 @@ class CampaignHeader(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name_label = make_label(kind="heading", wrap=False, name="campaign.name")
-        self.progress_label = make_label(wrap=False, name="campaign.progress")
+        self.name_label = configure(ElidedLabel(), "campaign.name", kind="heading")
+        self.progress_label = configure(ElidedLabel(), "campaign.progress")
         self.message_label = configure(StatusLine(), "campaign.message")
         self.bar = make_progress_bar(1000, 10, "campaign.progress-bar")
         buttons = (
             make_button(
-                shortcut_label(text, f"campaign.{action}"),
+                text,
                 partial(self.action_requested.emit, action),
                 "choice",
+                tooltip(f"campaign.{action}"),
                 name=f"campaign.{action}",
             )
             for action, text in (("new", "New …"), ("open", "Open …"))
@@ -142,6 +145,7 @@ class CampaignHeader(QWidget):
         progress = state.progress if running and state.busy else None
         left_s = progress.remaining_at(streamed_s) if progress is not None else 0.0
         self.progress_label.setText(format_progress(summary, running, left_s))
+        self.progress_label.setToolTip(self.progress_label.text())
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
         self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
 
@@ -176,6 +180,7 @@ class CampaignBoard(QWidget):
         self.side_stack.addWidget(self.live_pane)
         columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 0), sizes=[520, 700])
         self.live_pane.setObjectName("campaign/rows")
+        self.live_pane.setMinimumWidth(MIN_LIVE_WIDTH)
         column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.item_moved.connect(self.item_moved)
         self.item_list.selected_item_changed.connect(self._show_details)

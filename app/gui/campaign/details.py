@@ -15,13 +15,13 @@ from app.gui.widgets import (
     STRETCH,
     Item,
     Theme,
+    WrappedRow,
     column,
     configure,
     make_button,
     make_label,
     make_scroll_area,
     name_button,
-    row,
 )
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class ItemDetailsPane(QWidget):
         self.details_area.setAccessibleName("details")
         self.tabs.addTab(self.details_area, "Details")
         self.tabs.setCornerWidget(self.heading_label)
-        buttons = row(*self.buttons.values(), STRETCH, spacing=4)
+        buttons = WrappedRow(*self.buttons.values(), spacing=4)
         column((self.tabs, 1), buttons, parent=self, margins=(10, 0, 0, 0), spacing=6)
         self._shown_state: object = None
         self._item: ItemSummary | None = None

@@ -53,7 +53,7 @@ class CampaignList(QListWidget):
             "campaign.items",
             accessibleName="measurements of the campaign",
             toolTip="Drag to another place, or Alt+Up and Alt+Down",
-            minimumWidth=330,
+            minimumWidth=300,
             dragDropMode=QAbstractItemView.DragDropMode.InternalMove,
             defaultDropAction=Qt.DropAction.MoveAction,
             selectionMode=QAbstractItemView.SelectionMode.SingleSelection,

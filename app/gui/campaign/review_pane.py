@@ -28,6 +28,7 @@ TOOLTIPS = {
     "other specimens": "Their newest results by the same protocol in this folder",
 }
 MAX_INDICATORS = 5
+MIN_PLOT_WIDTH = 420
 MIN_PLOT_HEIGHT, MIN_TABLE_HEIGHT, RESIDUAL_HEIGHT = 110, 84, 64
 MAX_COLUMN_WIDTH = 230
 RESIDUAL_INDEX = 1
@@ -47,7 +48,7 @@ class ReviewPane(QWidget):
         self.plots = ResultPlots(theme)
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
         self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
-        self.plots.setMinimumHeight(MIN_PLOT_HEIGHT)
+        self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
         self.card = ResultCard(theme, "review", ("report",), compact=True)
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
         self.run_box = configure(
@@ -56,7 +57,7 @@ class ReviewPane(QWidget):
             accessibleName="runs of this measurement",
             toolTip="Every result of this measurement; accepting one makes it count",
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
-            minimumContentsLength=24,
+            minimumContentsLength=16,
         )
         self.run_box.activated.connect(lambda _: self.run_selected.emit(self.run_box.currentData()))
         self.table = make_read_only_table(
@@ -69,7 +70,7 @@ class ReviewPane(QWidget):
         self.table.horizontalHeader().setMaximumSectionSize(MAX_COLUMN_WIDTH)
         runs_label = QLabel("run")
         runs_label.setBuddy(self.run_box)
-        head = row((self.card, 1), runs_label, self.run_box, spacing=8)
+        head = row((self.card, 1), runs_label, (self.run_box, 1), spacing=8)
         indicators = row(*self.indicator_labels, STRETCH, spacing=16)
         parts = make_splitter(
             "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]

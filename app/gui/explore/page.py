@@ -33,6 +33,7 @@ from app.gui.widgets import (
     Mode,
     StatusLine,
     Theme,
+    WrappingPane,
     add_actions,
     choose_files,
     column,
@@ -310,7 +311,9 @@ class ExplorePage(QSplitter):
         return left
 
     def _right_column(self) -> QWidget:
-        below, right = QWidget(), QWidget()
+        below, right = QWidget(), WrappingPane()
+        self.plot.setMinimumSize(180, 150)
+        self.shape_plot.setMinimumSize(180, 90)
         column(self.toolbar.motion_row, (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
         rows = make_splitter(
             "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]

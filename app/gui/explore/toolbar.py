@@ -87,19 +87,17 @@ class ExploreToolbar(QObject):
         self.export_row = row(
             self.copy_json_button, self.copy_toml_button, self.study_button, self.sheet_button, None, spacing=6
         )
-        self.series_row = row(
-            caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6
-        )
+        ranges = QWidget()
+        row(QLabel("up to"), *self.ranges, QLabel("Hz"), parent=ranges, margins=(0, 0, 0, 0), spacing=6)
+        self.series_row = WrappedRow(caption_label("Response"), *self.series, ranges, spacing=8)
         self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
-        self.overlay_row = row(
+        self.overlay_row = WrappedRow(
             self.keep_button,
             self.overlay_button,
             self.file_button,
             self.fit_button,
             self.identify_button,
-            None,
             self.clear_button,
-            spacing=6,
         )
 
     def toggle_skin(self) -> None:

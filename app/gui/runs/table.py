@@ -140,7 +140,7 @@ class RunTableView(QTableView):
             showGrid=False,
             wordWrap=False,
             tabKeyNavigation=False,
-            minimumWidth=500,
+            minimumWidth=420,
         )
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
         configure(self.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 8)

@@ -25,6 +25,7 @@ from protocols.base import Outcome, RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 
 CARD_WIDTH = 270
+MIN_PLOT_WIDTH = 400
 
 
 class RunViewer(QWidget):
@@ -43,6 +44,7 @@ class RunViewer(QWidget):
         self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit, name="run.back")
         self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit, name="run.explore")
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
+        self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
         result, area = QWidget(), make_scroll_area(horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setAccessibleName("result of the run")

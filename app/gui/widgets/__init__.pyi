@@ -56,3 +56,4 @@ from .theme import text_scale as text_scale
 from .theme import theme_for as theme_for
 from .toast import Toast as Toast
 from .wrapped_row import WrappedRow as WrappedRow
+from .wrapped_row import WrappingPane as WrappingPane

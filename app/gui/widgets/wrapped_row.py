@@ -1,6 +1,6 @@
 """Horizontal layout that continues in further lines where a window is too narrow for one."""
 
-from PySide6.QtCore import QPoint, QRect, QSize, Qt
+from PySide6.QtCore import QEvent, QPoint, QRect, QSize, Qt
 from PySide6.QtWidgets import QLayout, QLayoutItem, QWidget
 
 
@@ -54,17 +54,40 @@ class WrappedRow(QLayout):
         return least
 
     def _place(self, rect: QRect, apply: bool) -> int:
-        """Place the visible widgets line by line, and return the height that they need."""
-        x, y, line_height = rect.x(), rect.y(), 0
+        """Place the visible widgets line by line, each in the middle of its line; return the height that they need."""
+        y = rect.y()
+        for line in self._lines(rect.width()):
+            x, line_height = rect.x(), max(size.height() for _, size in line)
+            for item, size in line:
+                if apply:
+                    item.setGeometry(QRect(QPoint(x, y + (line_height - size.height()) // 2), size))
+                x += size.width() + self.spacing()
+            y += line_height + self.spacing()
+        return max(y - self.spacing() - rect.y(), 0)
+
+    def _lines(self, width: int) -> list[list[tuple[QLayoutItem, QSize]]]:
+        """Return the visible items with their sizes, line by line."""
+        lines: list[list[tuple[QLayoutItem, QSize]]] = []
+        used = 0
         for item in self._items:
             if item.isEmpty():
                 continue
             size = item.sizeHint()
-            if x > rect.x() and x + size.width() > rect.right() + 1:
-                x, y, line_height = rect.x(), y + line_height + self.spacing(), 0
-            if apply:
-                size.setWidth(min(size.width(), rect.width()))
-                item.setGeometry(QRect(QPoint(x, y), size))
-            x += size.width() + self.spacing()
-            line_height = max(line_height, size.height())
-        return y + line_height - rect.y()
+            size.setWidth(min(size.width(), width))
+            if not lines or used + size.width() > width:
+                lines.append([])
+                used = 0
+            lines[-1].append((item, size))
+            used += size.width() + self.spacing()
+        return lines
+
+
+class WrappingPane(QWidget):
+    """Widget whose least height follows from its width: its layout has wrapped rows, and a scroll area is around it."""
+
+    def event(self, event: QEvent) -> bool:
+        handled = super().event(event)
+        layout = self.layout()
+        if event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest) and layout is not None:
+            self.setMinimumHeight(layout.totalMinimumHeightForWidth(self.width()))
+        return handled
