@@ -24,7 +24,13 @@ KEYSIGHT_33500 = (
         f"{Keysight33500.IDLE_AMPLITUDE_VPP * 1e3:g} mVpp into a high-impedance load",
         "a public 33522A driver: minimum 2 mVpp",
     ),
-    Assumption("keysight-33500", TRUEFORM, "filter STEP", "smooths without overshoot", checks=(OutputCheck.SHAPE,)),
+    Assumption(
+        "keysight-33500",
+        TRUEFORM,
+        "filter STEP",
+        "smooths without overshoot",
+        checks=(OutputCheck.SHAPE, OutputCheck.LONG_LEVEL),
+    ),
     Assumption(
         "keysight-33500",
         TRUEFORM,

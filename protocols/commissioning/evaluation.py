@@ -97,7 +97,9 @@ class Evaluation:
         if others.shape[1] == size:
             gains = others @ centred / (centred @ centred)
             self.crosstalk = float(np.abs(gains / self.gain).max(initial=0.0)) if self.gain else math.nan
-        self.residual, self.misfit = float(np.abs(rest).max()) / peak_v, float(rest.std()) / peak_v
+        self.residual = float(np.abs(rest).max()) / peak_v
+        # By the median: a surge at the start is a departure of the form, and leaves amplitude and polarity measurable.
+        self.misfit = 1.4826 * float(np.median(np.abs(rest - np.median(rest)))) / peak_v
 
     @property
     def seen(self) -> bool:
