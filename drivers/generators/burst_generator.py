@@ -15,9 +15,7 @@ A subclass supplies the commands of one family and what its instruments can do.
 
 import hashlib
 import math
-import re
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -27,8 +25,8 @@ from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed, renamed_parameters
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, reason_memory_too_small, render_waveform
-from drivers.generators.expected_setting import ExpectedSetting
+from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, render_waveform
+from drivers.generators.generator_capabilities import MAX_UNSTOPPABLE_DRIVE_S, GeneratorCapabilities
 from drivers.generators.unsuitable import reason_unsuitable
 from drivers.interfaces import Identity
 from drivers.level_pulse import LevelPulse
@@ -45,23 +43,11 @@ FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 SLOW_WIRE_ROUND_TRIPS = 7
 """Replies that the way from a held level to rest waits for when its steps are pipelined."""
 
-MAX_UNSTOPPABLE_DRIVE_S = 9.0
-"""Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
-
-HOLD_MARGIN_S, MIN_HOLD_MARGIN_S = 2.0, 1.0
-"""How much longer than planned a level is held, so that its recording ends before it: late replies, a busy computer. The smaller
-margin is that of an instrument whose drives cannot be ended early."""
-
-SHORTEST_RISE_S = 0.01
-
 HASTENED_END_S, HASTENED_V_PER_S = 1.2, 40.0
 """When a level is at rest whose end is hastened, and the slope up to which its return may be: 40 mV in 1 ms."""
 
 BURST_END_MARGIN_S = 0.1
 """How much later than by the computer's clock a burst may end."""
-
-INTERPOLATED_STEP_FRACTION = 0.1
-"""Largest step from point to point, relative to the span, of a waveform that a filter smooths."""
 
 
 @renamed(
@@ -90,7 +76,7 @@ INTERPOLATED_STEP_FRACTION = 0.1
     _load="_load_waveform",
     _agree="_check_readback",
 )
-class BurstGenerator(ABC):
+class BurstGenerator(GeneratorCapabilities):
     """A `Source` (see drivers.interfaces); a subclass per family supplies its commands and capabilities.
 
     Args:
@@ -104,22 +90,7 @@ class BurstGenerator(ABC):
         InstrumentError: another instrument answers.
     """
 
-    MODELS: ClassVar[tuple[str, ...]]
-    """Prefixes of the supported model names, in capitals."""
-    MODEL_PATTERN: ClassVar[str] = ""
-    """Regular expression for the supported model names where a prefix is not enough: relatives with another command set."""
-    PRODUCT_NAMES: ClassVar[str]
-    CAN_FREEZE_RANGE: ClassVar[bool]
-    INTERPOLATES_POINTS: ClassVar[bool] = False
-    """Whether a filter smooths the waveform from point to point."""
-    AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
-    """Whether the amplitude setting means the span of the points as they are, or of the converter."""
-    SINGLE_SESSION: ClassVar[bool] = False
-    """Whether the instrument answers one LAN client at a time: the watchdog connects after the program has ended."""
-    MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
     IDLE_AMPLITUDE_VPP: ClassVar[float] = IDLE_AMPLITUDE_VPP
-    MIN_AMPLITUDE_VPP: ClassVar[float] = 0.0
-    """Smallest amplitude into a high-impedance load, where a drive could be smaller."""
 
     _burst_end_s: float | None = None
     """End of the burst that was started here; unknown at first."""
@@ -152,16 +123,6 @@ class BurstGenerator(ABC):
             )
         self._scpi.instrument = f"function generator {self.identity.model}"
         self._stored_waveform: str | None = None  # digest of the downloaded waveform; unknown at first
-
-    @classmethod
-    def supports_model(cls, model: str) -> bool:
-        """Return whether this driver is for a model, by the name that `*IDN?` reports."""
-        name, pattern = model.upper(), ""
-        for kind in cls.__mro__:  # a pattern goes with the prefixes beside it, not with those of a derived class
-            pattern = pattern or vars(kind).get("MODEL_PATTERN", "")
-            if "MODELS" in vars(kind):
-                break
-        return name.startswith(cls.MODELS) and re.match(pattern, name) is not None
 
     def reconnect(self) -> None:
         self._scpi.link.reopen()
@@ -213,28 +174,6 @@ class BurstGenerator(ABC):
                 raise InstrumentError(f"{self._scpi.instrument}: its output did not come on; look at its front panel")
         self._burst_end_s = self._clock.now()
 
-    def level_pulse(self, level: Hold, rest_v: float, ramp_v_per_s: float) -> LevelPulse:
-        rise_s = max(abs(level.level_v - rest_v) / ramp_v_per_s, SHORTEST_RISE_S)
-        speed = max(float(getattr(self._clock, "speed", 1.0)), 1.0)
-        margin_s = HOLD_MARGIN_S * speed
-        if not self.CAN_FREEZE_RANGE:  # what is left of it has to be waited for
-            left_s = MAX_UNSTOPPABLE_DRIVE_S - level.duration_s - 2 * rise_s
-            margin_s = max(min(MIN_HOLD_MARGIN_S * speed, left_s), MIN_HOLD_MARGIN_S)
-        return LevelPulse(rest_v, level.level_v, level.duration_s + margin_s, rise_s)
-
-    def reason_level_unsupported(self, pulse: LevelPulse) -> str:
-        name = self._scpi.instrument
-        if not self.CAN_FREEZE_RANGE and pulse.duration_s > MAX_UNSTOPPABLE_DRIVE_S:
-            longest_s = MAX_UNSTOPPABLE_DRIVE_S - 2 * pulse.rise_s - MIN_HOLD_MARGIN_S
-            return (
-                f"{name} cannot hold its range, so that a held level can only be left by waiting for its end; {pulse.level_v:g} V can "
-                f"be held for {max(longest_s, 0):.3g} s at most, not {pulse.hold_s - MIN_HOLD_MARGIN_S:.3g} s. Shorten the hold, or use a "
-                "generator that holds its range or the card's analogue output. Nothing was sent"
-            )
-        if why := reason_memory_too_small(pulse, self._max_points(), self._step_v):
-            return f"{name}: {why}"
-        return self._reason_too_small(pulse.high_v - pulse.low_v)
-
     def start_level(self, pulse: LevelPulse) -> float:
         if why := self.reason_level_unsupported(pulse):
             raise InstrumentError(why)
@@ -262,63 +201,6 @@ class BurstGenerator(ABC):
             case SquareWave():
                 points, full_v = render_waveform(drive, self._max_points(), self._max_step_v(drive))
                 self._start_burst(points, full_v, drive.frequency_hz, drive.cycles, drive.offset_v)
-
-    def reason_unsupported(self, drive: Drive) -> str:
-        name = self._scpi.instrument
-        if isinstance(drive, LinearSweep | PeriodicSweep | Steps | SquareWave) and (
-            why := reason_memory_too_small(drive, self._max_points(), self._max_step_v(drive))
-        ):
-            return f"{name}: {why}"
-        cycles = (
-            drive.cycles
-            if isinstance(drive, Sine | SquareWave)
-            else drive.periods
-            if isinstance(drive, PeriodicSweep)
-            else 1
-        )
-        if cycles > self.MAX_BURST_CYCLES:
-            return f"{name} plays {self.MAX_BURST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
-        if not isinstance(drive, Hold | Ramp) and (why := self._reason_too_small(drive.high_v - drive.low_v)):
-            return why
-        if (
-            not self.CAN_FREEZE_RANGE
-            and not isinstance(drive, Hold | Ramp)
-            and drive.duration_s > MAX_UNSTOPPABLE_DRIVE_S
-        ):
-            return (
-                f"{name} cannot hold its range, so that a drive can only be stopped by waiting for its end; this one "
-                f"lasts {drive.duration_s:.3g} s (limit {MAX_UNSTOPPABLE_DRIVE_S:g} s). Shorten it. Nothing was sent"
-            )
-        return ""
-
-    def _reason_too_small(self, span_v: float) -> str:
-        if span_v >= self.MIN_AMPLITUDE_VPP * (1 - 1e-9):
-            return ""
-        return (
-            f"{self._scpi.instrument} cannot play less than {1e3 * self.MIN_AMPLITUDE_VPP:g} mV peak to peak, not "
-            f"{1e3 * span_v:.3g} mV; raise the drive's amplitude. Nothing was sent"
-        )
-
-    def _max_step_v(self, drive: Drive) -> float:
-        return (
-            max(self._step_v, INTERPOLATED_STEP_FRACTION * (drive.high_v - drive.low_v))
-            if self.INTERPOLATES_POINTS
-            else self._step_v
-        )
-
-    @property
-    def plays_to_the_end(self) -> bool:
-        """Whether a drive can only be stopped by waiting for its end."""
-        return not self.CAN_FREEZE_RANGE
-
-    @property
-    def unattended_end(self) -> str:
-        limit = "" if self.CAN_FREEZE_RANGE else f" within {MAX_UNSTOPPABLE_DRIVE_S:g} s"
-        return f"a drive plays to its end and is at rest{limit}"
-
-    def unattended_rest_s(self, drive: Drive, rest_v: float) -> float:
-        del rest_v
-        return math.inf if isinstance(drive, Hold) else drive.duration_s
 
     def end_level(self, duration_s: float) -> None:
         if not self.CAN_FREEZE_RANGE and self.hastens_levels:
@@ -431,26 +313,6 @@ class BurstGenerator(ABC):
             join=self._join_commands,
         )
 
-    def _first_mismatch(self, rest_v: float, low_v: float, high_v: float) -> str:
-        """Describe the first setting that is not as expected when armed and at rest; empty if all are."""
-        for setting, answer in self._mismatches(self._expected_settings(rest_v, low_v, high_v)):
-            return f"{setting.name} is {answer[:40]}, not {setting.expected}"
-        return ""
-
-    def _has_our_setup(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        """Whether it is armed by this driver, whatever it plays or holds. In another state volts may mean other volts."""
-        how = (s for s in self._expected_settings(rest_v, low_v, high_v) if s.keywords or math.isinf(s.high))
-        return next(self._mismatches(how), None) is None
-
-    def _mismatches(self, settings: Iterable[ExpectedSetting]) -> Iterator[tuple[ExpectedSetting, str]]:
-        """Query the settings in turn; yield each that is not as expected, with the answer."""
-        for setting in settings:
-            answer = (
-                self._query_optional_setting(setting.name) if setting.optional else self._query_setting(setting.name)
-            )
-            if answer is not None and not setting.matches(answer):
-                yield setting, answer
-
     def _ramp_foreign_output_down(self, rest_v: float) -> None:
         """Ramp a drive or level that an earlier program left to rest, like any drive.
 
@@ -537,86 +399,6 @@ class BurstGenerator(ABC):
     _join_commands: Callable[[Sequence[str]], str] | None = None
     """Joins commands to one message, where the instrument takes several."""
 
-    # -- commands of one family --------------------------------------------------------------------------------------
-
     def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
         """Return the amplitude setting at which a full-scale point is `full_v` away from the offset."""
         return (float(np.ptp(points)) if self.AMPLITUDE_IS_WAVEFORM_SPAN else 2) * full_v
-
-    @abstractmethod
-    def idle_level_v(self) -> float: ...
-
-    @abstractmethod
-    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
-        """Return all that `_configure` sets, as it reads back when armed and at rest, except the output switch."""
-
-    @abstractmethod
-    def _query_setting(self, name: str) -> str:
-        """Query a setting of `_expected_settings`."""
-
-    def _query_optional_setting(self, name: str) -> str | None:
-        """Query a setting that this model may not have; return None if the model does not know it."""
-        return self._query_setting(name)
-
-    def _reset_foreign_settings(self) -> None:  # noqa: B027 - few settings of a plug-in's instrument persist
-        """Reset what other users may have left and the drive does not set: polarity, gating, a second channel."""
-
-    @abstractmethod
-    def _is_output_on(self) -> bool: ...
-
-    @abstractmethod
-    def _clear_error_queue(self) -> None:
-        """Empty the error queue of what other programs left there."""
-
-    @abstractmethod
-    def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
-        """Set all but the output switch; a running burst ends once its amplitude is small."""
-
-    @abstractmethod
-    def _enable_output(self) -> None: ...
-
-    @abstractmethod
-    def _offset_command(self, volts: float) -> str:
-        """Return the command that sets the offset, without a query."""
-
-    @abstractmethod
-    def _set_offset(self, volts: float) -> None: ...
-
-    @abstractmethod
-    def _query_amplitude(self) -> float: ...
-
-    @abstractmethod
-    def _amplitude_command(self, vpp: float) -> str:
-        """Return the command that sets the amplitude, without a query."""
-
-    @abstractmethod
-    def _set_amplitude(self, vpp: float) -> None: ...
-
-    @abstractmethod
-    def _set_rate(self, rate_hz: float, point_count: int) -> None:
-        """Set the rate of whole periods of a waveform of `point_count` points, and read it back."""
-
-    @abstractmethod
-    def _set_cycles(self, cycles: int) -> None: ...
-
-    @abstractmethod
-    def _query_burst_duration_s(self) -> float:
-        """Return the duration of a burst with the present settings; 0 if no burst is armed."""
-
-    @abstractmethod
-    def _trigger(self) -> None: ...
-
-    @abstractmethod
-    def _abort_commands(self) -> Sequence[str]:
-        """Return what ends a running burst immediately, when its amplitude has been reduced."""
-
-    @abstractmethod
-    def _send(self, command: str) -> None:
-        """Send one command and confirm it as far as the instrument allows."""
-
-    @abstractmethod
-    def _download_waveform(self, points: Points) -> None:
-        """Download the waveform without changing the idle output."""
-
-    @abstractmethod
-    def _max_points(self) -> int: ...

@@ -27,6 +27,7 @@ from drivers.errors import AcquisitionError, BenchError, CardInUseError, Instrum
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
 from drivers.nidaq.output_readback import RELEASE_TOLERANCE_V, OutputReadback
 from drivers.nidaq.output_task import OutputQueue, OutputTask, PlaybackProgress, find_queue, write_level
+from drivers.nidaq.playback_control import RELEASE_TIMEOUT_S, PlaybackControl
 from drivers.nidaq.rendering import (
     FADE_S,
     HOLD_RATES_HZ,
@@ -38,8 +39,6 @@ from drivers.nidaq.rendering import (
     STEP_V,
     Array,
     HeldLevel,
-    fade_out,
-    idle_level_after_stop_v,
     render_samples,
     sample_count,
     sample_rate_for,
@@ -47,19 +46,13 @@ from drivers.nidaq.rendering import (
 
 LEVEL_TOLERANCE_V = 5e-3
 RELEASE_S = 0.2
-"""Allowance for measuring that, in the prediction of the way to rest."""
-
-RELEASE_TIMEOUT_S = 2.0
-"""Longest wait for that."""
+"""Allowance, in the prediction of the way to rest, for measuring the level at which a task is released."""
 
 WRITE_PAUSE_S = 1e-4
 """Pause after each message of a long drive, in which the clock sends its heartbeat."""
 
 HOLD_TASK_LEASES = 6
 """Length of a held level's buffer; where it comes to its end, the next one takes over at the same level."""
-
-RELEASE_ROUND_TRIPS = 90
-"""Longest way from a stopped drive to its released task: the output is measured with 13 messages, up to six times."""
 
 STOP_ROUND_TRIPS, RAMP_ROUND_TRIPS = 12, 24
 
@@ -106,6 +99,7 @@ class NiAnalogOutput:
         self._readback = OutputReadback(
             self._connection, f"{device}/_{channel}_vs_aognd", self._description, self._clock
         )
+        self._control = PlaybackControl(clock, margin_s, self._description)
         self._task: OutputTask | None = None
         self._drive: Drive | None = None
         self._hold: HeldLevel | None = None
@@ -240,13 +234,13 @@ class NiAnalogOutput:
             self.idle_level_v()
             return
         try:
-            level_v, end, remainder = self._fade_out(task, drive)
+            level_v, end, remainder = self._control.fade_out(task, drive)
         except AcquisitionError as refused:
             self._stop_where_it_is(task, drive, refused)
             return
         self._drive = Hold(level_v, drive.duration_s)
-        self._fill(task, remainder, level_v, end)
-        if self._await_sample(task, end):
+        self._control.fill(task, remainder, level_v, end)
+        if self._control.await_sample(task, end):
             self._await_level(task, level_v)
         else:  # armed, but the trigger never came: nothing has moved
             level_v = drive.end_levels_v[0]
@@ -260,7 +254,7 @@ class NiAnalogOutput:
         if to_level:
             self._start_hold(idle_v, level_v, duration_s)
             if self._hold is not None and self._task is not None:
-                self._await_sample(self._task, self._hold.rise + 1)
+                self._control.await_sample(self._task, self._hold.rise + 1)
             return
         if abs(level_v - idle_v) > STEP_V / 4:
             ramp = Ramp(idle_v, level_v, duration_s)
@@ -270,7 +264,7 @@ class NiAnalogOutput:
                 self._connection, self._physical_channel, self._description, rate, sample_count(ramp, rate)
             )
             self._start(task, lambda first, count: render_samples(ramp, task.rate_hz, first, count), ramp, None)
-            self._await_sample(task, task.total)
+            self._control.await_sample(task, task.total)
             self._release_task()
         self._write_level(level_v)
 
@@ -373,12 +367,12 @@ class NiAnalogOutput:
         hold, task = self._hold, self._task
         if hold is None or task is None:
             return
-        self._await_sample(task, hold.rise + 1)
+        self._control.await_sample(task, hold.rise + 1)
         level_v, returned = hold.level_v, hold.return_sample + hold.fall + 1
         progress = PlaybackProgress(task, self._clock, self._margin_s)
         is_sooner = (returned - progress.generated) / task.rate_hz < RAMP_ROUND_TRIPS * progress.reply_s
         if (to_rest and is_sooner) or not progress.is_released_before(hold.return_sample):
-            self._await_sample(task, returned)
+            self._control.await_sample(task, returned)
             level_v = hold.rest_v
         self._release_task()
         self._write_level(level_v)
@@ -400,29 +394,6 @@ class NiAnalogOutput:
             with contextlib.suppress(BenchError):
                 task.release()
             raise
-
-    def _fade_out(self, task: OutputTask, drive: Drive) -> tuple[float, int, int]:
-        """Rewrite a running drive so that it fades out.
-
-        Returns the level at which it then idles, the sample where it reaches that, and the first of the drive's remainder.
-
-        Raises:
-            AcquisitionError: NI's driver does not take the samples, or the card does not answer.
-        """
-        rate, margin_s = task.rate_hz, self._margin_s
-        while True:
-            progress = PlaybackProgress(task, self._clock, margin_s)
-            hold = math.ceil((self._margin_s + RELEASE_TIMEOUT_S + RELEASE_ROUND_TRIPS * progress.reply_s) * rate)
-            first = progress.first_changeable(hold)
-            level_v = idle_level_after_stop_v(drive, rate, first)
-            if first >= task.total:
-                return level_v, task.total, task.total
-            wave = fade_out(drive, rate, first)
-            end = first + wave.size
-            if task.rewrite(first, np.concatenate((wave, np.full(min(hold, task.total - end), level_v))), progress):
-                break
-            margin_s = max(2 * margin_s, 0.1)  # this program was held up
-        return level_v, end, end + hold
 
     def _stop_where_it_is(self, task: OutputTask, drive: Drive, refused: AcquisitionError) -> None:
         """Release a drive that cannot be rewritten: the output keeps the sample that was reached, which is then measured.
@@ -454,36 +425,6 @@ class NiAnalogOutput:
                 "check the cable from the output to the card's drive channel"
             )
         self._write_level(float(seen.mean()))
-
-    def _fill(self, task: OutputTask, first: int, level_v: float, played: int) -> None:
-        """Rewrite the remainder of a stopped drive with its idle level, until the fade-out has been played.
-
-        What is left of the drive would follow the fade if this program died before it releases the task.
-        """
-        piece = math.ceil(task.rate_hz)
-        while first < task.total and task.generated() < played:
-            count = min(piece, task.total - first)
-            task.rewrite(first, np.full(count, level_v))
-            first += count
-            self._clock.sleep(0.02)
-
-    def _await_sample(self, task: OutputTask, sample: int) -> bool:
-        """Wait until a sample has been converted; return False if the task still waits for its trigger.
-
-        Raises:
-            InstrumentError: the output does not continue.
-        """
-        sample = min(sample, task.total)
-        began_s, begins = self._clock.now(), task.generated()
-        patience_s = (sample - begins) / task.rate_hz + 2 * self._margin_s + 2.0
-        while (played := task.generated()) < sample:
-            waited_s = self._clock.now() - began_s
-            if played == 0 and task.trigger and waited_s > self._margin_s:
-                return False
-            if waited_s > patience_s:
-                raise InstrumentError(f"{self._description} plays no further; check the card's power and its USB cable")
-            self._clock.sleep(min(max((sample - played) / task.rate_hz, 1e-4), 0.02))
-        return True
 
     def _await_level(self, task: OutputTask, level_v: float) -> None:
         """Wait until the output is measured at a level, where it can be measured, before its task is released.
