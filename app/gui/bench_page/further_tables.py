@@ -1,13 +1,32 @@
-"""Further tables of a bench file: specimen, abort levels, watchdog, further channels and serial meters."""
+"""Further tables of a bench file: specimen, abort levels, watchdog, climate sensor, backup, channels and serial meters."""
 
 from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.config import BenchConfig, ChannelTable, LevelsTable, MeterTable, SpecimenTable, WatchdogTable
+from app.config import (
+    BackupTable,
+    BenchConfig,
+    ChannelTable,
+    ConfigTable,
+    EnvironmentTable,
+    LevelsTable,
+    MeterTable,
+    SpecimenTable,
+    WatchdogTable,
+)
 from app.gui.bench_page.table_form import TableForm
 from app.gui.widgets import STRETCH, column, configure, make_button, make_choice, make_label, make_panel, row
+
+SINGLE_TABLES: dict[str, tuple[type[ConfigTable], str]] = {
+    "specimen": (SpecimenTable, "Specimen as it is mounted"),
+    "levels": (LevelsTable, "Abort levels"),
+    "watchdog": (WatchdogTable, "Watchdog"),
+    "environment": (EnvironmentTable, "Sensor of temperature and humidity"),
+    "backup": (BackupTable, "Copies of run files"),
+}
+"""Type and title of the tables of which a bench file has one."""
 
 NEW_METER = {"driver": "keyence-lkg", "port": "COM3"}
 
@@ -20,14 +39,12 @@ class FurtherTables(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.open_button = make_choice(
-            "Specimen, abort levels, watchdog, further inputs and meters", "Show the other tables", checkable=True
+            "Specimen, abort levels, watchdog, climate, backup, inputs and meters",
+            "Show the other tables",
+            checkable=True,
         )
         self.open_button.setObjectName("bench.further")
-        self.single = {
-            "specimen": TableForm("specimen", SpecimenTable),
-            "levels": TableForm("levels", LevelsTable),
-            "watchdog": TableForm("watchdog", WatchdogTable),
-        }
+        self.single = {name: TableForm(name, kind) for name, (kind, _) in SINGLE_TABLES.items()}
         self.channels: list[TableForm] = []
         self.meters: list[tuple[QLineEdit, TableForm]] = []
         self._content, self._list = QWidget(), QWidget()
@@ -37,11 +54,7 @@ class FurtherTables(QWidget):
                 make_panel(
                     make_label(title, "caption", wrap=False), self.single[name], margins=(10, 8, 10, 8), spacing=4
                 )
-                for name, title in (
-                    ("specimen", "Specimen as it is mounted"),
-                    ("levels", "Abort levels"),
-                    ("watchdog", "Watchdog"),
-                )
+                for name, (_, title) in SINGLE_TABLES.items()
             ),
             self._list,
             row(

@@ -126,6 +126,8 @@ def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
     type_into(window, "bench.name", "Ann")
     type_into(window, "bench.sensor.gain_m_per_v", "0.5 mm/V")
     find(page, "bench.further").click()
+    type_into(window, "bench.environment.port", "COM7")
+    type_into(window, "bench.backup.folder", "/mnt/share/tactors")
     type_into(window, "bench.specimen.gap_m", "1 mm")
     find(page, "bench.channels.add").click()
     find(page, "bench.save").click()
@@ -136,6 +138,7 @@ def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
     assert (config.card.device, config.card.server) == ("Dev3", "192.0.2.9:31763")
     assert (config.sensor.gain_m_per_v, config.specimen.gap_m) == (5e-4, 1e-3)
     assert [channel.channel for channel in config.channels] == ["ai2"]
+    assert (config.environment.port, config.backup.folder) == ("COM7", "/mnt/share/tactors")
     assert "# 0 V on the specimen" in bench_files()[0].read_text("utf-8")
     assert not find(page, "bench.save").isEnabled()
 
