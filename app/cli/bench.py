@@ -209,7 +209,10 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
     if times["upload_s"] is not None:
         console.print(f"The longest waveform is uploaded in {times['upload_s']:.2f} s")
     if times["reply_s"] is not None:
-        console.print(f"The slowest reply arrives {times['reply_s']:.2f} s after its message, an upload's included")
+        slowest = "".join(f" ({each['command']})" for each in record["commands"][:1])
+        console.print(
+            f"The slowest reply arrives {times['reply_s']:.2f} s after its message{slowest}, an upload's included"
+        )
     if times["start_s"] is not None:
         console.print(f"A drive begins {1e3 * times['start_s']:.1f} ms after its trigger")
     if times["second_client_s"] is not None:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -149,6 +149,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
             "level_stop_s": _finite(found.times.level_stop_s),
             "upload_s": _finite(found.times.upload_s),
         },
+        "commands": [asdict(each) for each in found.commands],
         "errors": list(found.errors),
     }
 

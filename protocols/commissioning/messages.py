@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers import Clock, Link
 from drivers.transport.observed_link import ObservedLink
+from protocols.commissioning.verdict import CommandTime
 
 
 class MessageKind(StrEnum):
@@ -48,6 +49,11 @@ def message_kind(text: str) -> MessageKind:
     return next((kind for kind, pattern in PATTERNS if pattern.search(head)), MessageKind.OTHER)
 
 
+def command_name(text: str) -> str:
+    """Return the header of a message's first command."""
+    return re.split(r"[ ;]", text.strip(), maxsplit=1)[0].removeprefix(":")
+
+
 @dataclass(frozen=True, slots=True)
 class Message:
     """One message and the bench time at which it was sent."""
@@ -68,6 +74,7 @@ class MessageLog:
         self.separated: frozenset[MessageKind] = frozenset()
         self._clock: Clock | None = None
         self._messages: list[Message] = []
+        self._reply_times: dict[str, list[float]] = {}
         self.reply_s = math.nan
         """Longest time from the beginning of a message to its reply; NaN before the first."""
 
@@ -91,4 +98,15 @@ class MessageLog:
 
     def _note_reply(self) -> None:
         if self._clock is not None and self._messages:
-            self.reply_s = float(np.fmax(self.reply_s, self._clock.now() - self._messages[-1].time_s))
+            message = self._messages[-1]
+            took_s = self._clock.now() - message.time_s
+            self._reply_times.setdefault(command_name(message.text), []).append(took_s)
+            self.reply_s = float(np.fmax(self.reply_s, took_s))
+
+    def command_times(self) -> tuple[CommandTime, ...]:
+        """Return the reply times of each command, the slowest first."""
+        found = (
+            CommandTime(command, len(times), float(np.median(times)), max(times))
+            for command, times in self._reply_times.items()
+        )
+        return tuple(sorted(found, key=lambda each: -each.longest_s))

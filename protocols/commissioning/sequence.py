@@ -45,7 +45,7 @@ from protocols.commissioning.long_level import (
 )
 from protocols.commissioning.long_level import HELD_S as LONG_HELD_S
 from protocols.commissioning.messages import MessageKind, MessageLog
-from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
+from protocols.commissioning.verdict import CheckedOutput, CommandTime, MeasuredTimes
 
 FREQUENCY_HZ = 10.0
 SMALL_V, LARGER_V = 0.25, 0.6
@@ -85,13 +85,14 @@ ProgressListener = Callable[[str, float], object]
 
 @dataclass(frozen=True, slots=True)
 class Commissioned:
-    """What a commissioning measured: checks in order, times, the recorded traces, and whether the source plays more than levels."""
+    """What a commissioning measured: checks in order, times, traces, whether the source plays more than levels, reply times."""
 
     checks: tuple[CheckedOutput, ...]
     times: MeasuredTimes
     traces: tuple[Trace, ...]
     errors: tuple[str, ...]
     plays_bursts: bool = True
+    commands: tuple[CommandTime, ...] = ()
 
 
 class Commissioning:
@@ -179,7 +180,14 @@ class Commissioning:
         return self._commissioned(checks, times)
 
     def _commissioned(self, checks: Sequence[CheckedOutput], times: MeasuredTimes) -> Commissioned:
-        return Commissioned(tuple(checks), times, tuple(self._traces), tuple(self._errors), self._plays_bursts)
+        return Commissioned(
+            tuple(checks),
+            times,
+            tuple(self._traces),
+            tuple(self._errors),
+            self._plays_bursts,
+            self._messages.command_times(),
+        )
 
     def _burst(
         self,

@@ -61,6 +61,22 @@ class CheckedOutput:
 
 
 @dataclass(frozen=True, slots=True)
+class CommandTime:
+    """Reply times of one command.
+
+    Attributes:
+        command: its header, with `?` for a query. One that an instrument does not confirm counts with the query after it.
+        count: how often it was replied to.
+        median_s, longest_s: from the beginning of its message to its reply.
+    """
+
+    command: str
+    count: int
+    median_s: float
+    longest_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class MeasuredTimes:
     """Measured times of a source, seconds; NaN where not measured.
 

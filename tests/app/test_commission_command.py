@@ -205,6 +205,8 @@ def test_commission_passes_or_names_what_differs(tmp_path: Path, capfd: pytest.C
     assert main(["commission", "--speed", "max", "--json"]) == ExitCode.DONE
     record = json.loads(capfd.readouterr().out)
     assert record["verdict"] == "pass"
+    assert record["commands"][0]["longest_s"] == record["times"]["reply_s"]
+    assert {"*TRG", "VOLT", "ABOR", "DATA:ARB"} <= {each["command"] for each in record["commands"]}
     assert Path(record["file"]).with_suffix(".npz").stat().st_size > 1000
     bench = bench_file(tmp_path, "output-polarity=inverted")
     assert main(["commission", "--bench", bench, "--speed", "max", "--json"]) == ExitCode.FAILED

@@ -13,7 +13,8 @@ from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.procedure import commission_bench
 from protocols.commissioning.sequence import PLANNED_S
-from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions
+from protocols.commissioning.verdict import CheckedOutput, CommandTime, OutputVerdict, checked_assumptions
+from sim_hardware.clock import VirtualClock
 from sim_hardware.generators.traits import DEVIATIONS, deviations_of
 from tests.helpers.commissioning import (
     PROPERTIES,
@@ -261,3 +262,28 @@ def test_an_assumption_has_the_worst_verdict_of_its_checks() -> None:
 )
 def test_a_message_is_known_by_what_it_changes(text: str, kind: MessageKind) -> None:
     assert message_kind(text) is kind
+
+
+def test_the_time_of_each_command_is_from_its_message_to_its_reply() -> None:
+    log, clock = MessageLog(), VirtualClock()
+
+    class Slow:
+        name = "slow"
+
+        def write(self, message: str) -> None:
+            clock.sleep(
+                0.4 if message.startswith("DATA") else 0.01 if message.endswith("?") and ";" not in message else 0.02
+            )
+
+        def read(self) -> str:
+            return "0"
+
+    link = log.observe(Slow(), clock)  # type: ignore[arg-type]
+    for message in (":VOLT 0.5;:SYST:ERR?", "VOLT 0.25;:SYST:ERR?", "DATA:ARB TB1,#12ab;:SYST:ERR?", "VOLT?"):
+        link.write(message)
+        link.read()
+    assert log.command_times() == (
+        CommandTime("DATA:ARB", 1, pytest.approx(0.4), pytest.approx(0.4)),
+        CommandTime("VOLT", 2, pytest.approx(0.02), pytest.approx(0.02)),
+        CommandTime("VOLT?", 1, pytest.approx(0.01), pytest.approx(0.01)),
+    )
