@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from protocols.registry import BUILT_IN_PROTOCOLS  # noqa: E402
-from tests.helpers.sources import Outcome, outcomes  # noqa: E402
+from tests.helpers.sources import ALIKE, Outcome, outcomes  # noqa: E402
 
 PAGE = HERE / "protocols-and-sources.md"
 
@@ -54,11 +54,17 @@ def page() -> str:
     lines = [f"| source | {' | '.join(names)} |", "|---|" + "---|" * len(names)]
     for source, row in found.items():
         lines.append(f"| {source} | {' | '.join(cell(row[name], notes) for name in names)} |")
-    lines += ["", *UNATTENDED.splitlines(), *lines[:2]]
+    lines += ["", f"Rows stand for other models, too: {'; '.join(alike())}. DC supplies of all families are alike.", ""]
+    lines += [*UNATTENDED.splitlines(), *lines[:2]]
     for source, row in found.items():
         lines.append(f"| {source} | {' | '.join(unattended(row[name]) for name in names)} |")
     lines += ["", "## Notes", "", *(f"{i}. {note}." for i, note in enumerate(notes, 1)), ""]
     return HEAD + "\n".join(lines)
+
+
+def alike() -> list[str]:
+    """Return for which models a row stands besides its own."""
+    return [f"{row} for {', '.join(others)}" for row, others in ALIKE.items()]
 
 
 def cell(outcome: Outcome, notes: list[str]) -> str:

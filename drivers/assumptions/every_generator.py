@@ -85,6 +85,9 @@ AFTER = {
 
 VOLTS = {"keysight-33200": f"{GUIDE_33220} p. 63, 182, 184"}
 
+USB = {"keysight-33500": "pyvisa-py issue 286 (a 33622A hung above 1 MB: 200 000 points at most); others unproven"}
+"""With pyvisa-py up to 0.8.1 each packet is a transfer of its own; its pull request 628 is in no release yet."""
+
 ABORT = {"keysight-33500": f"{COMMANDS_33500}: it halts a burst; where it leaves the output: unproven"}
 
 RANGE_HOLD = {
@@ -133,6 +136,10 @@ def _assumptions_of(
         VOLTS.get(driver, ""),
         (OutputCheck.SCALE,),
     )
+    if kind is not SiglentSdg:  # refused there
+        yield Assumption(
+            driver, models, "uploads over USB", "arrive whole, in transfers of one packet", USB.get(driver, "")
+        )
     yield Assumption(driver, models, "trigger", "each starts a drive", checks=(OutputCheck.START,))
     yield Assumption(
         driver, models, "a level held as one waveform", "steady to its planned end", checks=(OutputCheck.LONG_LEVEL,)

@@ -27,6 +27,16 @@ GENERATORS = (
 )
 """A model of each size of memory of each driver."""
 
+ALIKE = {
+    "33511B": ("33522B", "33622A", "EDU33211A", "EDU33212A", "FG33532A"),
+    "33220A": ("G5100A",),
+    "DG1032Z": ("DG1022Z",),
+    "DG812": ("DG811", "DG832", "DG952", "DG2072"),
+    "SDG2042X": ("SDG2122X", "SDG6022X"),
+    "AFG3022C": ("AFG3021C", "AFG3102", "AFG31022", "AFG31052", "AFG31101"),
+}
+"""Models for which the row of another one stands: the same driver, and nothing that it asks of the model differs."""
+
 CARD, SUPPLY = "card's analogue output", "DC supply (E36312A)"
 
 SOURCES = (*GENERATORS, CARD, SUPPLY)

@@ -11,8 +11,11 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignItem
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemStatus
+from app.config.driver_registry import BUILT_IN, load_driver
+from app.config.driver_registry import SOURCES as DRIVERS
 from docs.make_source_table import PAGE, page
 from drivers.errors import DriveRejectedError
+from drivers.generators.burst_generator import BurstGenerator
 from protocols.adaptation import adapt_to_source
 from protocols.base import LogMessage, RunStatus
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, next_frequencies
@@ -25,8 +28,10 @@ from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
-from tests.helpers.simulated_bench import laboratory, run
-from tests.helpers.sources import GENERATORS, SHORTER, SOURCES, SUPPLY, rehearsed, source_bench
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.clock import VirtualClock
+from tests.helpers.simulated_bench import laboratory, run, simulated
+from tests.helpers.sources import ALIKE, GENERATORS, SHORTER, SOURCES, SUPPLY, rehearsed, source_bench
 
 NARROW = Sweep(start_hz=300, stop_hz=525)
 """A sweep that an AFG1022 cannot play: its band is less than an octave, so that there are no pieces of it."""
@@ -59,6 +64,22 @@ def test_every_protocol_runs_on_every_source_or_is_refused_before_anything_moves
             assert ran.status is RunStatus.FAILED, name
             assert "Asked" not in ran.kinds(), name
             assert ran.report.live_s == 0, name
+
+
+@pytest.mark.deep
+def test_a_row_stands_for_models_with_the_same_capabilities() -> None:
+    for row, others in ALIKE.items():
+        found = {model: capabilities(model) for model in (row, *others)}
+        assert all(each == found[row] for each in found.values()), found
+
+
+def capabilities(model: str) -> tuple[object, ...]:
+    """Return what of a model decides which drives it plays."""
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, VirtualClock())
+    driver = next(n for n in BUILT_IN[DRIVERS] if load_driver(DRIVERS, n).supports_model(model))  # type: ignore[attr-defined]
+    source = load_driver(DRIVERS, driver)(bench.link(), bench.clock)
+    assert isinstance(source, BurstGenerator)
+    return driver, source._max_points(), source.CAN_FREEZE_RANGE, source.MAX_BURST_CYCLES, source.MIN_AMPLITUDE_VPP
 
 
 def page_says_it_runs(name: str, source: str) -> bool:
