@@ -12,6 +12,7 @@ from drivers.assumptions.evidence import (
     GUIDE_33220,
     MENLO,
     PYMEASURE,
+    QCODES,
     QMI,
     TM_DEVICES,
     XFEL,
@@ -49,15 +50,15 @@ IDLE_LEVELS: tuple[tuple[str, str, type[BurstGenerator], str, str], ...] = (
         "rigol-dg",
         "DG1000Z",
         RigolDg,
-        "`BURS:IDLE CENTER`",
-        f"{DG1000Z_GUIDE} 2-165 (the setting); what CENTER of an uneven waveform is: unproven",
+        "`BURS:IDLE FPT`, the first point of the waveform, is the middle of its range",
+        f"{DG1000Z_GUIDE} 2-165, {QCODES} (the setting)",
     ),
     (
         "rigol-dg800",
         DG800_SERIES,
         RigolDg800,
-        "`BURS:IDLE CENTER`; on a DG4000, which has no such setting, the first point of the waveform is the middle of its range",
-        f"{DG2000_GUIDE}, BURSt:IDLE (the setting); what CENTER of an uneven waveform is, and DG4000: unproven",
+        "`BURS:IDLE FPT`, which a DG4000 does not have: the first point of the waveform is the middle of its range",
+        f"{DG2000_GUIDE} p. 2-63 (the default); DG4000: unproven",
     ),
     ("siglent-sdg", SIGLENT_SERIES, SiglentSdg, "the first point of the waveform is 0", ""),
     (
@@ -84,6 +85,12 @@ AFTER = {
 }
 
 VOLTS = {"keysight-33200": f"{GUIDE_33220} p. 63, 182, 184"}
+
+MODULATION = {
+    "keysight-33200": f"{GUIDE_33220} p. 228",
+    "rigol-dg": f"{DG2000_GUIDE}, BURSt:STATe; DG1000Z: unproven",
+    "rigol-dg800": f"{DG2000_GUIDE}, BURSt:STATe; others unproven",
+}
 
 USB = {"keysight-33500": "pyvisa-py issue 286 (a 33622A hung above 1 MB: 200 000 points at most); others unproven"}
 """With pyvisa-py up to 0.8.1 each packet is a transfer of its own; its pull request 628 is in no release yet."""
@@ -136,6 +143,9 @@ def _assumptions_of(
         VOLTS.get(driver, ""),
         (OutputCheck.SCALE,),
     )
+    if kind is not SiglentSdg:  # reset and read back there
+        off = "switched off by burst mode"
+        yield Assumption(driver, models, "modulation", off, MODULATION.get(driver, ""), (OutputCheck.SHAPE,))
     if kind is not SiglentSdg:  # refused there
         yield Assumption(
             driver, models, "uploads over USB", "arrive whole, in transfers of one packet", USB.get(driver, "")

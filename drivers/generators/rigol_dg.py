@@ -84,7 +84,7 @@ class RigolDg(RigolBurstGenerator):
             expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
             expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
             expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            expect_keyword(":SOUR1:BURS:IDLE", "CENTER"),
+            expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
             expect_range(":SOUR1:VOLT", 0.0, 2 * self.IDLE_AMPLITUDE_VPP),
             expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
         )
@@ -99,7 +99,7 @@ class RigolDg(RigolBurstGenerator):
         self._write_checked(
             ":SOUR1:BURS:MODE TRIG", ":SOUR1:BURS:NCYC 1", ":SOUR1:BURS:PHAS 0", ":SOUR1:BURS:TRIG:SOUR MAN"
         )
-        self._write_checked(":SOUR1:BURS:IDLE CENTER", ":SOUR1:BURS:STAT ON")
+        self._write_checked(":SOUR1:BURS:IDLE FPT", ":SOUR1:BURS:STAT ON")
         self._freeze_range(rest_v, high_v - low_v)
 
     def _download_waveform(self, points: Points) -> None:

@@ -103,7 +103,7 @@ class RigolDg800(RigolBurstGenerator):
             expect_value(":SOUR1:VOLT", high_v - low_v, LEVEL_TOLERANCE_V),
         )
         if self._series.has_idle_setting:
-            yield expect_keyword(":SOUR1:BURS:IDLE", "CENTER")
+            yield expect_keyword(":SOUR1:BURS:IDLE", "FPT")
         if self._series.uploads_to_panel_channel:
             yield expect_keyword(":SOUR2:FUNC", "SIN")
         if self._series.has_output_limits:
@@ -129,7 +129,7 @@ class RigolDg800(RigolBurstGenerator):
         )
         self._write_checked(":SOUR1:BURS:TRIG:SOUR MAN")
         if self._series.has_idle_setting:
-            self._write_checked(":SOUR1:BURS:IDLE CENTER")
+            self._write_checked(":SOUR1:BURS:IDLE FPT")
         self._write_checked(":SOUR1:BURS:STAT ON", f":SOUR1:VOLT {2 * half_v:.6f}")
         if self._series.has_output_limits:
             self._write_checked(
