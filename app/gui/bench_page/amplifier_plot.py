@@ -17,6 +17,7 @@ class AmplifierPlot(PlotBase):
     """The amplifier's map as two lines that meet at rest."""
 
     ACCESSIBLE_NAME = "plot: characteristic of the amplifier"
+    LOG_AXES = (False, False)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=52)

@@ -17,6 +17,7 @@ class CalibrationPlot(PlotBase):
     """Points and line; residuals below on the same volts."""
 
     ACCESSIBLE_NAME = "plot: points and line of the calibration"
+    LOG_AXES = (False, False)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()

@@ -283,7 +283,10 @@ class ExplorePage(QSplitter):
         self._request_result()
 
     def _update_series(self) -> None:
-        self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
+        *shown, log = (box.isChecked() for box in self.toolbar.series)
+        self.plot.show_series(*shown)
+        if log is not self.plot.log_axes[1]:
+            self.plot.set_log_axes(self.plot.log_axes[0], log)
 
     def _choose_files(self) -> None:
         choose_files(self, "Runs to overlay", self.overlaid.add, "Runs (*.h5)", str(self.folder()), Mode.ExistingFiles)
@@ -346,9 +349,10 @@ class ExplorePage(QSplitter):
             (self.sliders.reset_requested, lambda name: self.set_setting(self.setting.with_default(name))),
             (self.sliders.input_rejected, lambda text: self.status_line.show_message(text, is_error=True)),
             (self.plot.cursor_moved, self._on_cursor_moved),
+            (self.plot.log_changed, bar.series[-1].setChecked),
             (bar.preset_chosen, self.load_preset),
             (bar.skin_chosen, lambda on: self.set_setting(replace(self.setting, on_skin=on))),
-            (bar.frequency_chosen, self.plot.cursor_line.setValue),
+            (bar.frequency_chosen, self.plot.show_cursor),
             (bar.range_chosen, self._set_range),
             (bar.series_changed, self._update_series),
             (bar.copy_chosen, self.copy),

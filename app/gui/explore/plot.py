@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import ArrayLike
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
@@ -17,17 +16,21 @@ from app.gui.plots import (
     CURVE_COLORS,
     FELT_THRESHOLD_UM,
     SERIES,
+    CurveItem,
     PlotBase,
     PlotSeries,
     ZoomBox,
     curve_color,
     finite_max,
     legend_share,
+    place,
     round_step,
 )
 from app.gui.widgets import Theme
 from app.live import ModelCurve
 from model import Array
+
+CURSOR_HZ = (1, 4000)
 
 
 class ExplorePlot(PlotBase):
@@ -36,6 +39,9 @@ class ExplorePlot(PlotBase):
     ACCESSIBLE_NAME = "plot: response of the model"
 
     cursor_moved = Signal(float)
+    """Frequency in Hz."""
+    log_changed = Signal(bool)
+    """Whether the axis of the amplitude is logarithmic."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         # No grid: painting one takes longer than a frame, and this plot is painted with every move of a slider.
@@ -44,7 +50,6 @@ class ExplorePlot(PlotBase):
         self._kept_settings: tuple[KeptCurve, ...] = ()
         self._runs: Sequence[MeasuredResponse] = ()
         self._shown_series = (True, False)
-        self._log = False
         self._max_hz = 250.0
         self.phase_canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False)
         self.phase = self.phase_canvas.getPlotItem()
@@ -55,12 +60,12 @@ class ExplorePlot(PlotBase):
         self.phase.setXLink(self.plot)
         self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
         self._add_threshold_line(labelled=True)
-        self.band = pg.PlotCurveItem(connect="finite")
-        self.curves = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
-        self.phase_curve = pg.PlotCurveItem(antialias=True)
-        self._kept_curves: list[tuple[pg.PlotCurveItem, pg.PlotCurveItem]] = []
+        self.band = CurveItem(connect="finite")
+        self.curves = [CurveItem(antialias=True) for _ in SERIES]
+        self.phase_curve = CurveItem(antialias=True)
+        self._kept_curves: list[tuple[CurveItem, CurveItem]] = []
         self._points: list[tuple[Any, ...]] = []
-        self.cursor_line = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=(1, 4000))
+        self.cursor_line = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=CURSOR_HZ)
         self._add_legend()
         for item in (self.band, self.cursor_line, *self.curves):
             self.plot.addItem(item)
@@ -70,7 +75,9 @@ class ExplorePlot(PlotBase):
         self._layout.addWidget(self.phase_canvas, 2)
         self.phase_canvas.hide()
         self.plot.getViewBox().sigResized.connect(lambda _: self._scale())
-        self.cursor_line.sigPositionChanged.connect(lambda line: self.cursor_moved.emit(float(line.value())))
+        self.cursor_line.sigPositionChanged.connect(
+            lambda line: self.cursor_moved.emit(self._frequency_at(line.value()))
+        )
         self.set_theme(theme)
         self._scale()
 
@@ -94,7 +101,7 @@ class ExplorePlot(PlotBase):
         line = result.curve
         if before is None or line is not before.curve:
             for curve, series in zip(self.curves, SERIES, strict=True):
-                curve.setData(line.frequency_hz, self._y(series.values_of(line)))
+                curve.setData(line.frequency_hz, series.values_of(line))
             self.phase_curve.setData(line.frequency_hz, np.degrees(line.phase))
             self._label_felt_bands(result)
         if result.kept_curves is not None and (
@@ -111,19 +118,14 @@ class ExplorePlot(PlotBase):
         self._draw_runs()
         self._scale()
 
-    def show_series(self, peak_to_peak: bool, fundamental: bool, phase: bool, log: bool) -> None:
-        """Set what is drawn, and whether the amplitude axis is logarithmic."""
-        self._shown_series, self._log = (peak_to_peak, fundamental), log
+    def show_series(self, peak_to_peak: bool, fundamental: bool, phase: bool) -> None:
+        """Set what is drawn."""
+        self._shown_series = (peak_to_peak, fundamental)
         for curve, shown in zip(self.curves, self._shown_series, strict=True):
             curve.setVisible(shown)
         self.phase_canvas.setVisible(phase)
-        self.plot.getAxis("left").setLogMode(x=False, y=log)
         self.plot.getAxis("bottom").setStyle(showValues=not phase)
         self.plot.setLabel("bottom", "" if phase else "frequency (Hz)")
-        self._threshold_line.setValue(float(self._y(FELT_THRESHOLD_UM)))
-        if self._result is not None:
-            result, self._result = self._result, None
-            self.show_result(result, self._kept_settings)
         self._draw_kept_curves()
         self._draw_runs()
         self._scale()
@@ -147,13 +149,23 @@ class ExplorePlot(PlotBase):
     def _column_names(self) -> tuple[str, str]:
         return "frequency (Hz)", "value"
 
-    def _y(self, um: ArrayLike) -> Array:
-        """Return amplitudes, µm, as coordinates of the axis."""
-        return np.log10(np.maximum(um, 1e-6)) if self._log else np.asarray(um)
+    def set_log_axes(self, x: bool, y: bool) -> None:
+        frequency_hz = self._frequency_at(self.cursor_line.value())
+        super().set_log_axes(x, y)
+        self.cursor_line.setBounds(tuple(place(CURSOR_HZ, x)))
+        self.show_cursor(frequency_hz)
+        self.log_changed.emit(y)
+
+    def show_cursor(self, frequency_hz: float) -> None:
+        """Move the cursor to a frequency."""
+        self.cursor_line.setValue(float(place(frequency_hz, self.log_axes[0])))
+
+    def _frequency_at(self, value: float) -> float:
+        return float(10.0**value if self.log_axes[0] else value)
 
     def _label_felt_bands(self, result: ExploreResult) -> None:
         ends = np.array([edge for band in result.felt_bands for edge in (*band, np.nan)])
-        self.band.setData(ends, np.full(len(ends), self._y(FELT_THRESHOLD_UM)))
+        self.band.setData(ends, np.full(len(ends), FELT_THRESHOLD_UM))
         line = result.curve
         top = int(line.peak_to_peak.argmax())
         peak = f"peak {1e6 * line.peak_to_peak[top]:.0f} µm at {line.frequency_hz[top]:.0f} Hz"
@@ -172,8 +184,8 @@ class ExplorePlot(PlotBase):
         lines = (self._result.kept_curves or ()) if self._result else ()
         for at, (kept, line) in enumerate(zip(self._kept_settings, lines, strict=False)):
             pen = pg.mkPen(curve_color(at, self._theme), width=1.5)
-            upper, lower = pg.PlotCurveItem(antialias=True, pen=pen), pg.PlotCurveItem(antialias=True, pen=pen)
-            upper.setData(line.frequency_hz, self._y(SERIES[0 if self._shown_series[0] else 1].values_of(line)))
+            upper, lower = CurveItem(antialias=True, pen=pen), CurveItem(antialias=True, pen=pen)
+            upper.setData(line.frequency_hz, SERIES[0 if self._shown_series[0] else 1].values_of(line))
             lower.setData(line.frequency_hz, np.degrees(line.phase))
             self.plot.addItem(upper)
             self.phase.addItem(lower)
@@ -191,7 +203,7 @@ class ExplorePlot(PlotBase):
             color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme)
             pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.panel)
             fills = [solid if good else hollow for good in run.usable]
-            amplitudes = [(self._y(series.values_of(run)), series.symbol) for series in SERIES]
+            amplitudes = [(series.values_of(run), series.symbol) for series in SERIES]
             upper, second, lower = (
                 _point_item(run.frequency_hz, y, symbol=symbol, pen=pen, fills=fills)
                 for y, symbol in (*amplitudes, (np.degrees(run.phase), "o"))
@@ -216,12 +228,9 @@ class ExplorePlot(PlotBase):
             phases += [float(np.degrees(v)) for v in (result.curve.phase.min(), result.curve.phase.max())]
         tops += [finite_max(series.values_of(line)) for line in lines for series in SERIES]
         self.plot.setXRange(0, self._max_hz, padding=0)
-        if self._log:
-            self.plot.setYRange(0.0, np.ceil(4 * np.log10(max(tops))) / 4, padding=0)
-        else:
-            top = 1.05 * max(tops) / (1 - legend_share(self.legend, self.plot))
-            step = round_step(top, 8)  # in steps, so that the axis does not change while a slider moves
-            self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
+        top = 1.05 * max(tops) / (1 - legend_share(self.legend, self.plot))
+        step = round_step(top, 8)  # in steps, so that the axis does not change while a slider moves
+        self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
         self.phase.setYRange(90 * np.floor(min(phases) / 90), 90 * np.ceil(max(phases) / 90), padding=0.04)
 
 

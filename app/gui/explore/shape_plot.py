@@ -19,6 +19,7 @@ class ShapePlot(PlotBase):
     """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
 
     ACCESSIBLE_NAME = "plot: shape of the beam"
+    LOG_AXES = (False, False)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent)

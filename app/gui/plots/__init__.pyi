@@ -11,6 +11,8 @@ from .base import legend_share as legend_share
 from .base import limit_ticks as limit_ticks
 from .base import round_step as round_step
 from .check_table import CheckTable as CheckTable
+from .items import CurveItem as CurveItem
+from .items import place as place
 from .live_pane import LivePane as LivePane
 from .points_plot import PointsPlot as PointsPlot
 from .result_plots import ResultPlots as ResultPlots

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetrics, QFontMetricsF, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
 from app.common import format_estimate, typeset
 from app.gui.plots.copy import PlotCopyButtons
+from app.gui.plots.items import place, place_end
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
@@ -35,6 +36,8 @@ MAX_LEGEND_SHARE = 0.5
 """Largest share of a plot's height reserved for its legend."""
 
 MAX_LEGEND_ENTRIES = 12
+
+MAX_LABELLED_TICKS, LARGEST_POWER = 5, 100
 
 TICK_LINES = 0.85
 """Height of a tick label in lines of text: digits are lower than a line."""
@@ -73,7 +76,21 @@ def style_axes(plot: Any, font: QFont) -> None:
         axis.enableAutoSIPrefix(False)
         axis.setStyle(tickFont=font)
         axis.label.setFont(font)
+        axis.logTickStrings = log_tick_texts
     plot.getViewBox().sigResized.connect(lambda box: _hide_long_name(plot.getAxis("left"), box.height()))
+
+
+def log_tick_texts(values: Sequence[float], scale: float, _spacing: float) -> list[str]:
+    """Return the labels of the ticks of a logarithmic axis: 1, 2 and 5 of each decade, or all where there are few."""
+    texts = []
+    for value in values:
+        if abs(value) > LARGEST_POWER:  # of the range before the axis became logarithmic
+            texts.append("")
+            continue
+        number = 10.0**value * scale
+        digit = round(number / 10.0 ** math.floor(math.log10(number) + 1e-9))
+        texts.append(f"{number:.6g}" if digit in (1, 2, 5, 10) or len(values) <= MAX_LABELLED_TICKS else "")
+    return texts
 
 
 def _hide_long_name(axis: Any, height: float) -> None:
@@ -138,7 +155,8 @@ class BandFill(QGraphicsPathItem):
         self.setPen(QPen(Qt.PenStyle.NoPen))
         self.setZValue(-10)
         self.ends: tuple[Array, Array, Array] | None = None
-        """The drawn x, lower and upper ends, each (N,)."""
+        """x, lower and upper ends, each (N,), in the units of the axes."""
+        self._log = (False, False)
         plot.addItem(self, ignoreBounds=True)
 
     def set_color(self, color: str) -> None:
@@ -153,12 +171,20 @@ class BandFill(QGraphicsPathItem):
         if ends is not None:
             low, high = ends
             self.ends = (x, low, high)
-            there = np.isfinite(low) & np.isfinite(high)
+            x, low, high = place(x, self._log[0]), *(place_end(end, self._log[1]) for end in (low, high))
+            there = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
             for part in np.split(np.arange(x.size), np.flatnonzero(np.diff(there)) + 1):
                 if part.size > 1 and there[part[0]]:
                     around = np.concatenate((low[part], high[part][::-1]))
                     path.addPath(pg.arrayToQPath(np.concatenate((x[part], x[part][::-1])), around))
         self.setPath(path)
+
+    def setLogMode(self, x: bool, y: bool) -> None:
+        """Draw the band on logarithmic or linear axes."""
+        if (x, y) != self._log:
+            self._log = (x, y)
+            if self.ends is not None:
+                self.show_band(self.ends[0], self.ends[1:])
 
 
 def stable_range(low: float, high: float, current: tuple[float, float] | None) -> tuple[float, float]:
@@ -202,6 +228,20 @@ def limit_ticks(plot: Any, font: QFont) -> None:
     space()
 
 
+def _set_log(plot: Any, x: bool, y: bool) -> None:
+    # As PlotItem.setLogMode, which would also turn the automatic range on.
+    for check, on in ((plot.ctrl.logXCheck, x), (plot.ctrl.logYCheck, y)):
+        with QSignalBlocker(check):
+            check.setChecked(on)  # for items that are added later
+    for item in plot.items:
+        if hasattr(item, "setLogMode"):
+            item.setLogMode(x, y)
+    for side in ("left", "bottom"):
+        plot.getAxis(side).setLogMode(x, y)
+    if isinstance(box := plot.getViewBox(), ZoomBox):
+        box.set_log(x, y)
+
+
 def round_step(span: float, max_steps: float) -> float:
     """Return the smallest of 1, 2, 5 times a power of ten that fits at most `max_steps` times into `span`."""
     decade = 10.0 ** math.floor(math.log10(span / max_steps))
@@ -235,6 +275,9 @@ class PlotBase(QWidget):
 
     ACCESSIBLE_NAME = "plot"
     """What a screen reader calls it."""
+
+    LOG_AXES = (True, True)
+    """Whether x and y can be logarithmic: not where values are below zero by nature, such as a trace's."""
 
     def __init__(
         self,
@@ -341,6 +384,32 @@ class PlotBase(QWidget):
         self._plots += plots
         self.copy_buttons.append(PlotCopyButtons(canvas, self._table))
         self.tools.append(PlotTools(canvas, plots, self.copy_buttons[-1], self._fill_menu))
+        if canvas is self.canvas and any(self.LOG_AXES):
+            self.tools[-1].offer_log_axes(self.LOG_AXES, lambda: self.log_axes, self.set_log_axes)
+
+    @property
+    def log_axes(self) -> tuple[bool, bool]:
+        """Whether x and y are logarithmic."""
+        box = self._plots[0].getViewBox()
+        return box.log if isinstance(box, ZoomBox) else (False, False)
+
+    def set_log_axes(self, x: bool, y: bool) -> None:
+        """Make the axes logarithmic or linear."""
+        _set_log(self._plots[0], x, y)
+        for plot in (*self._plots[1:], *self.aligned_plots):  # which share the x axis
+            _set_log(plot, x, False)
+        if self._threshold_line is not None:
+            self._threshold_line.setValue(float(place(FELT_THRESHOLD_UM, y)))
+        self._rescale()
+
+    def _rescale(self) -> None:
+        """Set the range anew where it does not follow from the range that was set last."""
+
+    def _align(self, strip: "PlotBase") -> None:
+        """Keep the left edge of a plot below in line with this one, and its x axis like this one's."""
+        self.aligned_plots.append(strip.plot)
+        strip.aligned_plots.append(self.plot)
+        _set_log(strip.plot, self.log_axes[0], False)
 
     def _fit_axes(self, least: int, *_: object) -> None:
         """Widen the left axes to their longest tick label, all alike, so that no label is printed over the axis's name."""
@@ -376,6 +445,7 @@ class TracePlotBase(PlotBase):
     """Displacement above drive on one time axis; `curves` are the two lines in this order."""
 
     NAMES = ("displacement (µm)", "drive at the amplifier (V)")
+    LOG_AXES = (False, False)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None, *, zooms: bool = True) -> None:
         canvas = pg.GraphicsLayoutWidget()

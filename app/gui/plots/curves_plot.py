@@ -31,6 +31,7 @@ from app.gui.plots.curve_layers import (
     layer_series,
     layers_of,
 )
+from app.gui.plots.items import BarsItem, CurveItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import Theme, make_choice, make_label, row
@@ -56,10 +57,10 @@ class CurvesPlot(PlotBase):
         self._curves: Sequence[ResultCurve] = ()
         self._model_curve: OverlayCurve | None = None
         self._bare_tactor = False
-        self.model, self.band = pg.PlotCurveItem(antialias=True), BandFill(self.plot)
+        self.model, self.band = CurveItem(antialias=True), BandFill(self.plot)
         self.plot.addItem(self.model)
         self._add_legend(left=False)
-        self.drawn_curves: list[tuple[pg.PlotCurveItem, BandFill]] = []
+        self.drawn_curves: list[tuple[CurveItem, BandFill]] = []
         self._further_items: list[Any] = []
         """Fit lines, and error bars of lines that stand out."""
         self.layer_box = QComboBox()
@@ -119,7 +120,7 @@ class CurvesPlot(PlotBase):
         for at, curve in enumerate(shown):
             colour = self._color(at, len(shown))
             x, y, errors = _display_values(curve)
-            line, fill = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
+            line, fill = CurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
             line.setData(*decimate_to_drawn(x, y), connect="finite")
             self.plot.addItem(line)
             fill.set_color(colour.name())
@@ -129,7 +130,7 @@ class CurvesPlot(PlotBase):
                 (places, low), (_, high) = (decimate_to_drawn(x, y + side * half) for side in (-1, 1))
                 fill.show_band(places, (low, high))
                 if alone.any():
-                    bars = pg.ErrorBarItem(
+                    bars = BarsItem(
                         x=x[alone],
                         y=y[alone],
                         height=2 * SIGMAS * errors[alone],
@@ -138,7 +139,7 @@ class CurvesPlot(PlotBase):
                     )
                     self._add_further(bars)
             if (fitted := curve.columns.get(f"{curve.y}_fit")) is not None:
-                dotted = pg.PlotCurveItem(pen=pg.mkPen(self._theme.model, width=1.5, style=Qt.PenStyle.DotLine))
+                dotted = CurveItem(pen=pg.mkPen(self._theme.model, width=1.5, style=Qt.PenStyle.DotLine))
                 factor = display_unit(curve.columns[curve.y].unit)[0]
                 dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
                 self._add_further(dotted)
@@ -179,8 +180,7 @@ class CurvesPlot(PlotBase):
         """The plot below the curves; created when first used."""
         strip = LowerStrip(self.plot, self._theme)
         self._layout.addWidget(strip)
-        self.aligned_plots.append(strip.plot)
-        strip.aligned_plots.append(self.plot)
+        self._align(strip)
         return strip
 
     @property
@@ -248,12 +248,12 @@ class CurvesPlot(PlotBase):
     def _scale(self, *_: object) -> None:
         if not self.drawn_curves:
             return
-        x, y = (np.concatenate([line.getData()[axis] for line, _ in self.drawn_curves]) for axis in (0, 1))
+        x, y = (np.concatenate([linear_data(line)[axis] for line, _ in self.drawn_curves]) for axis in (0, 1))
         x, y = x[np.isfinite(x)], y[np.isfinite(y)]
         if not (x.size and y.size):
             return
         if self.model.isVisible():
-            y = np.concatenate((y, self.model.getData()[1], () if self.band.ends is None else self.band.ends[2]))
+            y = np.concatenate((y, linear_data(self.model)[1], () if self.band.ends is None else self.band.ends[2]))
         # The legend has as many columns as fit side by side, and lies above the curves.
         columns = max(min(int(self.plot.getViewBox().width() // LEGEND_COLUMN_WIDTH), 4), 1)
         if columns != self.legend.columnCount:

@@ -8,6 +8,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from app.gui.plots.base import BandFill, PlotBase, limit_ticks
+from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.series import PlotSeries
 from app.gui.widgets import Theme
 from model import Mask
@@ -19,6 +20,8 @@ MIN_HEIGHT_OF_BOTH = 250
 
 class LowerStrip(PlotBase):
     """Shares the horizontal axis of `main_plot`; its series are points with error bars, or lines with bands."""
+
+    LOG_AXES = (False, False)  # x follows the plot above
 
     def __init__(self, main_plot: Any, theme: Theme) -> None:
         super().__init__(theme, grid=True)
@@ -67,10 +70,8 @@ class LowerStrip(PlotBase):
 
     def _add_points(self, one: PlotSeries, there: Mask, color: QColor) -> None:
         errors = np.zeros(one.y.size) if one.errors is None else np.nan_to_num(one.errors)
-        bars = pg.ErrorBarItem(x=one.x[there], y=one.y[there], height=2 * errors[there], beam=0.0, pen=pg.mkPen(color))
-        points = pg.ScatterPlotItem(
-            x=one.x[there], y=one.y[there], size=7, pen=pg.mkPen(color), brush=pg.mkBrush(color)
-        )
+        bars = BarsItem(x=one.x[there], y=one.y[there], height=2 * errors[there], beam=0.0, pen=pg.mkPen(color))
+        points = ScatterItem(x=one.x[there], y=one.y[there], size=7, pen=pg.mkPen(color), brush=pg.mkBrush(color))
         self._keep(bars, points)
 
     def _add_line(self, one: PlotSeries, there: Mask, color: QColor) -> None:
@@ -79,7 +80,7 @@ class LowerStrip(PlotBase):
             band.set_color(color.name())
             band.show_band(one.x, (one.y - one.errors, one.y + one.errors))
             self._items.append(band)
-        line = pg.PlotCurveItem(pen=pg.mkPen(color, width=1))
+        line = CurveItem(pen=pg.mkPen(color, width=1))
         line.setData(one.x, np.where(there, one.y, np.nan), connect="finite")
         self._keep(line)
 

@@ -10,6 +10,7 @@ from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QCheckBox
 
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
+from app.gui.plots.items import CurveItem, linear_data
 from app.gui.plots.series import SERIES, PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, set_style_kind
 from app.live import COVERAGE, OverlayCurve
@@ -23,7 +24,7 @@ class DrawnCurve:
 
     def __init__(self, plot: Any) -> None:
         self._plot = plot
-        self.lines = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
+        self.lines = [CurveItem(antialias=True) for _ in SERIES]
         self.fills = [BandFill(plot) for _ in SERIES]
         self.curve: OverlayCurve | None = None
         for line in self.lines:
@@ -120,7 +121,7 @@ class ModelCurveItems:
     def maxima(self) -> list[float]:
         """Return the maximum of each visible line."""
         seen = [line for each in self.all_curves for line in each.lines if line.isVisible()]
-        return [float(np.nanmax(y)) for _, y in (line.getData() for line in seen) if y is not None and len(y)]
+        return [float(np.nanmax(y)) for _, y in (linear_data(line) for line in seen) if y is not None and len(y)]
 
     def plot_series(self) -> list[PlotSeries]:
         """Return the data of the visible lines and bands."""

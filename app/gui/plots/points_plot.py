@@ -14,6 +14,7 @@ from PySide6.QtWidgets import QComboBox, QWidget
 from app.common import axis_name, display_unit
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
+from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
@@ -41,9 +42,9 @@ class PointsPlot(PlotBase):
         self._shown_indices: Sequence[int] = ()
         self._outcome: RunEnded | None = None
         self._lines: tuple[FitLine, ...] = ()
-        self.line_items: list[pg.PlotCurveItem] = []
-        self._bars = pg.ErrorBarItem(beam=0.0)
-        self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
+        self.line_items: list[CurveItem] = []
+        self._bars = BarsItem(beam=0.0)
+        self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
         self.caption, self.hint_label = caption_label(), make_label(HOLLOW_HINT, "note", wrap=False)
@@ -108,8 +109,7 @@ class PointsPlot(PlotBase):
         """The residual below the points; created when first used."""
         strip = LowerStrip(self.plot, self._theme)
         self._layout.addWidget(strip)
-        self.aligned_plots.append(strip.plot)
-        strip.aligned_plots.append(self.plot)
+        self._align(strip)
         self._layout.setStretch(self._layout.indexOf(self.canvas), 3)
         self._layout.setStretch(self._layout.indexOf(strip), 1)
         return strip
@@ -138,7 +138,7 @@ class PointsPlot(PlotBase):
         x_factor, y_factor = (display_unit(known[name][0])[0] for name in self._kind.axes)
         residuals = []
         for line in lines:
-            item = pg.PlotCurveItem(pen=pg.mkPen(self._theme.model, width=1.5))
+            item = CurveItem(pen=pg.mkPen(self._theme.model, width=1.5))
             item.setData(x_factor * line.x, y_factor * line.y)
             item.setZValue(-5)
             self.plot.addItem(item)
@@ -155,6 +155,9 @@ class PointsPlot(PlotBase):
         label = f"residual ({unit})" if unit else "residual"
         self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
         self._show_strip()
+
+    def _rescale(self) -> None:
+        self.plot.autoRange(padding=0.08)
 
     def _series(self) -> Iterable[PlotSeries]:
         return series_of(self.caption.text(), self.scatter, self._bars)
@@ -187,7 +190,7 @@ class PointsPlot(PlotBase):
         for side in ("left", "bottom"):  # without points the limits mean nothing
             self.plot.getAxis(side).setStyle(showValues=bool(points))
         self._draw_lines(points)
-        self.plot.autoRange(padding=0.08)
+        self._rescale()
         self.show_estimates(self._outcome)
 
 

@@ -9,6 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from app.gui.plots.base import PlotBase, limit_ticks, stable_range
+from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import Theme
 from app.live import OverlayCurve
@@ -23,6 +24,7 @@ class ResidualStrip(PlotBase):
     """Shares the frequency axis of `main_plot`."""
 
     ACCESSIBLE_NAME = "plot: residual of the points"
+    LOG_AXES = (False, False)  # x follows the response above
 
     def __init__(self, main_plot: Any, theme: Theme) -> None:
         super().__init__(theme, grid=True)
@@ -34,9 +36,9 @@ class ResidualStrip(PlotBase):
         self.plot.setXLink(main_plot)
         self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
         self.setFixedHeight(HEIGHT)
-        self._line = pg.PlotCurveItem(antialias=True, connect="finite")
-        self._bars = pg.ErrorBarItem(beam=0.0)
-        self.scatter = pg.ScatterPlotItem(size=8, antialias=True)
+        self._line = CurveItem(antialias=True, connect="finite")
+        self._bars = BarsItem(beam=0.0)
+        self.scatter = ScatterItem(size=8, antialias=True)
         for item in (self._line, self._bars, self.scatter):
             self.plot.addItem(item)
         self._add_head()

@@ -12,6 +12,7 @@ from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
 from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, stable_range
+from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
@@ -85,9 +86,9 @@ class ResponsePlot(PlotBase):
         self.plot.setLabel("bottom", "frequency (Hz)")
         self._add_threshold_line(labelled=True, width=1.5)
         self.model_curves = ModelCurveItems(self.plot)
-        self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
+        self._bars = [BarsItem(beam=0.0) for _ in SERIES]
         self.scatters = [
-            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=hover_text)
+            ScatterItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=hover_text)
             for s in SERIES
         ]
         for item in (*self._bars, *self.scatters):
@@ -215,9 +216,9 @@ class ResponsePlot(PlotBase):
 
     def _on_series_toggled(self) -> None:
         for items in zip(self.series_boxes, self._bars, self.scatters, strict=True):
-            box, *drawn = items
-            for item in drawn:
-                item.setVisible(box.isChecked())
+            box, bars, scatter = items
+            bars.setVisible(box.isChecked())
+            scatter.setVisible(box.isChecked())
         self.model_curves.select_series([box.isChecked() for box in self.series_boxes])
         self._scale()
 
@@ -226,8 +227,7 @@ class ResponsePlot(PlotBase):
         """The plot below the response; created when first used."""
         strip = ResidualStrip(self.plot, self._theme)
         self._layout.addWidget(strip)
-        self.aligned_plots.append(strip.plot)
-        strip.aligned_plots.append(self.plot)
+        self._align(strip)
         return strip
 
     def _draw_strip(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
 
+from app.gui.plots.items import linear_data
 from model import Array
 from protocols.base import Protocol
 
@@ -77,9 +78,9 @@ def legend_icon(series: AmplitudeSeries, line: str, color: str, ratio: float) ->
 
 def series_of(name: str, item: Any, bars: Any = None) -> Iterable[PlotSeries]:
     """Yield the series of a plot item with its error bars; nothing if the item is hidden or empty."""
-    x, y = item.getData()
+    x, y = linear_data(item)
     if item.isVisible() and x is not None and len(x):
-        errors = None if bars is None else np.asarray(bars.opts["height"], float) / 2
+        errors = None if bars is None else bars.errors
         yield PlotSeries(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
 
 

@@ -1,6 +1,7 @@
 """Plot tools: zoom, cursor read-out, marker, context menu, and files of picture and data; the same on every plot."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,16 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QLabel
 
+from app.common import pluralize
 from app.gui.plots.copy import PlotCopyButtons
+from app.gui.plots.items import ScatterItem
 from app.gui.plots.zoom import ZoomBox
 from app.gui.widgets import ACTIONS, Menu, Mode, Theme, add_actions, choose_files, configure
 from model import Array
 
 CLOSER, FURTHER = 0.7, 1 / 0.7
 MARGIN = 6
+LOG_TEXTS = ("Logarithmic x axis", "Logarithmic y axis")
 
 MenuFiller = Callable[[Menu], None]
 """Adds the entries of one kind of plot to its context menu."""
@@ -46,6 +50,10 @@ class PlotTools(QObject):
         """One vertical line through all plots of the canvas, at the pointer; created when first used."""
         self.units: Sequence[str] = ()
         """Units of the plots of a canvas with several, whose axes have no names."""
+        self._log: tuple[tuple[bool, bool], Callable[[], tuple[bool, bool]], Callable[[bool, bool], object]] | None = (
+            None
+        )
+        """Which axes can be logarithmic, which are, and what makes them so."""
         canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         canvas.customContextMenuRequested.connect(lambda at: self.make_menu().popup(canvas.mapToGlobal(at)))
         canvas.scene().sigMouseMoved.connect(self._on_mouse_moved)
@@ -64,6 +72,27 @@ class PlotTools(QObject):
                 "plot.save-data": self.save_data,
             },
         )
+
+    def offer_log_axes(
+        self,
+        possible: tuple[bool, bool],
+        present: Callable[[], tuple[bool, bool]],
+        change: Callable[[bool, bool], object],
+    ) -> None:
+        """Add logarithmic axes to the menu and the keys; the axes that are `possible` can be changed."""
+        self._log = (possible, present, change)
+        add_actions(self._canvas, {"plot.log-x": lambda: self.toggle_log(0), "plot.log-y": lambda: self.toggle_log(1)})
+
+    def toggle_log(self, axis: int) -> None:
+        """Make the x axis (0) or the y axis (1) logarithmic, or linear again."""
+        if self._log is None or not self._log[0][axis]:
+            return
+        x, y = self._log[1]()
+        self._log[2](x is not (axis == 0), y is not (axis == 1))
+        self._remove_marker()
+        hidden = sum(item.hidden_count for item in self._plots[0].items if isinstance(item, ScatterItem))
+        if hidden:
+            self._show_text(f"{pluralize(hidden, 'point')} at zero or below: not on a logarithmic axis")
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -227,11 +256,23 @@ class PlotTools(QObject):
         ):
             if not name:
                 self._fill_menu(menu)
+                self._add_log_axes(menu)
                 menu.addSeparator()
             elif (action := self._canvas.findChild(QAction, name)) is not None:
                 action.setText(ACTIONS[name].text)
                 menu.addAction(action)
         return menu
+
+    def _add_log_axes(self, menu: Menu) -> None:
+        if self._log is None:
+            return
+        menu.addSeparator()
+        possible, present, _ = self._log
+        for axis, name in enumerate(("plot.log-x", "plot.log-y")):
+            action = menu.addAction(f"{LOG_TEXTS[axis]}\t{ACTIONS[name].shortcut}", partial(self.toggle_log, axis))
+            action.setCheckable(True)
+            action.setChecked(present()[axis])
+            action.setEnabled(possible[axis])
 
     def save_picture(self) -> None:
         """Save the plot as a PNG file."""

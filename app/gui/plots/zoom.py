@@ -3,18 +3,29 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
+
+from app.gui.plots.items import CurveItem, ScatterItem, linear_data
+
+MARGIN = 0.04
+MAX_DECADES = 6.0
+"""Decades of a logarithmic axis at most."""
 
 
 class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
     """Ranges that the program sets are kept as the whole range, and applied unless the user has zoomed.
+
+    They are in the units of the axes; a logarithmic axis begins at the smallest value that is drawn.
 
     Wheel: closer or further away. Left button: a box to zoom into. Middle button: move.
     """
 
     def __init__(self) -> None:
         self.zoomed, self._by_user = False, False
+        self.log = (False, False)
+        """Whether x and y are logarithmic."""
         self._whole: dict[str, tuple[Any, Any]] = {}
         """Range and padding of each axis as the program set them last."""
         super().__init__(enableMenu=False)
@@ -33,7 +44,46 @@ class ZoomBox(pg.ViewBox):  # type: ignore[misc]  # pyqtgraph has no types
                     self._whole[name] = (given, padding)
             if self.zoomed:
                 return
+            rect, xRange, yRange = None, self._place(0, x_range), self._place(1, y_range)
         super().setRange(rect, xRange, yRange, padding, **options)
+
+    def autoRange(self, padding: Any = None, items: Any = None, item: Any = None) -> None:
+        """Show everything that is drawn."""
+        if not any(self.log):
+            super().autoRange(padding, items, item)
+        elif not self.zoomed:
+            bounds = self.childrenBoundingRect(items=items)
+            linear = ((bounds.left(), bounds.right()), (bounds.top(), bounds.bottom()))
+            x, y = (self._extent(axis) if self.log[axis] else linear[axis] for axis in (0, 1))
+            by_user, self._by_user = self._by_user, True  # they are coordinates
+            self.setRange(xRange=x, yRange=y, padding=padding)
+            self._by_user = by_user
+
+    def set_log(self, x: bool, y: bool) -> None:
+        """Make the axes logarithmic or linear; the whole range is shown again."""
+        self.log = (x, y)
+        self.show_whole()
+
+    def _place(self, axis: int, limits: Any) -> Any:
+        """Return a range in the coordinates of an axis."""
+        if limits is None or not self.log[axis]:
+            return limits
+        low, high = self._extent(axis)
+        if limits[1] > 0:
+            high = float(np.log10(limits[1]))
+        low = float(np.log10(limits[0])) if limits[0] > 0 else low - (MARGIN * (high - low) if axis else 0.0)
+        return (max(low, high - MAX_DECADES), high) if low < high else (high - 1.0, high)
+
+    def _extent(self, axis: int) -> tuple[float, float]:
+        """Return the logarithms of the smallest and largest value above zero that is drawn."""
+        found = []
+        for item in self.addedItems:
+            if item.isVisible() and isinstance(item, CurveItem | ScatterItem | pg.PlotDataItem):
+                values = linear_data(item)[axis]
+                if values is not None and len(above := values[values > 0]):
+                    found += [float(np.log10(above.min())), float(np.log10(above.max()))]
+        low, high = min(found, default=0.0), max(found, default=1.0)
+        return (low, high) if low < high else (high - 0.5, high + 0.5)
 
     def show_whole(self) -> None:
         """Show everything again."""

@@ -222,6 +222,8 @@ ACTIONS = {
                     True,
                 ),
                 ("further", "Focused plot: further away", ("-",), True),
+                ("log-x", "Focused plot: logarithmic x axis, or a linear one", ("Ctrl+Shift+X",), False),
+                ("log-y", "Focused plot: logarithmic y axis, or a linear one", ("Ctrl+Shift+Y",), False),
                 ("peak", "Focused plot: marker to the highest point", ("P",), False),
                 ("marker-left", "Focused plot: marker to the point before", ("Left",), True),
                 ("marker-right", "Focused plot: marker to the next point", ("Right",), True),

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QAction, QPixmap, QWheelEvent
@@ -113,3 +114,34 @@ def test_every_plot_has_the_same_tools(open_stage: OpenStage) -> None:
         for canvas in plot._canvases:
             assert canvas.findChild(QAction, "plot.peak") is not None, type(plot).__name__
             assert canvas.contextMenuPolicy() is Qt.ContextMenuPolicy.CustomContextMenu
+
+
+@pytest.mark.deep
+def test_logarithmic_axes_show_the_same_values(measured: Stage) -> None:
+    plot = measured.window.measure_page.response
+    until(plot.model_curves.source_label.text, "for the curve")
+    box, scatter = plot.plot.getViewBox(), plot.scatters[0]
+    whole, table, (x, y) = box.viewRange(), plot._table(), scatter.getData()
+    plot.canvas.setFocus()
+    for key in (Qt.Key.Key_X, Qt.Key.Key_Y):
+        QTest.keyClick(plot.canvas, key, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+    assert plot.log_axes == (True, True)
+    np.testing.assert_allclose(scatter.getData(), np.log10([x, y]))
+    assert plot._threshold_line.value() == pytest.approx(np.log10(50.0))
+    (left, right), (bottom, top) = box.viewRange()
+    assert left == pytest.approx(np.log10(5.0)), "the model's curve begins at 5 Hz"
+    assert (right, top) == pytest.approx(np.log10([whole[0][1], whole[1][1]]))
+    assert bottom < np.log10(y.min()) < top
+    assert plot._table() == table, "what is copied does not depend on the axes"
+    assert plot.tools[0].describe(plot.plot, float(np.log10(160.0)), 2.0).startswith("160 Hz,  100")
+    measured.happen(point(2, 200.0))
+    np.testing.assert_allclose(scatter.getData()[0], np.log10([100.0, 160.0, 200.0]))
+    entries = [action for action in plot.tools[0].make_menu().actions() if action.text().startswith("Logarithmic")]
+    assert [entry.isChecked() for entry in entries] == [True, True]
+    for entry in entries:
+        entry.trigger()
+    assert box.viewRange() == whole
+    traces = measured.window.measure_page.time_plot
+    assert not [
+        a for a in traces.tools[0].make_menu().actions() if a.text().startswith("Logarithmic") and a.isEnabled()
+    ]
