@@ -32,7 +32,7 @@ USB_QUEUE_S = 0.15
 
 USB_PACKET_BYTES = 512
 SAMPLES_PER_WRITE = 200_000
-"""Samples in one message: below the 4 MB that a gRPC server takes by default."""
+"""Samples in one message: below the 4 MB of gRPC's own default, which NI's server lifts (grpc-device at c1ddf51) and a proxy may not."""
 
 WRITE_TIMEOUT_S, REWRITE_TIMEOUT_S = 10.0, 0.1
 """How long NI's driver may hold samples back: nidaqmx's default, and while the task runs. A copy to memory has no need to wait."""

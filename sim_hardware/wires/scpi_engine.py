@@ -141,11 +141,14 @@ def split_received(received: bytes) -> tuple[list[str], bytes]:
 
 
 def extract_blocks(message: str) -> tuple[str, list[str]]:
-    """The message with a mark in the place of each block, and the blocks' bytes as Latin-1 text."""
+    """The message with a mark in the place of each block, and the blocks' bytes as Latin-1 text.
+
+    A block that ends with its message before its length is satisfied is empty: it is invalid (SCPI-99, error -161).
+    """
     blocks, look = [], 0
     while (span := _next_block(message, look, len(message))) is not None:
         begin, end, data = span
-        blocks.append(message[data:end])
+        blocks.append(message[data:end] if end <= len(message) else "")
         message = message[:begin] + _PLACEHOLDER + message[end:]
         look = begin + 1
     return message, blocks

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.clock import WallClock
-from drivers.errors import LinkError
+from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.supplies.dc_supply import DcSupply
 from drivers.transport.scpi import ScpiSession
@@ -28,7 +28,7 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_small_and_large_drives_in_sequence_cause_no_jump,
     test_stop_ramps_a_sine_down_from_any_phase,
 )
-from tests.helpers.generators import IMPATIENT_S, impatient_while_broken
+from tests.helpers.generators import BOXES, IMPATIENT_S, impatient_while_broken
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 from tests.helpers.waiting import report_at_rest
 from tests.wires.hislip_server import HislipServer
@@ -174,3 +174,18 @@ def test_a_supply_holds_and_rests_over_it(kind: type) -> None:
         assert source.is_at_rest(2.5, 0.0, 5.0)
         bench.clock.sleep(0.5)
         assert_safe_voltage(report_at_rest(bench.report))
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("taken", ["first", "last", "none"])
+@pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "DG2072", "AFG3022C"])
+def test_an_instrument_that_loses_transfers_of_a_waveform_over_usb_is_not_armed(model: str, taken: str) -> None:
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, WallClock(SPEED))
+    with UsbTmcBus(bench.message_port, SPEED, 0.0, taken) as bus:  # type: ignore[arg-type]
+        link = VisaLink(bus.resource, 0.2)
+        source = BOXES[model if model in BOXES else "DG812"](link, bench.clock)
+        with pytest.raises(InstrumentError):
+            source.initialize_at_rest(2.5, 0.0, 5.0)
+        link.close()
+    assert not bench.generator.settings.on
+    assert bench.report().live_s == 0

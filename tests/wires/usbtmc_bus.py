@@ -11,7 +11,7 @@ import struct
 import sys
 import time
 from types import SimpleNamespace, TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import pyvisa_py.sessions
 from usb.backend import IBackend, libusb1
@@ -45,12 +45,21 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
     Args:
         speed: bench seconds per wall second, for answers that take the instrument time.
         command_s: bench seconds until the answer to any message is ready.
+        taken: which transfers of a message the device takes. pyvisa-py 0.8.1 makes one of each packet: an SDG1032X loses a waveform
+            without an error then (benchctrl at 0c6e51e), a 33622A hangs above 1 MB (pyvisa-py issue 286).
     """
 
-    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        instrument: MessagePort,
+        speed: float = 1.0,
+        command_s: float = 0.0,
+        taken: Literal["all", "first", "last", "none"] = "all",
+    ) -> None:
         super().__init__()
         self._instrument, self._speed, self._command_s = instrument, speed, command_s
-        self._begun = b""
+        self._taken = taken
+        self._begun: list[bytes] = []
         self._answer: tuple[float, bytes, bool] | None = None  # due, text, whether it ends there
         self._asked: tuple[int, int] | None = None  # bTag of the request that is to be answered, most bytes
 
@@ -146,14 +155,20 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         if kind == REQUEST:
             self._asked = tag, size
             return len(data)
-        self._begun += b"*TRG" if kind == TRIGGER else data.tobytes()[HEADER.size : HEADER.size + size]
+        self._begun.append(b"*TRG" if kind == TRIGGER else data.tobytes()[HEADER.size : HEADER.size + size])
         if kind == TRIGGER or attributes & END:
-            message, self._begun, self._answer = self._begun.removesuffix(b"\n"), b"", None
-            reply = self._instrument.handle(message.decode("latin-1"))
+            message, self._answer = self._taken_message().removesuffix(b"\n"), None
+            self._begun.clear()
+            reply = self._instrument.handle(message.decode("latin-1")) if message else None
             if reply is not None:
                 due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
                 self._answer = due_s, reply.data, reply.terminated
         return len(data)
+
+    def _taken_message(self) -> bytes:
+        if len(self._begun) == 1 or self._taken == "all":
+            return b"".join(self._begun)
+        return {"first": self._begun[0], "last": self._begun[-1]}.get(self._taken, b"")
 
     def bulk_read(self, dev_handle: str, ep: int, intf: int, buff: Any, timeout: int) -> int:
         given_up_s = time.monotonic() + timeout / 1000
