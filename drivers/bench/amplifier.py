@@ -306,7 +306,21 @@ class HvAmplifier:
         triggered_s = source.start_level(pulse)
         self._drive_end_s = self._clock.now() + pulse.duration_s
         self._level_end_s = triggered_s + pulse.rise_s + pulse.hold_s
+        if self.hastens_levels:
+            self._watchdog.note_level(pulse, self.remaining_s)
         self._clock.sleep(pulse.rise_s + LEVEL_REACHED_S)
+
+    def adopt_level(self, pulse: LevelPulse, end_s: float) -> None:
+        """Take over a level that another process started on this source and whose end may be hastened.
+
+        Args:
+            pulse: the waveform as which it is played.
+            end_s: bench time at which it ends by itself.
+        """
+        adopt = getattr(self._source, "adopt_level", None)
+        if adopt is not None:
+            adopt(pulse, end_s)
+            self._pulse, self.hastens_levels = pulse, True
 
     def renew_hold(self) -> None:
         """Renew a held level where the source needs it; else it returns to rest by itself.
@@ -365,6 +379,8 @@ class HvAmplifier:
             if failure is not None:
                 raise failure
             self._drive_end_s = 0.0
+            if self._pulse is not None and self.hastens_levels:
+                self._watchdog.forget_level()
             self._pulse, self._level_end_s = None, math.inf
 
     def _stop(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import SharedTime, WallClock
+from drivers.level_pulse import LevelPulse
 
 HEARTBEAT_PERIOD_S = 0.1
 """Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""
@@ -61,6 +62,12 @@ class Watchdog(Protocol):
     def request_rest(self, reason: str, /) -> str:
         """Ask the watchdog to bring the source to rest because the program could not; return the outcome. Errors are not raised."""
 
+    def note_level(self, pulse: LevelPulse, remaining_s: float) -> None:
+        """State that a level is played whose end Stop may hasten, and for how long it will be. Never raises."""
+
+    def forget_level(self) -> None:
+        """State that it is over. Never raises."""
+
     def log(self, message: str) -> None:
         """Write a line into the log."""
 
@@ -94,6 +101,10 @@ class NoWatchdog:
 
     def request_rest(self, _reason: str, /) -> str:
         return ""
+
+    def note_level(self, pulse: LevelPulse, remaining_s: float) -> None: ...
+
+    def forget_level(self) -> None: ...
 
     def log(self, message: str) -> None: ...
 

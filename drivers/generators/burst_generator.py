@@ -181,6 +181,11 @@ class BurstGenerator(GeneratorCapabilities):
         self._level = pulse, points.size
         return self._start_burst(points, full_v, 1 / pulse.duration_s, 1, pulse.rest_v)
 
+    def adopt_level(self, pulse: LevelPulse, end_s: float) -> None:
+        """Take over a level that another process started, and that ends by itself at a bench time."""
+        points, _ = render_waveform(pulse, self._max_points(), self._step_v)
+        self._level, self._burst_end_s = (pulse, points.size), end_s
+
     def start_drive(self, drive: Drive) -> None:
         if why := self.reason_unsupported(drive):
             raise InstrumentError(why)

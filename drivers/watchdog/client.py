@@ -6,14 +6,17 @@ rest over its own connection (docs/decisions/0020-watchdog.md).
 """
 
 import contextlib
+import json
 import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 from drivers.bench.watchdog_interface import HEARTBEAT_PERIOD_S
 from drivers.errors import BenchError
+from drivers.level_pulse import LevelPulse
 from drivers.watchdog.activity import ProcessActivity
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.origin import describe_copy
@@ -128,6 +131,12 @@ class WatchdogClient:
                 REST_REQUEST_TIMEOUT_S + self._config.retry_time_s(0.0),
             )
         return self._takeover_outcome or "the watchdog did not answer"
+
+    def note_level(self, pulse: LevelPulse, remaining_s: float) -> None:
+        self._send(f"level {json.dumps({'remaining_s': remaining_s, **asdict(pulse)})}")
+
+    def forget_level(self) -> None:
+        self._send("level")
 
     def log(self, message: str) -> None:
         self._send(f"note {_single_line(message)}")

@@ -7,6 +7,7 @@ the program's card can measure that: it passes on the reports of the source, and
 
 import contextlib
 import importlib
+import json
 import os
 import queue
 import signal
@@ -23,6 +24,7 @@ from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import SharedTime, WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
+from drivers.level_pulse import LevelPulse
 from drivers.transport.lock import lock_as_watchdog
 from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig
@@ -58,6 +60,8 @@ class WatchdogLoop:
         self._amplifier: HvAmplifier | None = None
         self._log_folder: Path | None = None
         self._live = self._took_over = False
+        self._level: tuple[LevelPulse, float] | None = None
+        """A level of the program whose end may be hastened, and the bench time at which it ends by itself."""
         self._last_tick_s = time.monotonic()
         self._program = ProcessActivity(os.getppid())
         self._last_heartbeat = self._last_pulse = self._program.mark()
@@ -113,8 +117,14 @@ class WatchdogLoop:
                 self._last_heartbeat, self._allowed_silence_s = self._program.mark(), float(argument)
             case "pulse":
                 self._last_pulse = self._program.mark()
+            case "level" if argument:
+                pulse = json.loads(argument)
+                end_s = self._clock.now() + pulse.pop("remaining_s")
+                self._level = LevelPulse(**pulse), end_s
+            case "level":
+                self._level = None
             case "live":
-                self._live, self._took_over = True, False
+                self._live, self._took_over, self._level = True, False, None
                 self._last_heartbeat = self._last_pulse = self._program.mark()
                 self._allowed_silence_s = self._config.silence_s
             case "rest":
@@ -199,6 +209,9 @@ class WatchdogLoop:
         assert self._source is not None
         if reconnect:
             self._source.reconnect()
+        if self._level is not None:
+            with contextlib.suppress(Exception):  # its end is then waited for
+                self._amplifier.adopt_level(*self._level)
         self._amplifier.force_rest()
         if not self._amplifier.is_source_at_rest():
             raise InstrumentError(f"{self._source.identity} does not report that it is at rest")

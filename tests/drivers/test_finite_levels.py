@@ -11,6 +11,7 @@ import pytest
 from app.session.bench_connection import BenchConnection, connect
 from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.safety_statement import safety_statement
 from drivers.drive import Hold
 from drivers.errors import DriveRejectedError, InstrumentError
@@ -111,6 +112,41 @@ def test_stop_hastens_the_end_of_a_level_where_commissioning_has_measured_that_i
         assert took_s < 2.0 or late[0]  # the instrument's replies come after it
         assert np.abs(np.diff(seen)).max() <= STEP_V
         assert amplifier.is_source_at_rest()
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
+def test_a_second_driver_hastens_the_end_of_a_level_that_the_program_has_stated(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the watchdog does after the program's death; the program states a level only where its end may be hastened."""
+    with laboratory(simulated(generator={"model": model, "traits": "retime=continues"})) as lab:
+        amplifier, clock, noted = lab.bench.amplifier, lab.bench.clock, []
+        monkeypatch.setattr(amplifier._watchdog, "note_level", lambda *level: noted.append(level))
+        monkeypatch.setattr(amplifier._watchdog, "forget_level", lambda: noted.append(()))
+        amplifier.initialize_at_rest()
+        amplifier.start_drive(Hold(3.0, 1.0))
+        amplifier.return_to_rest()
+        assert noted == []
+        amplifier.hastens_levels = True
+        amplifier.start_drive(Hold(5.0, 6.5))
+        pulse, remaining_s = noted.pop()
+        assert pulse.level_v == 5.0
+        assert remaining_s == pytest.approx(pulse.duration_s, abs=0.1)
+        clock.sleep(0.7)
+        assert lab.control is not None
+        begin_s, left_s = clock.now(), amplifier.remaining_s
+        link = lab.control.link()  # type: ignore[attr-defined]
+        second = HvAmplifier(type(amplifier._source)(link, clock), amplifier.map, amplifier.limits, clock)  # type: ignore[call-arg]
+        second.adopt_level(pulse, begin_s + left_s)
+        second.force_rest()
+        assert clock.now() - begin_s < 2.0
+        clock.sleep(left_s + 0.5)  # and the burst does not go on after it
+        t, seen = volts(lab, begin_s - 0.1)
+        assert t[np.abs(seen - 2.5) > 0.01][-1] - begin_s < 2.0
+        assert np.abs(np.diff(seen)).max() <= STEP_V
+        amplifier.return_to_rest()
+        assert noted == [()]
 
 
 @pytest.mark.deep

@@ -6,13 +6,15 @@ and by `docs/make_double_faults.py`.
 
 import contextlib
 import math
+import os
 import resource
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import psutil
@@ -24,7 +26,7 @@ from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers import one_drive
-from tests.helpers.program import Program, start
+from tests.helpers.program import Program, start, store_commissioning
 from tests.helpers.simulated_bench import simulated
 from tests.helpers.waiting import wait_until
 from tests.wires.tcp_proxy import TcpProxy
@@ -99,6 +101,10 @@ class SourceKind:
     drive_s: float = 60.0
     on_card: bool = False
     drives: tuple[str, ...] = DRIVES
+    level_stop_s: float | None = None
+    """What its commissioning record says about Stop from a level; NaN if that cannot be hastened, None without a record."""
+    ends_by_itself_s: float = 0.0
+    """When a drive that nobody ends is at rest, at the latest; 0 where the end of a cell is not waited for."""
 
 
 SOURCES = {
@@ -110,6 +116,22 @@ SOURCES = {
         {"generator": {"model": "SDG1032X"}},
         drive_s=8.0,
         drives=("level", "sine", "arbitrary"),
+    ),
+    "33511B_commissioned": SourceKind(
+        "Keysight 33511B, commissioned: a level is a waveform of 9.6 s that ends by itself",
+        {"generator": {"model": "33511B"}},
+        drive_s=8.0,
+        drives=("level",),
+        level_stop_s=math.nan,
+        ends_by_itself_s=11.0,
+    ),
+    "SDG1032X_commissioned": SourceKind(
+        "Siglent SDG1032X, commissioned: a level is a waveform of 8.6 s, whose end Stop and watchdog hasten",
+        {"generator": {"model": "SDG1032X", "traits": "retime=continues"}},
+        drive_s=8.0,
+        drives=("level",),
+        level_stop_s=1.2,
+        ends_by_itself_s=10.0,
     ),
     "card": SourceKind(
         "analogue output of the card behind a gRPC server: no watchdog (docs/safety.md)",
@@ -233,11 +255,19 @@ class Scene:
             f"[watchdog]\n{watchdog}\n"
         )
         self.settings = f"drive={drive}", f"drive_s={self.kind.drive_s}"
+        if self.kind.level_stop_s is not None:
+            with self.data_folder():
+                store_commissioning(self.proxy.resource, self.kind.level_stop_s)
         self.program = self.start(stack)
         self.drive = drive
 
+    def data_folder(self) -> AbstractContextManager[object]:
+        """Records of commissionings are in the folder of the cell."""
+        return mock.patch.dict(os.environ, {"XDG_DATA_HOME": str(self.folder / "data")})
+
     def start(self, stack: ExitStack) -> Program:
-        program = start(self.bench, self.folder, *self.settings, protocol=one_drive.__file__)
+        with self.data_folder():
+            program = start(self.bench, self.folder, *self.settings, protocol=one_drive.__file__)
         stack.callback(program.close)
         return program
 
@@ -383,6 +413,8 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
         seen.confirmed_wrongly = confirmed_s is not None and not bench.report().ends_at_rest
         if not bench.report().ends_at_rest and not any(r.what in (UNSAFE, COULD_NOT) for r in told):
             _next_start(scene, seen, told, stack, began_s)
+        if not bench.report().ends_at_rest:
+            wait_until(lambda: bench.report().ends_at_rest, began_s + scene.kind.ends_by_itself_s - time.monotonic())
         report = bench.report()
         seen.end_v, seen.largest_jump_v = report.end_v, report.largest_jump_v
         seen.lowest_v, seen.highest_v = report.lowest_v, report.highest_v

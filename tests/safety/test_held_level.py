@@ -6,34 +6,17 @@ import numpy as np
 import psutil
 import pytest
 
-from app.session.commissioning_record import save_record
-from drivers import ScpiSession, VisaLink
-from drivers.assumptions.assumption import OutputCheck
 from drivers.clock import WallClock
-from protocols.commissioning.sequence import Commissioned
-from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers import one_drive
-from tests.helpers.program import Program, start
+from tests.helpers.program import Program, start, store_commissioning
 from tests.helpers.simulated_bench import simulated
 from tests.helpers.waiting import wait_until
 
 LEASE_S, RETURN_S = 5.0, 2.0 / 5.0
 SETTINGS = ("levels_v=4.5", "repeats=1", "rest_s=0.5", "hold_s=100")
-
-
-def note_as_commissioned(resource: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Store a commissioning record of the instrument: without one, a level is held by the offset."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(folder / "data"))
-    link = VisaLink(resource)
-    identity = ScpiSession(link, "generator").identify()
-    link.close()
-    passed = Commissioned(
-        (CheckedOutput(OutputCheck.UNEVEN, 1.0, "1", 0.97, 1.03),), MeasuredTimes(0.2, 0.0, 0.0), (), ()
-    )
-    save_record(identity, simulated=False, rate_hz=1e5, found=passed)
 
 
 def kill_every_process(running: Program) -> None:
@@ -53,7 +36,8 @@ def test_a_generator_returns_to_rest_by_itself_after_the_death_of_program_and_wa
     stated_s = planned.duration_s + (margin_s + 2 * 1.5 / 5.0 if drive == "level" else 0.0)
     with ServedBench(bench) as served:
         resource = f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"
-        note_as_commissioned(resource, tmp_path, monkeypatch)
+        monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+        store_commissioning(resource)
         (tmp_path / "bench.toml").write_text(
             'name = "bench under test"\n[levels]\nlaser_lost = "warning"\nstroke = "warning"\n'
             f'[generator]\nresource = "{resource}"\n[card]\nserver = "{served.card.address}"\n'
