@@ -1,6 +1,7 @@
 """Readback of an analogue output: measured inside the card, or by the run's own acquisition of the drive's cable."""
 
 import contextlib
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -19,11 +20,11 @@ FOLLOWED_SHARE = 0.1
 """Largest deviation (rms) of the cable's volts from a playing drive, in parts of its amplitude; at least RELEASE_TOLERANCE_V."""
 
 CABLE_TIMEOUT_S = 2.0
-"""Longest wait for the block that is being taken, where earlier ones have to be read first."""
+"""Longest wait for the block that is being taken, where earlier ones have to be read first; and for one without a change."""
 
 COMPARED_SCANS, LAGS_AT_A_TIME = 64, 10_000
-COUNT_MARGIN = 10
-"""Samples by which the card's count may be off the ones that its input sees."""
+COUNT_MARGIN_S = 0.02
+"""By how much the time of the first scan, and with it what the input sees, may be off the card's count of samples; wall time."""
 
 
 class OutputReadback:
@@ -69,6 +70,28 @@ class OutputReadback:
             inside.append(self.inside_v())
         return np.array([seen for seen in inside if seen is not None])
 
+    def steady_v(self, low_v: float, high_v: float) -> float:
+        """Return the level at which the output stays, as soon as it is measured without change.
+
+        Raises:
+            InstrumentError: it is not measured, not steady, or beyond the limits by more than the tolerance.
+        """
+        deadline_s = self._clock.now() + CABLE_TIMEOUT_S * float(getattr(self._clock, "speed", 1.0))
+        while True:
+            seen = self.volts()
+            if seen is not None and np.ptp(seen) <= RELEASE_TOLERANCE_V:
+                level_v = float(seen.mean())
+                if low_v - RELEASE_TOLERANCE_V <= level_v <= high_v + RELEASE_TOLERANCE_V:
+                    return level_v
+            if self._clock.now() > deadline_s:
+                measured = "is not measured" if seen is None else f"measures {seen.min():.3f} to {seen.max():.3f} V"
+                raise InstrumentError(
+                    f"{self._description} was stopped in mid-drive and {measured}, where one level between {low_v:g} and "
+                    f"{high_v:g} V is expected (limit ±{RELEASE_TOLERANCE_V:g} V); switch high voltage off at the amplifier, and "
+                    "check the cable from the output to the card's drive channel"
+                )
+            self._clock.sleep(0.01)
+
     def follows(self, task: OutputTask, render: Callable[[int, int], Array], amplitude_v: float) -> bool:
         """Whether the output is measured: inside the card, or by a cable that shows what the task plays now.
 
@@ -76,11 +99,12 @@ class OutputReadback:
         """
         if self.inside_v() is not None:
             return True
-        first = max(task.generated() - COUNT_MARGIN, 0)
+        margin = math.ceil(COUNT_MARGIN_S * float(getattr(self._clock, "speed", 1.0)) * task.rate_hz)
+        first = max(task.generated() - margin, 0)
         seen, rate_hz = self.cable_volts(), acquisition_rate_hz(self._connection.key)
         if seen is None:
             return False
-        expected = render(first, task.generated() + COUNT_MARGIN - first)
+        expected = render(first, task.generated() + margin - first)
         compared = np.linspace(0, seen.size - 1, min(seen.size, COMPARED_SCANS)).astype(int)
         places = np.rint(compared * task.rate_hz / rate_hz).astype(int)
         limit_v = max(RELEASE_TOLERANCE_V, FOLLOWED_SHARE * amplitude_v)

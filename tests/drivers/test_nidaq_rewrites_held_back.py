@@ -93,6 +93,22 @@ def test_a_sine_that_cannot_be_rewritten_keeps_the_sample_reached_and_is_left_in
 
 
 @pytest.mark.deep
+def test_a_block_that_began_before_the_release_is_not_taken_for_the_level() -> None:
+    """On a busy computer the time of the first scan is late: the block that counts as new still shows the drive."""
+    with (
+        live("waits") as (amplifier, _, bench),
+        NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000, 250) as s,
+    ):
+        s.start_time_s += 0.015
+        for played_s in (0.31, 0.32, 0.33, 0.34):
+            amplifier.start_drive(Sine(10.0, 2.0, 2.5, 100))
+            bench.clock.sleep(played_s)
+            rest_s, jump_v = measured_stop(amplifier, bench)
+            assert rest_s < AT_REST_WITHIN_S
+            assert jump_v < 0.01
+
+
+@pytest.mark.deep
 def test_a_level_is_held_by_one_task_after_the_other_and_returns_to_rest_by_itself() -> None:
     with live("waits", lease_s=2.0) as (amplifier, source, bench):
         amplifier.start_drive(Hold(4.5, 60.0))
