@@ -1,6 +1,6 @@
 """The paper's whole campaign on the virtual clock, nothing skipped; and memory over the length of a sweep.
 
-    python benchmarks/bench_campaign.py [--items wiring,steps] [--memory]
+    python benchmarks/bench_campaign.py [--bench realistic] [--items wiring,steps] [--memory]
 
 Told per item: bench time, wall time, their ratio, and how the item stands. At the end what the paper's chain identified,
 against the truth of the simulated tactor, and the largest memory. `--memory` runs one mass of the mass resonance in 30 s and
@@ -23,7 +23,7 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import PAPER_ITEMS, drop_unknown_protocols
 from app.campaign.queue import CampaignRunner
 from app.campaign.summary import identify_campaign_runs
-from app.config.bench_file import load_bench
+from app.config.bench_file import BenchConfig, load_bench
 from app.session.bench_connection import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
 from protocols.registry import PROTOCOLS
@@ -35,6 +35,7 @@ GOAL_S = 90.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--items", default="", help="only these, separated by commas")
+    parser.add_argument("--bench", default="ideal", help="bench file, 'ideal' (default) or 'realistic'")
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--sweep", type=float, help=argparse.SUPPRESS)
     asked = parser.parse_args()
@@ -43,17 +44,17 @@ def main() -> None:
     elif asked.memory:
         memory()
     else:
-        campaign([name for name in asked.items.split(",") if name])
+        campaign([name for name in asked.items.split(",") if name], load_bench(asked.bench))
 
 
-def campaign(only: list[str]) -> None:
+def campaign(only: list[str], config: BenchConfig) -> None:
     items = drop_unknown_protocols([item for item in PAPER_ITEMS if not only or item.name in only], PROTOCOLS)
     items = tuple(item for item in items)
     missing = [item.protocol for item in PAPER_ITEMS if item.protocol not in PROTOCOLS]
     if missing:
         print(f"not known here, and left out: {', '.join(missing)}")
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(config, None, UNATTENDED_BLOCK_S) as lab:
         told = Campaign.create(Path(folder), "bench", True, items)
         conductor = CampaignRunner(told)
         session = Session(lambda: nullcontext(lab), [conductor], lab.operator)
@@ -70,7 +71,7 @@ def campaign(only: list[str]) -> None:
                 f"{stands.status}: {stands.reason}",
                 flush=True,
             )
-            if session.outcome is None or session.outcome[0] != "completed":
+            if session.outcome is None or session.outcome.status != "completed":
                 break
         session.close()
         print(
@@ -80,10 +81,8 @@ def campaign(only: list[str]) -> None:
         if isinstance(found, str):
             print(found)
         else:
-            truth = {
-                **load_bench("sim").simulation_parameters.as_record()["tactor"],
-                **load_bench("sim").simulation_parameters.as_record()["membrane"],
-            }
+            record = config.simulation_parameters.as_record()
+            truth = {**record["tactor"], **record["membrane"]}
             for estimate in found.estimates:
                 beside = truth.get(estimate.name)
                 away = "" if beside is None else f", truth {beside:.5g}, {100 * (estimate.value / beside - 1):+.2f} %"
@@ -105,7 +104,7 @@ def memory() -> None:
 
 
 def sweep(seconds: float) -> None:
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("ideal"), None, UNATTENDED_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
         protocol = PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds)
@@ -113,7 +112,7 @@ def sweep(seconds: float) -> None:
         session.finished.wait()
         session.close()
         assert session.outcome is not None, session.outcome
-        assert session.outcome[0] == "completed", session.outcome
+        assert session.outcome.status == "completed", session.outcome
     print(peak_mb())
 
 

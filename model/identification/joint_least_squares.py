@@ -48,8 +48,14 @@ class FitCoordinates:
             if name in problem.observations.shared_errors:
                 self._scale[i] = problem.observations.shared_errors[name].standard_error
         middle = np.log(np.where(self._logarithmic, start, 1.0))
-        self.lower_bounds = np.where(self._logarithmic, middle - LOG_RANGE, problem.lower_bounds / self._scale)
-        self.upper_bounds = np.where(self._logarithmic, middle + LOG_RANGE, problem.upper_bounds / self._scale)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low, high = (np.log(np.maximum(b, 0.0)) for b in (problem.lower_bounds, problem.upper_bounds))
+        self.lower_bounds = np.where(
+            self._logarithmic, np.maximum(middle - LOG_RANGE, low), problem.lower_bounds / self._scale
+        )
+        self.upper_bounds = np.where(
+            self._logarithmic, np.minimum(middle + LOG_RANGE, high), problem.upper_bounds / self._scale
+        )
         self.start = np.clip(
             self.to_coordinates(start),
             np.where(np.isfinite(self.lower_bounds), self.lower_bounds + BOUND_MARGIN, self.lower_bounds),

@@ -10,6 +10,9 @@ from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
 from model.identification.observations import ObservationSet, observed_values, over_errors
 
+PRIOR_REACH = 12.0
+"""Standard uncertainties that a value known beforehand may move: a ruler errs by no more, whatever a wrong model asks for."""
+
 
 class LeastSquaresProblem:
     """Residuals and Jacobian of one campaign under one setting.
@@ -39,6 +42,10 @@ class LeastSquaresProblem:
         self.logarithmic = np.array([i.gt == 0 for i in limits]) & (self.start > 0)
         self.lower_bounds = np.array([next((float(x) for x in (i.ge, i.gt) if x is not None), -np.inf) for i in limits])  # type: ignore[arg-type]
         self.upper_bounds = np.array([next((float(x) for x in (i.le, i.lt) if x is not None), np.inf) for i in limits])  # type: ignore[arg-type]
+        for name, (value, sigma) in options.priors.items():
+            at = self.names.index(name)
+            self.lower_bounds[at] = max(self.lower_bounds[at], value - PRIOR_REACH * sigma)
+            self.upper_bounds[at] = min(self.upper_bounds[at], value + PRIOR_REACH * sigma)
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
         """Residuals (rows,) and slopes of the predictions over their errors (rows, P)."""

@@ -13,6 +13,7 @@ from model import Array
 PLAY_SPACING_V = 25.0
 PLAY_HALF_WIDTHS_V = PLAY_SPACING_V * (np.arange(50) + 0.5)
 """Half the voltage that must be turned back before each play turns."""
+PLAY_COUNTS = np.arange(PLAY_HALF_WIDTHS_V.size + 1)
 
 
 class HysteresisModel:
@@ -31,7 +32,7 @@ class HysteresisModel:
         span_v = high_v - low_v
         self._weight = width * span_v * 2 * PLAY_SPACING_V / (span_v / 2) ** 2
         self._plays_v = np.zeros(PLAY_HALF_WIDTHS_V.size)
-        self._offset_v = 0.0
+        self._offset_v = self._last_v = 0.0
         if width:
             self._offset_v = float(self.process(np.array([high_v, low_v, 0.0]))[-1])
 
@@ -39,20 +40,21 @@ class HysteresisModel:
         """Return the voltage (n,) to which the specimen answers."""
         if not self._weight:
             return volts
-        change = np.diff(volts)
+        change = np.diff(volts, prepend=self._last_v)
         moves = np.flatnonzero(change)
         turns = moves[1:][np.diff(np.sign(change[moves])) != 0]
         out = np.empty_like(volts)
         r, begin = PLAY_HALF_WIDTHS_V, 0
-        for end in [*(turns + 1).tolist(), volts.size]:  # one way only from turn to turn
-            part = volts[begin:end]
-            first, last = float(part[0]), float(part[-1])
-            self._plays_v = np.clip(self._plays_v, first - r, first + r)
-            way = 1.0 if last >= first else -1.0
-            # each play rests until the voltage has come to it, and then follows: their sum has a knot for each
-            knots = np.sort(np.concatenate(([way * first, way * last], way * self._plays_v + r)))
-            rests = np.maximum(way * self._plays_v, knots[:, None] - r).sum(axis=1)
-            out[begin:end] = way * np.interp(way * part, knots, rests)
-            self._plays_v = np.clip(self._plays_v, last - r, last + r)
-            begin = end
+        for end in [*turns.tolist(), volts.size]:  # one way only from turn to turn
+            last = float(volts[end - 1])
+            way = 1.0 if last >= self._last_v else -1.0
+            part, plays = way * volts[begin:end], way * self._plays_v
+            # each play rests until the voltage has come to it, and then follows: their sum gets steeper at each of these knots
+            met = np.sort(plays + r)
+            knots = np.append(met, max(met[-1], way * last) + 1.0)
+            moved = PLAY_COUNTS * knots
+            moved[1:] -= np.cumsum(met)
+            out[begin:end] = way * (plays.sum() + np.interp(part, knots, moved))
+            self._plays_v = way * np.maximum(plays, way * last - r)
+            self._last_v, begin = last, end
         return np.asarray(volts + self._weight * out - self._offset_v)

@@ -22,7 +22,7 @@ from model.identification.observations import (
     VoltageStepsObservation,
     resample,
 )
-from model.identification.residuals import LeastSquaresProblem
+from model.identification.residuals import PRIOR_REACH, LeastSquaresProblem
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
@@ -55,6 +55,19 @@ def test_the_truth_of_an_independent_solution_comes_back(by_elements: bool) -> N
     assert {e.name: e.value for e in fit.estimates()} == pytest.approx(TRUE, rel=2e-4)
     assert fit.converged
     assert fit.chi_square < 0.1
+
+
+def test_what_is_known_moves_by_twelve_uncertainties_at_most() -> None:
+    """A lag that the model lacks, of dwells with errors of 1 nm, asks for another strip."""
+    sweep = free_only()
+    assert sweep.fundamental_m is not None
+    drifted = replace(sweep, fundamental_m=sweep.fundamental_m * (1 + 0.2j * sweep.frequency_hz / 250), errors_m=1e-9)
+    priors = {"L": (22e-3, 3e-4), "L1": (8e-3, 3e-4), "L2": (15e-3, 3e-4)}
+    fit = joint_fit(ObservationSet((drifted,)), FitOptions(priors=priors), max_starts=1)
+    at = dict(zip(fit.names, fit.theta, strict=True))
+    away = {name: (at[name] - value) / error for name, (value, error) in priors.items()}
+    assert max(map(abs, away.values())) == pytest.approx(PRIOR_REACH, rel=1e-3)
+    assert not fit.unidentified_combinations
 
 
 def test_geometry_can_be_identified_where_a_caliper_helps() -> None:
