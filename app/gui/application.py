@@ -24,6 +24,9 @@ from app.session import UNSAFE_EXIT, Session, SimulationSettings
 from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
+DELETION_DELAY_MS = 100
+"""After which a window is deleted that another one has taken the place of."""
+
 WELCOME_SEEN_KEY = "window/seen"
 """Settings key: this window has been opened before."""
 
@@ -148,6 +151,8 @@ def _actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> Iterator[
 def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
     app = qt_application()
     window.show()
+    for each in _replaced_windows(window):  # once this one is painted: nothing flickers, and it comes sooner
+        QTimer.singleShot(DELETION_DELAY_MS, each, each.deleteLater)
     if units.ident is None:
         QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, units.start)
         # Objects of the window live until the end: a garbage collection over them would delay a frame.
@@ -155,11 +160,21 @@ def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
     with _close_on_signal(window):
         app.exec()
     view = window.state
-    window.deleteLater()
-    QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)
+    left = _replaced_windows(window)
+    if not window.replaced or view.exit_code == UNSAFE_EXIT:
+        left.append(window)
+    for each in left:
+        each.deleteLater()
+        QCoreApplication.sendPostedEvents(each, QEvent.Type.DeferredDelete)
     if view.exit_code == UNSAFE_EXIT and view.outcome is not None:
         sys.stderr.write(f"{view.outcome.reason}\n")
     return view.exit_code
+
+
+def _replaced_windows(present: MainWindow) -> list[MainWindow]:
+    """Return the windows that have been replaced and are not deleted yet."""
+    windows = [widget for widget in qt_application().topLevelWidgets() if isinstance(widget, MainWindow)]
+    return [window for window in windows if window.replaced and window is not present]
 
 
 @contextmanager

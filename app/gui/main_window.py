@@ -72,6 +72,8 @@ class MainWindow(QMainWindow):
         self._text_scale = 1.0
         self.adapter, self._settings, self._autostart = adapter, settings, autostart
         self._change_bench, self.demo_requested = change_bench, False
+        self.replaced = False
+        """Another window with another bench takes the place of this one, which stays visible until then."""
         self._force_close = self._session_closed = self._connect_started = False
         self.controller = SessionController(
             adapter,
@@ -176,6 +178,7 @@ class MainWindow(QMainWindow):
             except ConfigError as error:
                 problem = str(error)
             else:
+                self.replaced = True
                 self.close_session()
                 return
         self.central.welcome.message_label.show_message(problem, is_error=True)
@@ -266,7 +269,11 @@ class MainWindow(QMainWindow):
             self.central.shutdown()
             if self.faults is not None:
                 self.faults.shutdown()
-            event.accept()
+            if self.replaced:
+                event.ignore()
+                QApplication.exit()
+            else:
+                event.accept()
             return
         event.ignore()
         if self.controller.closing:

@@ -68,6 +68,7 @@ class CampaignPage(QStackedWidget):
         ended, connected = self._busy and not view.busy, self._state is None or self._state.connected
         self._state, self._busy = view, view.busy
         if ended:
+            self._show_message("")  # such as that a run was in progress
             self.controller.run_ended(view.outcome is not None and view.outcome.verdict.outcome.has_result)
         elif view.connected and not connected:
             self.controller.refresh()  # now there is a bench to rehearse with

@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, stable_range
+from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, legend_share, stable_range
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
@@ -104,6 +104,7 @@ class ResponsePlot(PlotBase):
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
         self._add_head(self._head_row())
         self.set_theme(theme)
+        self.plot.getViewBox().sigResized.connect(lambda *_: self._scale())  # the legend's share of the height
 
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
@@ -170,7 +171,8 @@ class ResponsePlot(PlotBase):
         tops += self.model_curves.maxima()
         right = max([self._max_hz, *(1.03 * p.frequency for p in self._points)])
         self.plot.setXRange(0, right, padding=0)
-        self.plot.setYRange(0, stable_range(0.0, max(tops), None)[1], padding=0)
+        top = max(tops) / (1 - legend_share(self.model_curves.legend, self.plot))
+        self.plot.setYRange(0, stable_range(0.0, top, None)[1], padding=0)
 
     def _warn_mismatch(self) -> None:
         """Warn if curve and points belong to different drives: the form was changed after the run."""

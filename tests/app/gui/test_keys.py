@@ -169,14 +169,17 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     other = config.model_copy(update={"name": "the other bench"})
 
     def look(app: QApplication) -> int:
-        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
+        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow) and not w.replaced]
         seen.append((window.windowTitle(), window.central.is_covered))
         led.extend([window.windowTitle()] * window.central.hint.isVisible())
         if len(seen) == 1:
             window.change_bench("other.toml")
+            until(lambda: window._session_closed, "for the session to close")
+            assert window.isVisible(), "it is seen until the other window is painted"
         else:
+            until(lambda: [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)] == [window], "for one window")
             window.close_session()
-        until(lambda: not window.isVisible(), "for the window to close")
+            until(lambda: not window.isVisible(), "for the window to close")
         return 0
 
     monkeypatch.setattr(application.QApplication, "exec", look)
@@ -215,13 +218,14 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
     led: list[tuple[str, bool]] = []
 
     def look(app: QApplication) -> int:
-        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
+        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow) and not w.replaced]
         led.append((window.windowTitle(), window.central.hint.isVisible()))
         if len(led) == 1:
             find(window, "welcome.demo").click()
+            until(lambda: window._session_closed, "for the session to close")
         else:
             window.close_session()
-        until(lambda: not window.isVisible(), "for the window to close")
+            until(lambda: not window.isVisible(), "for the window to close")
         return 0
 
     monkeypatch.setattr(application.QApplication, "exec", look)
