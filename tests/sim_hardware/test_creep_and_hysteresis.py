@@ -50,3 +50,23 @@ def test_branches_are_parabolas_and_closed_loops_are_forgotten() -> None:
     assert first[0] == pytest.approx(first[2], abs=1e-9)
     up = specimen.process(np.linspace(900.0, 1500.0, 100))  # on, as if the small loop had not been
     assert up[-1] == pytest.approx(first[0], abs=1e-9)
+
+
+def test_the_response_is_that_of_plays_moved_one_by_one() -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(400) / 400
+    volts = np.concatenate(
+        (
+            np.interp(t, np.sort(rng.uniform(0, 1, 40)), rng.uniform(-500, 1500, 40)),
+            np.repeat(rng.uniform(-500, 1500, 40), 5),
+            500 + 1000 * np.sin(12 * np.pi * t),
+        )
+    )
+    specimen, plays, sums = HysteresisModel(0.05, -500.0, 1500.0), np.zeros(50), []
+    half = 25.0 * (np.arange(50) + 0.5)
+    for v in (1500.0, -500.0, 0.0, *volts.tolist()):
+        plays = np.clip(plays, v - half, v + half)
+        sums.append(plays.sum())
+    pieces = [specimen.process(part) for part in np.split(volts, (1, 2, 300, 301, 500, 777))]
+    weight = 0.05 * 2000 * 50 / 1000**2
+    assert np.concatenate(pieces) == pytest.approx(volts + weight * (np.array(sums[3:]) - sums[2]), abs=1e-9)
