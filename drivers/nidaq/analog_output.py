@@ -48,9 +48,6 @@ LEVEL_TOLERANCE_V = 5e-3
 RELEASE_S = 0.2
 """Allowance, in the prediction of the way to rest, for measuring the level at which a task is released."""
 
-WRITE_PAUSE_S = 1e-4
-"""Pause after each message of a long drive, in which the clock sends its heartbeat."""
-
 HOLD_TASK_LEASES = 6
 """Length of a held level's buffer; where it comes to its end, the next one takes over at the same level."""
 
@@ -385,7 +382,7 @@ class NiAnalogOutput:
         hold: HeldLevel | None,
     ) -> None:
         try:
-            task.write(render, lambda: self._clock.sleep(WRITE_PAUSE_S))
+            task.write(render, self._clock)
             # Set before the task starts: if the reply is lost, the drive must be assumed to play.
             self._task, self._drive, self._hold, self._start_s = task, drive, hold, self._clock.now()
             task.start()

@@ -31,6 +31,9 @@ USB_QUEUE_S = 0.15
 """Seconds of samples in USB requests that the driver asks for: enough for a busy computer, short for a stop."""
 
 USB_PACKET_BYTES = 512
+WRITE_PAUSE_S = 1e-4
+"""Pause after each message of a long drive, in which the clock sends its heartbeat."""
+
 SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB of gRPC's own default, which NI's server lifts (grpc-device at c1ddf51) and a proxy may not."""
 
@@ -92,6 +95,8 @@ class OutputTask:
     ) -> None:
         self._connection, self._description = connection, description
         self.trigger, self.total = trigger, total
+        self.write_s = 0.0
+        """Longest time that a message with samples has taken: over a network more than a reply without."""
         self._task: Any = connection.new_task(OUTPUT)
         try:
             with translate_errors(description):
@@ -111,12 +116,15 @@ class OutputTask:
             self.release()
             raise
 
-    def write(self, render: Callable[[int, int], Array], pause: Callable[[], None]) -> None:
-        """Write all samples, `render(first, count)` at a time; `pause` is called after each message."""
+    def write(self, render: Callable[[int, int], Array], clock: Clock) -> None:
+        """Write all samples, `render(first, count)` at a time, with a pause after each message; time the messages."""
         with translate_errors(self._description):
             for first in range(0, self.total, SAMPLES_PER_WRITE):
-                self._write(render(first, min(SAMPLES_PER_WRITE, self.total - first)))
-                pause()
+                samples = render(first, min(SAMPLES_PER_WRITE, self.total - first))
+                begin_s = clock.now()
+                self._write(samples)
+                self.write_s = max(self.write_s, clock.now() - begin_s)
+                clock.sleep(WRITE_PAUSE_S)
 
     def start(self) -> None:
         with translate_errors(self._description):
@@ -138,7 +146,7 @@ class OutputTask:
                 if (
                     progress is not None
                     and k == pieces[-1]
-                    and not progress.reaches(first, WRITE_MESSAGES * len(pieces) - 1)
+                    and not progress.reaches(first, WRITE_MESSAGES * len(pieces) - 1, len(pieces))
                 ):
                     return False
                 self._write(wave[k : k + SAMPLES_PER_WRITE], REWRITE_TIMEOUT_S)
@@ -204,16 +212,20 @@ class PlaybackProgress:
         self._asked_s = clock.now()
         self.generated = task.generated()
         self.reply_s = clock.now() - self._asked_s
-        self._queue = task.queue_samples
+        self._queue, self._write_s = task.queue_samples, task.write_s
 
     def first_changeable(self, samples: int = 1) -> int:
         """Return the first sample that a rewrite of so many reaches which begins now."""
-        replies = 2 + WRITE_MESSAGES * math.ceil(samples / SAMPLES_PER_WRITE)
-        return self.generated + self._queue + math.ceil((self._margin_s + replies * self.reply_s) * self._rate_hz)
+        writes = math.ceil(samples / SAMPLES_PER_WRITE)
+        messages_s = (2 + WRITE_MESSAGES * writes) * self.reply_s + writes * self._write_s
+        return self.generated + self._queue + math.ceil((self._margin_s + messages_s) * self._rate_hz)
 
-    def reaches(self, sample: int, messages: int) -> bool:
-        """Return whether the last of these messages, sent now, arrives before a sample is on its way to the converter."""
-        return self._at_arrival(messages, self._margin_s / 2) + self._queue <= sample
+    def reaches(self, sample: int, messages: int, writes: int = 0) -> bool:
+        """Return whether the last of these messages, sent now, arrives before a sample is on its way to the converter.
+
+        So many `writes` of them carry samples.
+        """
+        return self._at_arrival(messages, self._margin_s / 2 + writes * self._write_s) + self._queue <= sample
 
     def is_released_before(self, sample: int) -> bool:
         """Return whether a task that is released now has not converted a sample."""

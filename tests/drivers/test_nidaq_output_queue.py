@@ -51,13 +51,14 @@ def live(card: CardParameters | None = None, **options) -> Iterator[tuple[NiAnal
 
 
 class SlowLibrary(NiLibrary):
-    """NI's functions over a wire on which every reply takes `reply_s`."""
+    """NI's functions over a wire on which every reply takes `reply_s`, and 200 000 samples `write_s` more."""
 
-    reply_s = 0.0
+    reply_s = write_s = 0.0
 
     def _function(self, name: str, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         def delayed(*values: Any) -> Any:
-            self.device.clock.sleep(self.reply_s / 2)
+            samples = int(values[1]) if name == "WriteAnalogF64" else 0
+            self.device.clock.sleep(self.reply_s / 2 + self.write_s * samples / 200_000)
             try:
                 return call(*values)
             finally:
@@ -147,6 +148,17 @@ def test_an_acquisition_that_falls_behind_on_a_slow_wire_does_not_delay_the_rele
         source.stop()
         assert bench.clock.now() - begin_s < 15.0
         library.reply_s = 0.0
+        assert source.is_at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.deep
+def test_a_network_on_which_samples_take_their_time_does_not_delay_a_fade_unnoticed() -> None:
+    """200 000 samples are 1.6 MB, 0.13 s at 100 Mbit/s: the fade arrived when its samples were already on their way."""
+    with slow() as (source, bench, library):
+        library.write_s = 0.13
+        source.start_drive(Sine(200.0, 2.0, 2.5, 2000))
+        bench.clock.sleep(0.37)
+        source.stop()
         assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
