@@ -119,7 +119,7 @@ def open_window(
         adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
         window = MainWindow(adapter, bench.config, protocol, folder, specimen, kept, autostart, change, bench.name)
         if shows_benches and not starts_demo:
-            window.tabs.select_page(BENCH)
+            window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
         if problem:
             window.tabs.bench.show_message(problem)
         if newcomer:
