@@ -345,7 +345,7 @@ class MainTabs(QTabWidget):
             return
         awaited = index == self.currentIndex() and index not in self.created_pages
         page = self.page(index)
-        if awaited:
+        if awaited and cast("QWidget", page).isVisible():  # not below the welcome page, which has the keyboard
             page.activate()
 
     def _specimen_of(self, controller: CampaignController) -> tuple[Path, str]:

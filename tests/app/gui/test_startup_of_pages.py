@@ -84,3 +84,15 @@ def test_the_other_pages_are_made_behind_the_first_one(open_stage: OpenStage, qt
         qt.removeEventFilter(windows)
     assert windows.shown == ["MainWindow"]
     assert pages.currentIndex() == 0
+
+
+@pytest.mark.deep
+def test_a_page_that_is_made_below_the_welcome_page_leaves_it_the_keyboard(open_stage: OpenStage) -> None:
+    window = open_stage(ahead=True).window
+    window.tabs.show_page_later(RUNS)
+    window.central.show_welcome()
+    before = window.focusWidget()
+    until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
+    assert window.focusWidget() is before
+    window.central.show_pages()
+    assert window.tabs.currentIndex() == RUNS
