@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -101,6 +101,7 @@ def open_window(
     newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
     kept.setValue(WELCOME_SEEN_KEY, True)
     starts_demo = False
+    actions: list[AfterRun] = []
     last, problem = "" if bench_given else str(kept.value(LAST_BENCH_KEY, "")), ""
     shows_benches = not bench_given and not last
     if last and bench_factory is not None:
@@ -126,26 +127,26 @@ def open_window(
             window.central.show_welcome()
         if starts_demo:
             window.start_demo()
-        with _actions_after_run(bench, adapter):
-            code = _run_until_closed(window, units)
+        actions.append(_start_actions_after_run(bench, adapter))
+        code = _run_until_closed(window, units)
         starts_demo = window.demo_requested
         if not requested or code == UNSAFE_EXIT:
             break
         bench = requested[-1]
         newcomer = autostart = False
         shows_benches, problem = False, ""  # the page that was visible is shown again
+    for each in actions:  # only now, when no window is open that would stand still meanwhile
+        each.close()
     if units.ident is not None:
         units.join()
     return code
 
 
-@contextmanager
-def _actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> Iterator[None]:
-    """Copy run files and start the command after each run; at the end wait for those of the last run."""
+def _start_actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> AfterRun:
+    """Copy run files and start the command after each run of a session."""
     after_run = AfterRun(lambda message: adapter.publish([message]), bench.config, bench.after_run)
     adapter.events.subscribe(after_run.observe)
-    with closing(after_run):
-        yield
+    return after_run
 
 
 def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
