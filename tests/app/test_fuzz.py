@@ -19,7 +19,7 @@ from tests.helpers.fuzz_runner import fuzz_apart, kind_of, problem_of
 from tests.helpers.fuzz_targets import TARGETS, Originals
 from tests.helpers.texts import CONTROLS, LETTERS, SIGNS, SURROGATES, texts
 
-CASES = 5200
+CASES = 4000
 SAMPLE = 6
 SHARES = {name: target.share for name, target in TARGETS.items()}
 
