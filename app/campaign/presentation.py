@@ -171,7 +171,7 @@ def _idle_step(summary: CampaignSummary) -> NextStep:
         left_out = [row.name for row in summary.items if row.state.status is ItemStatus.SKIPPED]
         but = f"Left out: {', '.join(left_out)}. " if left_out else ""
         return NextStep(
-            "Everything is measured", f"{but}The report: tactor-bench report {summary.specimen} --out reports"
+            "Everything is measured", f"{but}The button Report beside a result makes the report of {summary.specimen}"
         )
     waits = [f"{row.name}: {row.state.reason}" for row in summary.items if row.state.next_action is NextAction.WAIT]
     return NextStep("Nothing can be measured now", "; ".join(waits))
