@@ -104,7 +104,7 @@ class SourceKind:
     level_stop_s: float | None = None
     """What its commissioning record says about Stop from a level; NaN if that cannot be hastened, None without a record."""
     ends_by_itself_s: float = 0.0
-    """When a drive that nobody ends is at rest, at the latest; 0 where the end of a cell is not waited for."""
+    """Latest time at which a drive that is not ended is at rest; 0 where the end of a cell is not waited for."""
 
 
 SOURCES = {

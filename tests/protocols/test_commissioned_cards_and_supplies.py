@@ -64,7 +64,7 @@ CARD_CHECKS = {
 
 
 def contradicted_of_card(chosen: dict[str, str]) -> set[OutputCheck]:
-    """Return the checks that deviate: none where the driver deals with a rewrite that waits, and says so in the detail of Stop."""
+    """Return the checks that deviate: none where the driver deals with a rewrite that waits, and reports it in the detail of Stop."""
     if ("rewrite", "waits") in chosen.items():  # a queue does not matter to what is not rewritten
         chosen = {name: option for name, option in chosen.items() if name not in ("rewrite", "queue")}
     return set().union(*(CARD_CHECKS[name] for name in chosen))
