@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.transfer import copy_file
@@ -50,44 +50,47 @@ def back_up(
     """
     _check_folders(folder, target)
     chosen = list(_files(folder)) if paths is None else list(paths)
-    result = BackupResult()
+    copied, unchanged, problems = list[str](), list[str](), list[str]()
     for path, part in zip(chosen, progress.split_by_files(chosen), strict=True):
         name = path.relative_to(folder).as_posix()
         try:
             progress.raise_if_cancelled()
-            result = _back_up_file(path, target / name, name, compare_all, part, result)
+            (copied if _copy_if_changed(path, target / name, compare_all, part) else unchanged).append(name)
         except OperationCancelled:
             break
+        except _CopyRefusedError as refused:
+            problems.append(f"{name} {refused}")
         except OSError as error:
-            result = _with_problem(result, f"{name} was not copied: {error.strerror or error}")
-    return result
+            problems.append(f"{name} was not copied: {error.strerror or error}")
+    return BackupResult(tuple(copied), tuple(unchanged), tuple(problems))
 
 
-def _back_up_file(
-    path: Path, copy: Path, name: str, compare: bool, progress: Progress, result: BackupResult
-) -> BackupResult:
+class _CopyRefusedError(Exception):
+    """A file and its earlier copy are both left as they are; the message continues a sentence that begins with the name."""
+
+
+def _copy_if_changed(path: Path, copy: Path, compare: bool, progress: Progress) -> bool:
+    """Copy a file that is new or changed; return whether it was.
+
+    Raises:
+        _CopyRefusedError: the file, or its copy, is damaged.
+        OSError: it cannot be copied.
+        OperationCancelled: cancelled; the earlier copy is unchanged.
+    """
     if copy.exists():
-        same_time = _has_same_size_and_time(path, copy)
-        if same_time and not (compare and file_hash(path) != file_hash(copy)):
-            return replace(result, unchanged=(*result.unchanged, name))
-        if same_time:
+        if _has_same_size_and_time(path, copy):
+            if not compare or file_hash(path) == file_hash(copy):
+                return False
             damaged = [str(each) for each in (path, copy) if _is_damaged(each)]
             which = f": {' and '.join(damaged)} is damaged" if damaged else ""
-            problem = (
-                f"{name} and its copy differ although neither was written since{which}. Both were left as they are"
+            raise _CopyRefusedError(
+                f"and its copy differ although neither was written since{which}. Both were left as they are"
             )
-            return _with_problem(result, problem)
         if _is_damaged(path):
-            return _with_problem(
-                result, f"{name} is damaged and does not replace its earlier copy {copy}; restore it from there"
-            )
+            raise _CopyRefusedError(f"is damaged and does not replace its earlier copy {copy}; restore it from there")
     copy.parent.mkdir(parents=True, exist_ok=True)
     copy_file(path, copy, progress)
-    return replace(result, copied=(*result.copied, name))
-
-
-def _with_problem(result: BackupResult, problem: str) -> BackupResult:
-    return replace(result, problems=(*result.problems, problem))
+    return True
 
 
 def _is_damaged(path: Path) -> bool:
