@@ -10,8 +10,8 @@ from app.common import NO_PROGRESS, OperationCancelled, Progress, UsageError
 from app.common.audit_log import file_hash
 from protocols.runfile.verify import FileState, verify_run
 
-TIME_STEP_S = 2.0
-"""Step of the modification time on a FAT file system, as on memory sticks."""
+FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3
+"""Steps of the modification time on a FAT file system, as on memory sticks, where it is whole seconds, and on others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,8 @@ def _is_damaged(path: Path) -> bool:
 
 def _has_same_size_and_time(path: Path, copy: Path) -> bool:
     ours, theirs = path.stat(), copy.stat()
-    return ours.st_size == theirs.st_size and abs(ours.st_mtime - theirs.st_mtime) <= TIME_STEP_S
+    step_s = FAT_TIME_STEP_S if theirs.st_mtime_ns % 1_000_000_000 == 0 else TIME_STEP_S
+    return ours.st_size == theirs.st_size and abs(ours.st_mtime - theirs.st_mtime) <= step_s
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -73,6 +73,18 @@ def test_a_damaged_run_does_not_replace_its_good_copy(tmp_path: Path, capsys: py
     assert verify_run(copies / path.name).state is FileState.GOOD
 
 
+def test_a_change_of_the_same_size_right_after_a_backup_is_copied(tmp_path: Path) -> None:
+    notes = tmp_path / "runs" / "notes.json"
+    notes.parent.mkdir()
+    notes.write_text("1")
+    os.utime(notes, ns=(0, 10**18 + 5 * 10**8))
+    back_up(notes.parent, tmp_path / "copies")
+    notes.write_text("2")
+    os.utime(notes, ns=(0, 10**18 + 6 * 10**8))
+    assert back_up(notes.parent, tmp_path / "copies").copied == (notes.name,)
+    assert (tmp_path / "copies" / notes.name).read_text() == "2"
+
+
 def test_a_copy_that_reads_back_differently_or_of_a_changing_file_is_none(tmp_path: Path) -> None:
     runs, copies = tmp_path / "runs", tmp_path / "copies"
     path = finished_run(runs)
