@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from app.common import remember_conditions
 from app.session.commissioning_record import save_record
 from drivers import ScpiSession, VisaLink
 from drivers.assumptions.assumption import OutputCheck
@@ -130,6 +131,7 @@ def start(
     options = ["--bench", str(folder / "bench.toml"), "--out", str(folder), "run", protocol]
     options += ["--without-commissioning", "simulated bench on its wires"]
     chosen = [part for setting in settings for part in ("--set", setting)]
+    remember_conditions("test operator")  # the first run of a day on a real bench asks for it
     keyboard, terminal = os.openpty()  # a run on a real bench without a terminal is refused: nobody could answer
     process = subprocess.Popen(
         [sys.executable, "-c", script] if script else [*command, *options, *chosen],
