@@ -26,6 +26,7 @@ MENUS = {
         "page.explore",
         "page.runs",
         "page.bench",
+        "page.laboratory",
         "",
         "specimen",
         "identification",

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from app.gui.bench_page.page import BenchPage
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
+    from app.gui.laboratory.page import LaboratoryPage
     from app.gui.runs.page import RunsPage
     from app.gui.specimen.identification_page import IdentificationSubject
 
@@ -55,13 +56,13 @@ class Page(Protocol):
         """Take the keyboard focus, without which the page's shortcuts do nothing."""
 
 
-MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH = range(5)
+MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
 """Index of each page."""
 
 OPERATOR_POLL_MS = 30_000
 """Interval at which today's operator is read again: another program may set it, and it expires at midnight."""
 
-TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench")
+TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench", "Laboratory")
 
 
 class MainTabs(QTabWidget):
@@ -125,6 +126,7 @@ class MainTabs(QTabWidget):
             self._make_explore,
             self._make_runs,
             self._make_bench,
+            self._make_laboratory,
         )
         self._created: dict[int, Page] = {}
         self._page_layouts: list[QVBoxLayout] = []
@@ -229,6 +231,11 @@ class MainTabs(QTabWidget):
         return cast("BenchPage", self.page(BENCH))
 
     @property
+    def laboratory(self) -> LaboratoryPage:
+        """The Laboratory page, created if necessary."""
+        return cast("LaboratoryPage", self.page(LABORATORY))
+
+    @property
     def folder(self) -> Path:
         """Folder for run files."""
         return Path(self.measure.run_panel.folder_edit.text().strip()).expanduser()
@@ -262,7 +269,7 @@ class MainTabs(QTabWidget):
         """Import the other pages in the background, which takes a second, and create them."""
 
         def load() -> None:
-            for name in ("campaign", "explore", "runs", "bench_page"):
+            for name in ("campaign", "explore", "runs", "bench_page", "laboratory"):
                 importlib.import_module(f"app.gui.{name}.page")
 
         self.show_operator()
@@ -307,6 +314,8 @@ class MainTabs(QTabWidget):
             self.runs.set_active_file(path)
         if CAMPAIGN in self.created_pages:
             self.campaign.controller.active_file = path
+        if LABORATORY in self.created_pages:
+            self.laboratory.set_active_file(path)
 
     def restore_state(self, folder: Path | None, specimen: str | None, protocol_requested: bool) -> None:
         """Restore saved settings; a given folder or specimen has precedence, and a requested protocol is shown."""
@@ -407,6 +416,14 @@ class MainTabs(QTabWidget):
         page.commissioning_requested.connect(self.commissioning_requested)
         page.stop_requested.connect(self.stop_requested)
         page.speed_requested.connect(self.speed_requested)
+        return page
+
+    def _make_laboratory(self) -> LaboratoryPage:
+        from app.gui.laboratory.page import LaboratoryPage
+
+        page = LaboratoryPage(lambda: self.folder, self._first_theme)
+        page.run_open_requested.connect(self.open_run)
+        page.restore_state(self._settings)
         return page
 
     def _on_card_requested(self, action: str, path: Path) -> None:

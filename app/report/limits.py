@@ -74,6 +74,15 @@ class Limits:
     source: str = ""
     """File name and hash, without folder: the report does not depend on where it is made."""
 
+    @property
+    def bounds(self) -> dict[str, tuple[float | None, float | None]]:
+        """Lower and upper limits of the quantities that have one of them, SI."""
+        return {
+            name: (limit.low, limit.high)
+            for name, limit in self.limits.items()
+            if limit.low is not None or limit.high is not None
+        }
+
 
 class _Limit(ConfigTable):
     @model_validator(mode="after")

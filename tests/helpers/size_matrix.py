@@ -26,7 +26,7 @@ SCALES = (1.0, 1.25, 1.5, 2.0)
 ALWAYS_WHOLE = ("status.state", "status.stop", "status.pause")
 """State sign, Stop and Pause: never cut, never scrolled away."""
 
-STATES = {"idle": range(5), "finished": range(5), "live": (0, 4), "unsafe": (0, 4)}
+STATES = {"idle": range(6), "finished": range(6), "live": (0, 4), "unsafe": (0, 4)}
 """States with the pages that are looked at; the first and third in light, the others in dark."""
 FRAME = (4, 32)
 SIDEWAYS_BELOW = 900

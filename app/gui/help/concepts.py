@@ -98,6 +98,10 @@ CONCEPTS = {
             "Continue a stopped run",
             "Continue on the result card, or Ctrl+4, select it, Ctrl+Enter: what is measured is kept.",
         ),
+        Concept(
+            "Compare many specimens",
+            "Page Laboratory, Ctrl+6: values with limits, control charts, certificates, audit trail.",
+        ),
         Concept("Identify the parameters", "Ctrl+4, select runs, E, then Ctrl+F on the page Explore."),
         Concept(
             "Give results to others", "Ctrl+4, select runs, Ctrl+E: tables, MATLAB, and more; a campaign has a report."

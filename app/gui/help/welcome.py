@@ -31,7 +31,8 @@ SETUP_TEXT = (
 SAFETY_TEXT = "0 V at the amplifier's input is −500 V on the specimen. Read 'Safety' in the help (F1) before a real bench is switched on."
 PAGES_TEXT = (
     "Measure (Ctrl+1) runs one protocol.  Campaign (Ctrl+2) runs all of them on a specimen.  "
-    "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  Bench (Ctrl+5) sets up the bench.  F1 lists every key."
+    "Explore (Ctrl+3) varies the model.  Runs (Ctrl+4) lists every run.  Bench (Ctrl+5) sets up the bench.  "
+    "Laboratory (Ctrl+6) compares specimens.  F1 lists every key."
 )
 
 

@@ -59,6 +59,7 @@ ACTIONS = {
         ActionInfo("page.explore", "Page Explore", ("Ctrl+3",)),
         ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
         ActionInfo("page.bench", "Page Bench", ("Ctrl+5",)),
+        ActionInfo("page.laboratory", "Page Laboratory", ("Ctrl+6",)),
         ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
         ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("F4",)),
         ActionInfo("palette", "Find a command, protocol, run or setting, or close the list", ("Ctrl+K",)),

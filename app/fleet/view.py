@@ -1,0 +1,224 @@
+"""Views of many specimens for the window: what a filter selects, with its tables, its groups for a plot, and control charts."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from app.archive import read_since
+from app.common import Column, Table, display_unit
+from app.fleet.control_chart import BASELINE
+from app.fleet.drift import GoldenChart, golden_charts
+from app.fleet.statistics import Spread, outlier_mask, spread_of, trend_of
+from app.fleet.tables import (
+    Bounds,
+    bounds_of,
+    chart_notes,
+    chart_table,
+    group_table,
+    quantity_table,
+    specimen_table,
+    times_of,
+)
+from app.fleet.values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
+from model import Array
+
+MAX_SPECIMEN_QUANTITIES = 4
+"""Quantities in the table of the specimens: more do not fit beside each other at 900 points."""
+
+
+@dataclass(frozen=True)
+class FleetQuery:
+    """What is shown; empty texts select all.
+
+    Attributes:
+        quantity: by its name; empty for that of most specimens.
+        search: words of which each is in the name of a specimen, sensor or bench.
+        since: as `read_since` reads it.
+        group_by: one of `app.fleet.values.GROUPS`.
+    """
+
+    quantity: str = ""
+    batch: str = ""
+    search: str = ""
+    since: str = ""
+    group_by: str = "batch"
+
+
+@dataclass(frozen=True)
+class PlotGroup:
+    """Values of one group over time: seconds since 1970, values and total uncertainties in SI, each (N,)."""
+
+    name: str
+    times_s: Array
+    values: Array
+    errors: Array
+    sources: tuple[FleetValue, ...]
+
+
+@dataclass(frozen=True)
+class FleetView:
+    """What a query selects.
+
+    Attributes:
+        names: quantities of the whole fleet.
+        batches: of the whole fleet.
+        groups: every value of the quantity, by group.
+        outliers: specimens whose newest value is a possible outlier.
+        summary: a row for each statistic of the quantity.
+        by_group: mean and spread of each group.
+        specimens: a row for each specimen; the rows of outliers are highlighted.
+    """
+
+    names: tuple[str, ...]
+    batches: tuple[str, ...]
+    selection: FleetSelection
+    spread: Spread
+    groups: tuple[PlotGroup, ...]
+    outliers: frozenset[str]
+    bounds: Bounds | None
+    summary: Table
+    by_group: Table
+    specimens: Table
+    simulated: bool
+
+
+def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) -> FleetView:
+    """Return what a query selects.
+
+    Raises:
+        FleetError: nothing does.
+    """
+    words = query.search.casefold().split()
+    chosen = fleet.filtered(batch=query.batch, since=read_since(query.since) if query.since else "")
+    if words:
+        kept = tuple(v for v in chosen.values if _has_words(v, words))
+        chosen = replace(chosen, values=kept)
+    if not chosen.values:
+        raise FleetError("no value has all of these properties; select less")
+    present = chosen.names
+    name = query.quantity or present[0]
+    if name not in present:
+        raise FleetError(f"no run that is selected has '{name}'; select another quantity, or less")
+    selection = chosen.of(name)
+    others = [other for other in present if other != name]
+    shown = [selection, *(chosen.of(other) for other in others[: MAX_SPECIMEN_QUANTITIES - 1])]
+    values, errors = arrays(selection.newest)
+    mask = outlier_mask(values)
+    outliers = frozenset(v.specimen for v, out in zip(selection.newest, mask, strict=True) if out)
+    specimens = specimen_table(shown)
+    marked = frozenset(at for at, each in enumerate(specimens.columns[0].values) if each in outliers)
+    return FleetView(
+        fleet.names,
+        tuple(sorted({v.batch for v in fleet.values})),
+        selection,
+        spread_of(values, errors),
+        tuple(_plot_groups(selection, query.group_by)),
+        outliers,
+        bounds_of(selection, limits),
+        _summary_table(selection, limits),
+        group_table(selection, query.group_by),
+        replace(specimens, highlighted_rows=marked),
+        fleet.simulated,
+    )
+
+
+def _has_words(value: FleetValue, words: Sequence[str]) -> bool:
+    text = f"{value.specimen} {value.sensor} {value.bench}".casefold()
+    return all(word in text for word in words)
+
+
+def _plot_groups(selection: FleetSelection, group_by: str) -> list[PlotGroup]:
+    members: dict[str, list[FleetValue]] = {}
+    for value in selection.values:
+        members.setdefault(str(getattr(value, group_by)) or "unknown", []).append(value)
+    groups = []
+    for name, found in sorted(members.items()):
+        values, errors = arrays(found)
+        groups.append(PlotGroup(name, np.array([v.time_s for v in found]), values, errors, tuple(found)))
+    return groups
+
+
+def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Table:
+    """Return the statistics of one quantity, a row each."""
+    table = quantity_table([selection], limits)
+    rows = list(zip(table.headings, table.text_rows[0], table.columns, strict=True))
+    shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "quantity"]
+    values, _ = arrays(selection.values)
+    if (trend := trend_of(times_of(selection), values)) is not None:
+        share = 100 / abs(float(values.mean()))
+        shown.append(("trend in 30 days", f"{trend.per_month * share:+.2g} ± {trend.error * share:.1g} %"))
+    if selection.left_out:
+        shown.append(("not compared", f"{selection.left_out} of another protocol or drive"))
+    return Table.of_rows(f"{selection.name}, newest values", ("statistic", "value"), [row for row in shown if row[1]])
+
+
+@dataclass(frozen=True)
+class ChartView:
+    """Control charts of a golden specimen, one for each sensor.
+
+    Attributes:
+        broken: for each chart the values that break a rule, with date, value, rules and run.
+        notes: what drifted, and how often the rules signal by chance.
+        points: of all charts, for export.
+    """
+
+    selection: FleetSelection
+    golden: str
+    charts: tuple[GoldenChart, ...]
+    broken: tuple[Table, ...]
+    notes: tuple[str, ...]
+    points: Table
+    simulated: bool
+
+
+def golden_candidates(fleet: Fleet) -> tuple[str, ...]:
+    """Return the specimens by the number of runs with a result, most first."""
+    counts = Counter(name for name, _ in {(v.specimen, v.path) for v in fleet.values if v.protocol != CALIBRATION})
+    return tuple(sorted(counts, key=lambda name: (-counts[name], name)))
+
+
+def view_charts(fleet: Fleet, golden: str, quantity: str, baseline: int = BASELINE) -> ChartView:
+    """Return the control charts of a quantity of the golden specimen.
+
+    Raises:
+        FleetError: no run has the quantity.
+        TooFewValuesError: no sensor measured it often enough.
+    """
+    selection = fleet.of(quantity)
+    charts = golden_charts(selection, golden, baseline)
+    return ChartView(
+        selection,
+        golden,
+        charts,
+        tuple(_broken_table(selection, each) for each in charts),
+        tuple(chart_notes(charts)),
+        chart_table(selection, charts),
+        fleet.simulated,
+    )
+
+
+def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
+    rules: dict[int, list[str]] = {}
+    for signal in chart.chart.signals:
+        rules.setdefault(signal.index, []).append(signal.rule)
+    found = [(at, chart.values[at]) for at in sorted(rules)]
+    unit = display_unit(selection.unit)[1]
+    return Table(
+        "broken rules",
+        f"{len(found)} of {len(chart.values)} values break a rule",
+        (
+            Column("number", None, [at + 1 for at, _ in found], "no.", format_spec="d"),
+            Column("begun", None, [v.start_time[:10] for _, v in found]),
+            Column(
+                "value",
+                selection.unit,
+                [v.value for _, v in found],
+                display_unit=unit if unit != selection.unit else "",
+            ),
+            Column("rules", None, [", ".join(rules[at]) for at, _ in found], "broken rules"),
+            Column("run", None, [Path(v.path).name for _, v in found], displayed=False),
+        ),
+    )

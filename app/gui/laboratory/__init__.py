@@ -1,0 +1,1 @@
+"""Laboratory page: many specimens, control charts, calibration certificates and audit trail."""

@@ -1,0 +1,172 @@
+"""Pane of the audit trail: its entries, newest first, and the verification of all lines and files."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from app.archive.audit import AuditResult, begin_audit, verify_audit
+from app.common import Column, OperationCancelled, Table, pluralize
+from app.common.audit_log import AuditEntry
+from app.gui.laboratory.value_table import ValueTable
+from app.gui.widgets import (
+    BackgroundWorker,
+    ProgressRow,
+    Theme,
+    WrappedRow,
+    column,
+    configure,
+    make_button,
+    make_label,
+    set_style_kind,
+)
+
+SHOWN_PROBLEMS, SHOWN_FILES = 12, 3
+NO_TRAIL = (
+    "This folder has no audit trail. Once begun, every run, acceptance, rejection, note, edit and deletion appends a line with who, "
+    "when and the hashes of the files."
+)
+
+
+class AuditPane(QWidget):
+    """Lists and verifies the audit trail of a folder.
+
+    Args:
+        theme: first theme.
+        reload: reads the folder again.
+    """
+
+    def __init__(self, theme: Theme, reload: Callable[[], object]) -> None:
+        super().__init__()
+        self._worker = BackgroundWorker("audit", self)
+        self._folder, self._reload = Path(), reload
+        self.head_edit = configure(
+            QLineEdit(),
+            "laboratory.audit.head",
+            placeholderText="head hash of a report, if you have one",
+            accessibleName="head hash that was printed or copied elsewhere",
+            minimumWidth=260,
+        )
+        self.verify_button = make_button(
+            "Verify", self.verify, "choice", "Hash all files and compare them with the trail", "laboratory.audit.verify"
+        )
+        self.begin_button = make_button(
+            "Begin the audit trail", self.begin, "choice", "Hash all files of the folder and write the first line"
+        )
+        self.result_label = make_label(name="laboratory.audit.result")
+        self.progress_row = ProgressRow()
+        self.table = ValueTable(theme, "laboratory.audit", "entries of the audit trail")
+        column(
+            WrappedRow(self.verify_button, self.head_edit, self.begin_button, spacing=6),
+            self.progress_row,
+            self.result_label,
+            (self.table, 1),
+            parent=self,
+            margins=(0, 0, 0, 0),
+            spacing=4,
+        )
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.table.set_theme(theme)
+
+    def shutdown(self) -> None:
+        """Cancel a verification."""
+        self.progress_row.request_cancel()
+        self._worker.close()
+
+    def show_entries(self, folder: Path, entries: Sequence[AuditEntry], problems: Sequence[str]) -> None:
+        """Show the entries of a folder, newest first; none: the folder has no trail."""
+        if folder != self._folder:
+            self._show_result("", "")
+        self._folder = folder
+        has_trail = bool(entries or problems)
+        for widget in (self.verify_button, self.head_edit, self.table):
+            widget.setVisible(has_trail)
+        self.begin_button.setVisible(not has_trail)
+        if not has_trail:
+            self._show_result(NO_TRAIL, "note")
+        elif problems:
+            self._show_result("\n".join(f"✕ {problem}" for problem in problems[:SHOWN_PROBLEMS]), "danger")
+        elif self.result_label.text() == NO_TRAIL:
+            self._show_result("", "")
+        newest = list(reversed(entries))
+        self.table.set_table(
+            Table(
+                "audit",
+                "Audit trail",
+                (
+                    Column("no.", None, [each.number for each in newest], format_spec="d"),
+                    Column("time", None, [each.time[:16].replace("T", " ") for each in newest]),
+                    Column("who", None, [each.by for each in newest]),
+                    Column("what", None, [each.action for each in newest]),
+                    Column("subject", None, [each.subject for each in newest]),
+                    Column("hash", None, [each.hash[:12] for each in newest]),
+                    Column("details", None, [_details(each) for each in newest]),
+                ),
+            )
+        )
+
+    def verify(self) -> None:
+        """Verify all lines and files in the background."""
+        folder, head, progress = self._folder, self.head_edit.text(), self.progress_row.progress
+        self._start("hashing files")
+        self._worker.submit(lambda: verify_audit(folder, head, progress), self._on_verified, self._on_error)
+
+    def begin(self) -> None:
+        """Begin the audit trail of the folder in the background."""
+        folder, progress = self._folder, self.progress_row.progress
+        self._start("hashing files")
+        self._worker.submit(lambda: begin_audit(folder, progress), self._on_begun, self._on_error)
+
+    def _start(self, text: str) -> None:
+        self._show_result("", "")
+        self.progress_row.start(text)
+        for button in (self.verify_button, self.begin_button):
+            button.setEnabled(False)
+
+    def _finish(self) -> None:
+        self.progress_row.finish()
+        for button in (self.verify_button, self.begin_button):
+            button.setEnabled(True)
+
+    def _on_verified(self, result: AuditResult) -> None:
+        self._finish()
+        lines = [f"✕ {problem}" for problem in result.problems[:SHOWN_PROBLEMS]]
+        if len(result.problems) > SHOWN_PROBLEMS:
+            lines.append(f"and {len(result.problems) - SHOWN_PROBLEMS} more: 'tactor-bench audit verify' lists all")
+        if result.unrecorded:
+            names = ", ".join(result.unrecorded[:3])
+            lines.append(f"? {pluralize(len(result.unrecorded), 'file')} not in the trail: {names}")
+        count = pluralize(len(result.entries), "line")
+        if result.problems:
+            lines.insert(0, f"{count}: {pluralize(len(result.problems), 'problem')}")
+        else:
+            so_far = (
+                ""
+                if self.head_edit.text().strip()
+                else "; a change that rewrites the whole trail shows only against a head hash kept elsewhere"
+            )
+            lines.insert(0, f"✓ {count} and all files are unchanged{so_far}. Head: {result.head[:16]}…")
+        self._show_result("\n".join(lines), "danger" if result.problems else "")
+
+    def _on_begun(self, _entry: AuditEntry) -> None:
+        self._finish()
+        self._reload()
+
+    def _on_error(self, error: Exception) -> None:
+        self._finish()
+        stopped = isinstance(error, OperationCancelled)
+        self._show_result("Stopped; nothing was decided." if stopped else str(error), "" if stopped else "danger")
+
+    def _show_result(self, text: str, kind: str) -> None:
+        self.result_label.setText(text)
+        self.result_label.setVisible(bool(text))
+        set_style_kind(self.result_label, kind)
+
+
+def _details(entry: AuditEntry) -> str:
+    shown = {name: value for name, value in entry.details.items() if value not in ("", [], None)}
+    files = [*entry.files][:SHOWN_FILES]
+    more = [f"and {len(entry.files) - SHOWN_FILES} more"] if len(entry.files) > SHOWN_FILES else []
+    return ", ".join([*(f"{name} {value}" for name, value in shown.items()), *files, *more])

@@ -1,0 +1,187 @@
+"""Pane of control charts: a golden specimen over time on each displacement sensor, and what drifted."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QComboBox, QWidget
+
+from app.common import Table
+from app.fleet.drift import DriftCause
+from app.fleet.values import Fleet
+from app.fleet.view import ChartView, golden_candidates, view_charts
+from app.gui.laboratory.chart_plot import ControlChartPlot
+from app.gui.laboratory.value_table import ValueTable
+from app.gui.widgets import (
+    BackgroundWorker,
+    Mode,
+    Theme,
+    WrappedRow,
+    choose_files,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_splitter,
+    set_style_kind,
+)
+
+DEFAULT_QUANTITY = "largest max - min"
+
+
+class ChartPane(QWidget):
+    """Charts a golden specimen of the folder that was read.
+
+    Args:
+        theme: first theme.
+        worker: computes what is shown, in the background.
+        say: shows a message; the second argument marks an error.
+    """
+
+    run_open_requested = Signal(str)
+    """Path of a run, from the folder."""
+
+    def __init__(self, theme: Theme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
+        super().__init__()
+        self._worker, self._say = worker, say
+        self._fleet: Fleet | None = None
+        self._folder = Path()
+        self.view: ChartView | None = None
+        self.golden, self.quantity, self.sensor = (
+            configure(
+                QComboBox(),
+                f"laboratory.chart.{name}",
+                accessibleName=name,
+                sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
+            )
+            for name in ("golden specimen", "quantity of the chart", "sensor")
+        )
+        self.export_button = make_button(
+            "Export …", self._choose_export, "choice", "The values of the charts as CSV, SI, every digit"
+        )
+        self.verdict_label = make_label(kind="caption", name="laboratory.chart.verdict")
+        self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
+        self.plot = ControlChartPlot(theme)
+        self.broken = ValueTable(theme, "laboratory.chart.broken", "values that break a rule")
+        bar = WrappedRow(
+            make_label("Golden specimen", wrap=False),
+            self.golden,
+            self.quantity,
+            self.sensor,
+            self.export_button,
+            spacing=6,
+        )
+        parts = make_splitter("laboratory/chart", (self.plot, 4), (self.broken, 1), orientation=Qt.Orientation.Vertical)
+        column(bar, self.verdict_label, self.notes_label, (parts, 1), parent=self, margins=(0, 0, 0, 0), spacing=4)
+        for combo in (self.golden, self.quantity):
+            combo.currentIndexChanged.connect(lambda _: self.update_view())
+        self.sensor.currentIndexChanged.connect(lambda _: self._show_chart())
+        self.broken.row_opened.connect(self._open_run)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.plot.set_theme(theme)
+        self.broken.set_theme(theme)
+
+    def show_fleet(self, folder: Path, fleet: Fleet | None, golden: str) -> None:
+        """Chart a specimen of a folder; `golden` is that of the file of limits, if any."""
+        self._folder, self._fleet = folder, fleet
+        if fleet is None:
+            self._show_view(None)
+            return
+        candidates = golden_candidates(fleet)
+        _fill(self.golden, candidates, golden)
+        _fill(self.quantity, fleet.names, DEFAULT_QUANTITY)
+        self.update_view()
+
+    def update_view(self) -> None:
+        """Compute the charts in the background, and show them."""
+        fleet, golden, quantity = self._fleet, self.golden.currentData(), self.quantity.currentData()
+        if fleet is None or not golden or not quantity:
+            return
+        self._worker.submit(
+            lambda: view_charts(fleet, golden, quantity), self._show_view, self._on_error, latest_only="charts"
+        )
+
+    def export(self, path: Path) -> None:
+        """Write the values of the charts as CSV in the background."""
+        if self.view is None:
+            return
+        table: Table = self.view.points
+        self._worker.submit(
+            lambda: table.to_csv(path),
+            lambda _: self._say(f"Written: {path}", False),
+            lambda error: self._say(f"{path} cannot be written: {error}", True),
+        )
+
+    def _show_view(self, view: ChartView | None) -> None:
+        self.view = view
+        with QSignalBlocker(self.sensor):
+            chosen = self.sensor.currentText()
+            self.sensor.clear()
+            for at, chart in enumerate(view.charts if view is not None else ()):
+                self.sensor.addItem(chart.sensor or "unknown sensor", at)
+            drifted = next((i for i, c in enumerate(view.charts if view is not None else ()) if c.cause.is_drift), 0)
+            self.sensor.setCurrentIndex(found if (found := self.sensor.findText(chosen)) >= 0 else drifted)
+        self.export_button.setEnabled(view is not None)
+        for widget in (self.sensor, self.plot, self.broken):
+            widget.setVisible(view is not None)
+        self._show_chart()
+        if view is not None:
+            self._say("", False)
+
+    def _show_chart(self) -> None:
+        view, at = self.view, self.sensor.currentData()
+        if view is None or at is None:
+            self.verdict_label.setText("")
+            self.notes_label.setText("")
+            return
+        chart = view.charts[at]
+        first = chart.first_signal
+        since = "" if first is None else f", first signal on {chart.values[first].start_time[:10]}"
+        match chart.cause:
+            case DriftCause.NOTHING:
+                text, kind = "✓ In control: no value breaks a rule", "caption"
+            case DriftCause.NO_LASTING_CHANGE:
+                text, kind = "A rule is broken, but nothing changed to stay", "caution"
+            case DriftCause.UNDECIDED:
+                text, kind = f"✕ Something changed to stay, bench or specimen is not decided{since}", "danger"
+            case cause:
+                text, kind = f"✕ Drift of the {cause}{since}", "danger"
+        self.verdict_label.setText(text)
+        set_style_kind(self.verdict_label, kind)
+        self.notes_label.setText("\n".join(view.notes))
+        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {view.selection.name}, {view.selection.about}"
+        self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
+        self.broken.set_table(view.broken[at])
+
+    def _on_error(self, error: Exception) -> None:
+        self._show_view(None)
+        self._say(f"No control chart: {error}", True)
+
+    def _open_run(self, row: int) -> None:
+        if self.view is not None and (at := self.sensor.currentData()) is not None:
+            number = self.view.broken[at].columns[0].values[row]
+            self.run_open_requested.emit(self.view.charts[at].values[number - 1].path)
+
+    def _choose_export(self) -> None:
+        mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
+        choose_files(
+            self,
+            "Export the values of the control charts",
+            lambda paths: self.export(paths[0]),
+            "CSV (*.csv)",
+            str(self._folder / f"control_chart{mark}.csv"),
+            Mode.AnyFile,
+        )
+
+
+def _fill(combo: QComboBox, names: tuple[str, ...], preferred: str) -> None:
+    """Offer names; what was chosen stays, or else the preferred one is chosen."""
+    chosen = combo.currentData()
+    with QSignalBlocker(combo):
+        combo.clear()
+        for name in names:
+            combo.addItem(name, name)
+        at = combo.findData(chosen) if chosen else -1
+        combo.setCurrentIndex(at if at >= 0 else max(combo.findData(preferred), 0))

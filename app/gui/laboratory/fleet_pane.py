@@ -1,0 +1,194 @@
+"""Pane of many specimens: filter, plot over time, statistics of a quantity, and the table of the specimens."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
+
+from app.common import Table
+from app.fleet.tables import Bounds
+from app.fleet.values import CALIBRATION, GROUPS, Fleet
+from app.fleet.view import FleetQuery, FleetView, view_fleet
+from app.gui.laboratory.fleet_plot import FleetPlot
+from app.gui.laboratory.value_table import ValueTable
+from app.gui.widgets import (
+    BackgroundWorker,
+    Mode,
+    Theme,
+    WrappedRow,
+    choose_files,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_splitter,
+)
+
+SINCE = (("any time", ""), ("30 days", "30d"), ("90 days", "90d"), ("a year", "365d"))
+SEARCH_DELAY_MS = 150
+
+
+class FleetPane(QWidget):
+    """Compares the specimens of the folder that was read.
+
+    Args:
+        theme: first theme.
+        worker: computes what is shown, in the background.
+        say: shows a message; the second argument marks an error.
+    """
+
+    run_open_requested = Signal(str)
+    """Path of a run, from the folder."""
+
+    def __init__(self, theme: Theme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
+        super().__init__()
+        self._worker, self._say = worker, say
+        self._fleet: Fleet | None = None
+        self._limits: Mapping[str, Bounds] = {}
+        self._folder = Path()
+        self.view: FleetView | None = None
+        self.quantity, self.batch, self.since, self.group_by = (
+            configure(
+                QComboBox(),
+                f"laboratory.{name}",
+                accessibleName=name,
+                sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
+            )
+            for name in ("quantity", "batch", "since", "group by")
+        )
+        self.batch.addItem("any batch", "")
+        for text, since in SINCE:
+            self.since.addItem(text, since)
+        for name in GROUPS:
+            self.group_by.addItem(f"by {name}", name)
+        self.search_edit = configure(
+            QLineEdit(),
+            "laboratory.search",
+            placeholderText="specimen, sensor or bench",
+            accessibleName="search",
+            clearButtonEnabled=True,
+            minimumWidth=170,
+        )
+        self.export_button = make_button(
+            "Export …",
+            self._choose_export,
+            "choice",
+            "The table of the specimens as CSV, SI, every digit",
+            "laboratory.export",
+        )
+        self.plot = FleetPlot(theme)
+        self.summary = ValueTable(theme, "laboratory.summary", "statistics of the quantity", sortable=False)
+        self.groups = ValueTable(theme, "laboratory.groups", "mean and spread of each group")
+        self.specimens = ValueTable(theme, "laboratory.specimens", "specimens")
+        self.outlier_label = make_label(
+            "bold: possible outlier, modified z-score above 3.5; ± is the total standard uncertainty; Enter opens the newest run",
+            "note",
+        )
+        tables = make_splitter(
+            "laboratory/tables", (self.summary, 3), (self.groups, 2), orientation=Qt.Orientation.Vertical
+        )
+        upper = make_splitter("laboratory/columns", (self.plot, 3), (tables, 2), sizes=[560, 330])
+        lower = QWidget()
+        column((self.specimens, 1), self.outlier_label, parent=lower, margins=(0, 0, 0, 0), spacing=2)
+        rows = make_splitter("laboratory/rows", (upper, 3), (lower, 2), orientation=Qt.Orientation.Vertical)
+        bar = WrappedRow(
+            self.quantity, self.batch, self.since, self.group_by, self.search_edit, self.export_button, spacing=6
+        )
+        column(bar, (rows, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)
+        self._search_timer = QTimer(self, singleShot=True, interval=SEARCH_DELAY_MS)
+        self._search_timer.timeout.connect(self.update_view)
+        self.search_edit.textChanged.connect(lambda _: self._search_timer.start())
+        for combo in (self.quantity, self.batch, self.since, self.group_by):
+            combo.currentIndexChanged.connect(lambda _: self.update_view())
+        self.specimens.row_selected.connect(lambda row: self.plot.show_specimen(self._specimen_at(row)))
+        self.specimens.row_opened.connect(self._open_newest)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self.plot.set_theme(theme)
+        for table in (self.summary, self.groups, self.specimens):
+            table.set_theme(theme)
+
+    def show_fleet(self, folder: Path, fleet: Fleet | None, limits: Mapping[str, Bounds]) -> None:
+        """Show the specimens of a folder; None: there are none."""
+        self._folder, self._fleet, self._limits = folder, fleet, limits
+        if fleet is None:
+            self._show_view(None)
+            return
+        self._fill(self.quantity, fleet.names)
+        self._fill(self.batch, sorted({v.batch for v in fleet.values}), "any batch")
+        self.update_view()
+
+    def update_view(self) -> None:
+        """Compute in the background what the filter selects, and show it."""
+        fleet, limits = self._fleet, self._limits
+        if fleet is None:
+            return
+        query = FleetQuery(
+            self.quantity.currentData() or "",
+            self.batch.currentData() or "",
+            self.search_edit.text(),
+            self.since.currentData(),
+            self.group_by.currentData(),
+        )
+        self._worker.submit(
+            lambda: view_fleet(fleet, query, limits), self._show_view, self._on_error, latest_only="fleet view"
+        )
+
+    def export(self, path: Path) -> None:
+        """Write the table of the specimens as CSV in the background."""
+        if self.view is None:
+            return
+        table: Table = self.view.specimens
+        self._worker.submit(
+            lambda: table.to_csv(path),
+            lambda _: self._say(f"Written: {path}", False),
+            lambda error: self._say(f"{path} cannot be written: {error}", True),
+        )
+
+    def _show_view(self, view: FleetView | None) -> None:
+        self.view = view
+        self.export_button.setEnabled(view is not None)
+        self.plot.show_view(view)
+        empty = Table("", "", ())
+        self.summary.set_table(view.summary if view is not None else empty)
+        self.groups.set_table(view.by_group if view is not None else empty)
+        self.specimens.set_table(view.specimens if view is not None else empty)
+        if view is not None:
+            self._say("", False)
+
+    def _on_error(self, error: Exception) -> None:
+        self._show_view(None)
+        self._say(str(error), True)
+
+    def _fill(self, combo: QComboBox, names: "tuple[str, ...] | list[str]", first: str = "") -> None:
+        chosen = combo.currentData()
+        with QSignalBlocker(combo):
+            combo.clear()
+            if first:
+                combo.addItem(first, "")
+            for name in names:
+                combo.addItem(name, name)
+            combo.setCurrentIndex(max(combo.findData(chosen), 0))
+
+    def _specimen_at(self, row: int) -> str:
+        return "" if row < 0 or self.view is None else str(self.view.specimens.columns[0].values[row])
+
+    def _open_newest(self, row: int) -> None:
+        specimen = self._specimen_at(row)
+        runs = [] if self.view is None else [v for v in self.view.selection.values if v.specimen == specimen]
+        measured = [v for v in runs if v.protocol != CALIBRATION]
+        if measured:
+            self.run_open_requested.emit(measured[-1].path)
+
+    def _choose_export(self) -> None:
+        mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
+        choose_files(
+            self,
+            "Export the table of the specimens",
+            lambda paths: self.export(paths[0]),
+            "CSV (*.csv)",
+            str(self._folder / f"specimens{mark}.csv"),
+            Mode.AnyFile,
+        )

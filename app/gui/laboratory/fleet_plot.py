@@ -1,0 +1,162 @@
+"""Plot of a quantity of many specimens over time, by group, with mean, spread, limits and outliers."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QWidget
+
+from app.common import display_unit, format_quantity
+from app.fleet.values import FleetValue
+from app.fleet.view import FleetView
+from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, legend_share
+from app.gui.plots.items import BarsItem, ScatterItem
+from app.gui.plots.response_plot import hover_text
+from app.gui.widgets import Theme
+
+MAX_BARS = 400
+"""Values up to which each has its error bar: more of them hide the points."""
+
+
+class FleetPlot(PlotBase):
+    """A symbol for each value, ringed if the specimen is an outlier or selected."""
+
+    ACCESSIBLE_NAME = "plot: values of many specimens over time"
+    LOG_AXES = (False, False)
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False, axisItems={"bottom": pg.DateAxisItem()})
+        super().__init__(theme, parent, canvas=canvas, grid=True)
+        self._view: FleetView | None = None
+        self._specimen = ""
+        self._add_legend()
+        self.scatters: list[ScatterItem] = []
+        self._bars: list[BarsItem] = []
+        self.lines: list[pg.InfiniteLine] = []
+        self.outliers, self.selected = (ScatterItem(size=size, brush=None) for size in (15, 19))
+        for item in (self.outliers, self.selected):
+            item.setZValue(5)
+            self.plot.addItem(item)
+        self._add_head()
+        self.plot.getViewBox().sigResized.connect(self._rescale)
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        super().set_theme(theme)
+        self.show_view(self._view)
+
+    def show_view(self, view: FleetView | None) -> None:
+        """Draw the values of a view."""
+        self._view = view
+        for item in (*self.scatters, *self._bars, *self.lines):
+            self.plot.removeItem(item)
+        self.legend.clear()
+        self.scatters, self._bars, self.lines = [], [], []
+        self.show_simulated(view is not None and view.simulated)
+        if view is None:
+            self.corner_label.set_text("")
+            self.outliers.clear()
+            self.selected.clear()
+            return
+        factor, unit = display_unit(view.selection.unit)
+        self.plot.setLabel("left", f"{view.selection.name} ({unit})" if unit else view.selection.name)
+        self.corner_label.set_text(view.selection.about)
+        with_bars = sum(group.values.size for group in view.groups) <= MAX_BARS
+        for at, group in enumerate(view.groups):
+            color = curve_color(at, self._theme)
+            there = np.isfinite(group.times_s) & np.isfinite(group.values)
+            x, y = group.times_s[there], factor * group.values[there]
+            texts = [_describe(v) for v, shown in zip(group.sources, there, strict=True) if shown]
+            scatter = ScatterItem(size=7, hoverable=True, hoverSize=11, tip=hover_text, pen=pg.mkPen(color))
+            scatter.setBrush(pg.mkBrush(color))
+            scatter.setData(x=x, y=y, data=texts)
+            self.plot.addItem(scatter)
+            self.scatters.append(scatter)
+            if with_bars:
+                bars = BarsItem(beam=0.0, pen=pg.mkPen(color))
+                bars.setData(x=x, y=y, height=2 * factor * np.nan_to_num(group.errors[there]))
+                self.plot.addItem(bars)
+                self._bars.append(bars)
+            if 1 < len(view.groups) <= MAX_LEGEND_ENTRIES:
+                self.legend.addItem(scatter, group.name)
+        self._draw_lines(view, factor)
+        self._draw_rings()
+        self._rescale()
+
+    def show_specimen(self, specimen: str) -> None:
+        """Ring the values of a specimen; empty for none."""
+        self._specimen = specimen
+        self._draw_rings()
+
+    def _draw_lines(self, view: FleetView, factor: float) -> None:
+        mean, sd = factor * view.spread.mean, factor * view.spread.sd
+        styles = [(mean, "mean", self._theme.text, Qt.PenStyle.SolidLine)]
+        if np.isfinite(sd):
+            styles += [
+                (mean + side * sd, f"{'+' if side > 0 else '−'}1 sd", self._theme.secondary_text, Qt.PenStyle.DotLine)
+                for side in (1, -1)
+            ]
+        for value, name in zip(view.bounds or (), ("lower limit", "upper limit"), strict=False):
+            if value is not None:
+                styles.append((factor * value, name, self._theme.error, Qt.PenStyle.DashLine))
+        for value, name, color, style in styles:
+            line = pg.InfiniteLine(
+                value,
+                angle=0,
+                pen=pg.mkPen(color, style=style),
+                label=name,
+                labelOpts={"position": 0.995, "anchors": [(1, 1), (1, 1)], "color": QColor(color)},
+            )
+            self.plot.addItem(line, ignoreBounds=True)
+            self.lines.append(line)
+
+    def _draw_rings(self) -> None:
+        view = self._view
+        if view is None:
+            return
+        factor = display_unit(view.selection.unit)[0]
+        newest = [v for v in view.selection.newest if v.specimen in view.outliers]
+        chosen = [v for v in view.selection.values if v.specimen == self._specimen] if self._specimen else []
+        for item, values, color in (
+            (self.outliers, newest, self._theme.warning),
+            (self.selected, chosen, self._theme.accent),
+        ):
+            shown = [v for v in values if np.isfinite(v.time_s)]
+            item.setPen(pg.mkPen(color, width=2))
+            item.setData(
+                x=np.array([v.time_s for v in shown], float), y=factor * np.array([v.value for v in shown], float)
+            )
+
+    def _rescale(self, *_: object) -> None:
+        """Show all values and the lines, with space for the legend above them."""
+        groups = self._view.groups if self._view is not None else ()
+        if not groups or self._view is None:
+            return
+        factor = display_unit(self._view.selection.unit)[0]
+        x, y = (np.concatenate(parts) for parts in zip(*((g.times_s, factor * g.values) for g in groups), strict=True))
+        x = x[np.isfinite(x)]
+        ends = [float(y.min()), float(y.max()), *(float(line.value()) for line in self.lines)]
+        low, high = min(ends), max(ends)
+        margin = 0.06 * ((high - low) or abs(high) or 1.0)
+        low, high = low - margin, high + margin
+        high = low + (high - low) / (1 - legend_share(self.legend, self.plot))
+        if x.size:
+            day = 86400.0
+            self.plot.setXRange(float(x.min()) - day, float(x.max()) + day, padding=0.04)
+        self.plot.setYRange(low, high, padding=0)
+
+    def _series(self) -> Iterable[PlotSeries]:
+        groups = self._view.groups if self._view is not None else ()
+        factor = display_unit(self._view.selection.unit)[0] if self._view is not None else 1.0
+        return [PlotSeries(g.name, g.times_s, factor * g.values, factor * g.errors) for g in groups]
+
+    def _column_names(self) -> tuple[str, str]:
+        return "seconds since 1970", self.plot.getAxis("left").labelText
+
+
+def _describe(value: FleetValue) -> str:
+    """Return the text of a point."""
+    found = format_quantity(value.value, value.total, value.unit)
+    return f"{value.specimen}, {value.start_time[:10]}: {found}\n{value.batch}, {value.sensor or value.protocol}"

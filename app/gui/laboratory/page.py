@@ -1,0 +1,329 @@
+"""Laboratory page: many specimens, control charts, calibration certificates and audit trail of the folder of runs."""
+
+import sqlite3
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import cast
+
+from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
+
+from app.archive import Catalogue
+from app.common import Progress
+from app.common.audit_log import AuditEntry, AuditError, read_entries
+from app.config.certificate import Certificate, read_certificates
+from app.fleet.tables import Bounds
+from app.fleet.values import Fleet, FleetError, read_fleet
+from app.gui.laboratory.audit_pane import AuditPane
+from app.gui.laboratory.certificates_pane import CertificatesPane
+from app.gui.laboratory.chart_pane import ChartPane
+from app.gui.laboratory.fleet_pane import FleetPane
+from app.gui.widgets import (
+    STRETCH,
+    BackgroundWorker,
+    ProgressRow,
+    StatusLine,
+    Theme,
+    column,
+    configure,
+    make_choice,
+    make_label,
+    row,
+)
+from app.session import WindowState
+
+SPECIMENS, CHART, CERTIFICATES, AUDIT = range(4)
+Pane = FleetPane | ChartPane | CertificatesPane | AuditPane
+VIEWS = ("Specimens", "Control chart", "Certificates", "Audit trail")
+
+
+@dataclass(frozen=True)
+class FolderRecords:
+    """What the page shows of a folder of runs.
+
+    Attributes:
+        fleet: values of its specimens; None if no run has a result.
+        problem: why there is no fleet, or no limits.
+        audit_problems: what is wrong with lines of the audit trail, as sentences.
+    """
+
+    folder: Path
+    fleet: Fleet | None = None
+    limits: Mapping[str, Bounds] = field(default_factory=dict)
+    golden: str = ""
+    problem: str = ""
+    certificates: Sequence[Certificate] = ()
+    certificate_problems: Sequence[str] = ()
+    entries: Sequence[AuditEntry] = ()
+    audit_problems: Sequence[str] = ()
+
+
+def read_records(
+    folder: Path, index: Path | None, simulated: bool | None, progress: Progress, excluded: Sequence[Path] = ()
+) -> FolderRecords:
+    """Return what the page shows of a folder; a cancelled scan leaves what was read before.
+
+    Args:
+        folder: of the runs.
+        index: path of its catalogue; None for the usual one.
+        simulated: whether simulated runs are meant; None: real ones, and simulated ones if there are no others.
+        progress: of the scan.
+        excluded: files that are not read, because a run writes them.
+    """
+    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits  # its imports take half a second
+
+    fleet, limits, problem = None, None, ""
+    try:
+        if not folder.is_dir():
+            raise FleetError(f"there is no folder {folder} yet: it is made by the first run")
+        catalogue = Catalogue(folder, index)
+        if not catalogue.scan(progress, tuple(excluded)).complete:
+            problem = "Reading was stopped: runs that were not read before are missing."
+        fleet = read_fleet(folder, catalogue, simulated)
+    except FleetError as error:
+        problem = f"No specimens: {error}"
+    except (sqlite3.Error, OSError) as error:
+        problem = f"The index of {folder} cannot be used: {error}"
+    if (path := folder / LIMITS_FILE_NAME).exists():
+        try:
+            limits = read_limits(path)
+        except LimitsError as error:
+            problem = problem or str(error)
+    certificates, damaged = read_certificates(folder)
+    try:
+        entries, audit_problems = read_entries(folder)
+    except (AuditError, OSError) as error:
+        entries, audit_problems = [], []
+        if (folder / "audit.jsonl").exists():
+            audit_problems = [str(error)]
+    return FolderRecords(
+        folder,
+        fleet,
+        {} if limits is None else limits.bounds,
+        "" if limits is None else limits.golden,
+        problem,
+        certificates,
+        damaged,
+        entries,
+        audit_problems,
+    )
+
+
+class _Contents(QWidget):
+    """Contents that scroll only below their least height: a scroll area gives texts that wrap their preferred one."""
+
+    def hasHeightForWidth(self) -> bool:
+        return False
+
+
+class LaboratoryPage(QWidget):
+    """Four views of one folder; each is created when it is first shown.
+
+    Args:
+        folder: returns the folder of the runs.
+        theme: first theme.
+        index: path of the catalogue; None for the usual one.
+    """
+
+    title = "Laboratory"
+    run_open_requested = Signal(object)
+    """Path of a run to open."""
+
+    def __init__(self, folder: Callable[[], Path], theme: Theme, index: Path | None = None) -> None:
+        super().__init__()
+        self._folder, self._index, self._theme = folder, index, theme
+        self._worker = BackgroundWorker("laboratory", self)
+        self._records: FolderRecords | None = None
+        self._excluded: tuple[Path, ...] = ()
+        self._busy, self._read_due, self._reading = False, True, False
+        self._shown = dict[int, FolderRecords]()
+        """What each view shows."""
+        self.buttons = QButtonGroup(self)
+        choices = []
+        for at, text in enumerate(VIEWS):
+            button = configure(make_choice(text, checkable=True), f"laboratory.view.{text.split()[0].lower()}")
+            self.buttons.addButton(button, at)
+            choices.append(button)
+        choices[SPECIMENS].setChecked(True)
+        self.simulated_mark = make_label("SIMULATED", "simulated-mark", wrap=False, name="laboratory.simulated")
+        self.simulated_mark.hide()
+        self.kind_button = make_choice("Simulated runs", "Real and simulated runs are never mixed", checkable=True)
+        self.kind_button.hide()
+        self.count_label = make_label(kind="note", wrap=False, name="laboratory.count")
+        self.message_label = configure(StatusLine(), "laboratory.message")
+        self.progress_row = ProgressRow()
+        self.stack = QStackedWidget()
+        self._panes: dict[int, Pane] = {}
+        top = row(
+            *choices, STRETCH, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
+        )
+        contents, none = _Contents(), (0, 0, 0, 0)
+        column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, margins=none, spacing=6)
+        column(contents, parent=self, margins=none)
+        self.buttons.idClicked.connect(lambda _: self.show_view(self.view))
+        self.kind_button.clicked.connect(lambda _: self.reload())
+
+    # -- interface to the main window ----------------------------------------------------------------------------------
+
+    @property
+    def view(self) -> int:
+        """The chosen view."""
+        return self.buttons.checkedId()
+
+    @property
+    def fleet(self) -> FleetPane:
+        """The specimens, created if necessary."""
+        return cast("FleetPane", self._pane(SPECIMENS))
+
+    @property
+    def chart(self) -> ChartPane:
+        """The control charts, created if necessary."""
+        return cast("ChartPane", self._pane(CHART))
+
+    @property
+    def certificates(self) -> CertificatesPane:
+        """The certificates, created if necessary."""
+        return cast("CertificatesPane", self._pane(CERTIFICATES))
+
+    @property
+    def audit(self) -> AuditPane:
+        """The audit trail, created if necessary."""
+        return cast("AuditPane", self._pane(AUDIT))
+
+    def set_state(self, view: WindowState) -> None:
+        """Show a window state; the folder is read again after a run."""
+        self._read_due = self._read_due or (self._busy and not view.busy)
+        self._busy = view.busy
+
+    def set_active_file(self, path: Path | None) -> None:
+        """Set the run file that this program is writing, which is not read."""
+        self._excluded = () if path is None else (path,)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Apply a theme."""
+        self._theme = theme
+        for pane in self._panes.values():
+            pane.set_theme(theme)
+
+    def activate(self) -> None:
+        """Take the keyboard focus; what other programs wrote meanwhile is read."""
+        self._read_due = True
+        self.show_view(self.view)
+        self.buttons.button(self.view).setFocus()
+
+    def tick(self) -> None:
+        """Read the folder if another one is meant, or a run has ended."""
+        changed = self._records is not None and self._records.folder != self._folder()
+        if (self._read_due or changed) and not self._reading and self.isVisible():
+            self.reload()
+
+    def shutdown(self) -> None:
+        """Stop background threads."""
+        self.progress_row.request_cancel()
+        self._worker.close()
+        if AUDIT in self._panes:
+            self.audit.shutdown()
+
+    def save_state(self, settings: QSettings) -> None:
+        """Save the chosen view."""
+        settings.setValue("laboratory/view", self.view)
+
+    def restore_state(self, settings: QSettings) -> None:
+        """Restore the chosen view."""
+        last = str(settings.value("laboratory/view", ""))
+        if last.isdigit() and int(last) < len(VIEWS):
+            self.buttons.button(int(last)).setChecked(True)
+
+    # -- commands ------------------------------------------------------------------------------------------------------
+
+    def show_view(self, view: int) -> None:
+        """Show one of the views."""
+        self.buttons.button(view).setChecked(True)
+        self.stack.setCurrentWidget(self._pane(view))
+        self._show_records()
+
+    def reload(self) -> None:
+        """Read the folder in the background."""
+        if self._reading:
+            return
+        folder, index, excluded = self._folder(), self._index, self._excluded
+        simulated = True if self.kind_button.isChecked() else None
+        self._reading, self._read_due = True, False
+        self.progress_row.start("reading runs")
+        progress = self.progress_row.progress
+        self._worker.submit(
+            lambda: read_records(folder, index, simulated, progress, excluded), self._on_read, self._on_error
+        )
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _pane(self, view: int) -> Pane:
+        if view not in self._panes:
+            self._panes[view] = pane = self._make_pane(view)
+            self.stack.addWidget(pane)
+        return self._panes[view]
+
+    def _make_pane(self, view: int) -> Pane:
+        if view == CERTIFICATES:
+            return CertificatesPane(self._theme)
+        if view == AUDIT:
+            return AuditPane(self._theme, self.reload)
+        kind = FleetPane if view == SPECIMENS else ChartPane
+        pane = kind(self._theme, self._worker, self._say)
+        pane.run_open_requested.connect(self._open_run)
+        return pane
+
+    def _on_read(self, records: FolderRecords) -> None:
+        self._reading = False
+        self.progress_row.finish()
+        self._records = records
+        self._shown.clear()
+        fleet = records.fleet
+        self.simulated_mark.setVisible(fleet is not None and fleet.simulated)
+        self.kind_button.setVisible(self.kind_button.isChecked() or (fleet is not None and fleet.left_out > 0))
+        specimens = 0 if fleet is None else len({v.specimen for v in fleet.values})
+        runs = 0 if fleet is None else len({v.path for v in fleet.values})
+        self.count_label.setText(f"{specimens:,} specimens, {runs:,} runs with results".replace(",", " "))
+        today = datetime.now(UTC).date()
+        states = [each.state(today) for each in records.certificates]
+        expired = states.count("expired")
+        soon = states.count("due soon")
+        mark = f"   {expired} expired" if expired else f"   {soon} due soon" if soon else ""
+        self.buttons.button(CERTIFICATES).setText(VIEWS[CERTIFICATES] + mark)
+        self._show_records()
+        QTimer.singleShot(0, self, lambda: self._pane(CHART))  # which takes longest to make, before it is selected
+
+    def _show_records(self) -> None:
+        """Show in the visible view what was read, once."""
+        records, view = self._records, self.view
+        if records is None or self._shown.get(view) is records:
+            return
+        self._shown[view] = records
+        self._say(records.problem if view in (SPECIMENS, CHART) else "", bool(records.problem))
+        match view:
+            case 0:
+                self.fleet.show_fleet(records.folder, records.fleet, records.limits)
+            case 1:
+                self.chart.show_fleet(records.folder, records.fleet, records.golden)
+            case 2:
+                self.certificates.show_certificates(
+                    records.certificates, records.certificate_problems, datetime.now(UTC).date()
+                )
+            case _:
+                self.audit.show_entries(records.folder, records.entries, records.audit_problems)
+
+    def _on_error(self, error: Exception) -> None:
+        self._reading = False
+        self.progress_row.finish()
+        self._say(str(error), True)
+
+    def _say(self, text: str, is_error: bool) -> None:
+        if not text and self._records is not None and self._records.problem and self.view in (SPECIMENS, CHART):
+            text, is_error = self._records.problem, True
+        self.message_label.show_message(text, is_error=is_error)
+
+    def _open_run(self, path: str) -> None:
+        if self._records is not None:
+            self.run_open_requested.emit(self._records.folder / path)
