@@ -8,9 +8,11 @@ import hashlib
 import os
 import sqlite3
 import tempfile
+import time
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +20,7 @@ from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 from app.common import NO_PROGRESS, Progress
 
-SCHEMA = 8
+SCHEMA = 9
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
 
 FIGURE_FIELDS = frozenset(
@@ -41,6 +43,12 @@ FIGURE_FIELDS = frozenset(
 
 SHORT_SCAN_FILES = 20
 """A scan of so few files ends before a text could be read."""
+
+PAGE_BYTES, MAPPED_BYTES = 65_536, 200_000_000
+"""Largest pages of SQLite and a mapped file: a list of ten thousand runs takes two thirds of the time."""
+
+UNSETTLED, SETTLED_NS = -1, 2_000_000_000
+"""Two changes within this time may give a folder the same modification time: some file systems store even seconds."""
 
 FILES_PER_COMMIT = 100
 """Files read between two commits; other connections see the entries after a commit."""
@@ -78,6 +86,8 @@ class _FolderListing:
     runs: dict[str, os.stat_result] = field(default_factory=dict)
     notes: dict[str, int] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
+    folder_times: dict[str, int] = field(default_factory=dict)
+    """Modification time of each folder, taken before it was listed; `UNSETTLED` where a later change may have the same one."""
 
     def notes_path_of(self, run: str) -> str:
         """Return the notes of a run: next to it, or at its former place if the run file was moved alone."""
@@ -101,12 +111,14 @@ class Catalogue:
     def __init__(self, folder: Path, index: Path | None = None) -> None:
         self.folder = folder
         self.index = index or index_path(folder)
+        self._folder_times: dict[str, int] = {}
 
     def entries(self) -> list[RunSummary]:
         """Return every indexed run, newest first."""
         with self._connection() as db:
-            rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
-            return list(map(RunSummary._make, rows))
+            rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs").fetchall()  # noqa: S608
+        # Sorting here takes a fifth of the time that SQLite needs, which copies the rows.
+        return sorted(map(RunSummary._make, rows), key=attrgetter("start_time", "path"), reverse=True)
 
     def figure_entries(self) -> list[RunSummary]:
         """Return the indexed runs that have figures, oldest first, with only the fields by which they are compared."""
@@ -124,6 +136,7 @@ class Catalogue:
         """
         left = {str(path.resolve()) for path in exclude}
         walk = _list_folder(self.folder)
+        self._folder_times = walk.folder_times
         added = changed = 0
         with self._connection() as db:
             known = {
@@ -156,6 +169,11 @@ class Catalogue:
                 if done % FILES_PER_COMMIT == 0:
                     db.commit()
         return ScanResult(added, changed, len(gone), tuple(walk.skipped))
+
+    def has_changed_folder(self) -> bool:
+        """Whether files were added, moved or deleted since the last scan, by the modification times of the folders."""
+        known = self._folder_times
+        return any(_modified_ns(self.folder / inside) != seen for inside, seen in known.items())
 
     def upsert(self, entries: Sequence[RunSummary]) -> None:
         """Insert or replace entries unchecked; the next scan corrects those that do not match the files."""
@@ -191,6 +209,7 @@ class Catalogue:
             db = sqlite3.connect(self.index, timeout=10.0)
             try:
                 if self._ensure_schema(db):
+                    db.execute(f"PRAGMA mmap_size = {MAPPED_BYTES}")
                     return db
             except sqlite3.OperationalError:
                 db.close()
@@ -210,6 +229,7 @@ class Catalogue:
             return True
         if version != 0 or db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             return False
+        db.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         db.execute("PRAGMA journal_mode = WAL")
         db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(RunSummary._fields[1:])}) WITHOUT ROWID")
         db.execute(f"PRAGMA user_version = {SCHEMA}")
@@ -253,12 +273,21 @@ def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[
             walk.notes[path] = stat.st_mtime_ns
 
 
+def _modified_ns(folder: Path) -> int:
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
 def _list_folder(folder: Path) -> _FolderListing:
     """List run files and notes in a folder and below by relative path; hidden folders are skipped."""
     walk = _FolderListing()
     pending = [""]
     while pending:
         inside = pending.pop()
+        modified_ns = _modified_ns(folder / inside)
+        walk.folder_times[inside] = UNSETTLED if time.time_ns() - modified_ns < SETTLED_NS else modified_ns
         try:
             with os.scandir(folder / inside) as items:
                 for item in items:

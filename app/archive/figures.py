@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocols.base import usable_mask
-from protocols.runfile.reader import Run
+from protocols.runfile.overview import LargestPoint, RunOverview
 
 LENGTH_UNITS = ("m", "m/V", "m/N")
 """Units of what scales with the gain of the displacement sensor."""
@@ -33,35 +32,27 @@ class RunFigure(NamedTuple):
     condition: str = ""
 
 
-def run_figures(run: Run) -> tuple[RunFigure, ...]:
+def run_figures(run: RunOverview) -> tuple[RunFigure, ...]:
     """Return the figures of a run; without those that are not finite."""
     gain = run.sensor.gain_relative_uncertainty
     found = [
         _figure(e.name, e.value, e.standard_error, e.unit, gain if e.unit in LENGTH_UNITS else 0.0)
-        for e in run.estimates()
+        for e in run.estimates
     ]
-    if run.protocol == AMPLITUDE_PROTOCOL and run.point_count:
-        found += _amplitude_figures(run, gain)
+    if run.protocol == AMPLITUDE_PROTOCOL and run.largest is not None:
+        found += _amplitude_figures(run.largest, gain)
     return tuple(f for f in found if math.isfinite(f.value) and math.isfinite(f.total))
 
 
-def _amplitude_figures(run: Run, gain: float) -> Iterator[RunFigure]:
+def _amplitude_figures(top: LargestPoint, gain: float) -> Iterator[RunFigure]:
     """Yield the largest max - min of the usable points, and its margin over the perception threshold."""
-    points = run.points()
     from model.response import perception_margin  # slow to import
 
-    names = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
-    if not all(name in points for name in names):
-        return
-    f, y, errors, drive, quality = (np.asarray(points[name], float) for name in names)
-    good = usable_mask(quality) & np.isfinite(y) & np.isfinite(errors) & (f > 0) & (drive > 0)
-    if not good.any():
-        return
-    top = int(np.flatnonzero(good)[y[good].argmax()])
-    condition = f"{2 * float(np.median(drive[good])):.2g} V"
-    yield _figure(LARGEST, float(y[top]), float(errors[top]), "m", gain, condition)
-    margin = float(perception_margin(f[top : top + 1], y[top : top + 1])[0])
-    yield _figure(MARGIN, margin, margin * float(errors[top] / y[top]) if y[top] else math.nan, "1", gain, condition)
+    y, error = top.peak_to_peak_m, top.error_m
+    condition = f"{2 * top.median_drive_v:.2g} V"
+    yield _figure(LARGEST, y, error, "m", gain, condition)
+    margin = float(perception_margin(np.array([top.frequency_hz]), np.array([y]))[0])
+    yield _figure(MARGIN, margin, margin * error / y if y else math.nan, "1", gain, condition)
 
 
 def _figure(name: str, value: float, error: float, unit: str, gain: float, condition: str = "") -> RunFigure:

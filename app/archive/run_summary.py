@@ -1,7 +1,7 @@
 """Summary of a run file, the row of the catalogue; filters for lists of runs."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -13,9 +13,10 @@ from app.archive.notes import Notes
 from app.common import OUTCOME_SYMBOLS, Severity, format_estimate, outcome_severity
 from drivers import LaserSensor
 from model import EstimatedQuantity
-from protocols.base import Outcome, RunStatus
+from protocols.base import Outcome, RunStatus, Verdict
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
+from protocols.runfile.overview import RunOverview, overview_of, read_overview
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
 
 STALE_AFTER_S = 600.0
@@ -244,36 +245,13 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
     A file that cannot be read has a summary too, with the reason.
     """
     try:
+        known = read_overview(file)
+        if known is not None and not _needs_points(known):
+            return _summary(file, path, known, _named_failures(known.verdict))
         with Run(file) as run, translate_read_errors(file):
-            state = RunState(run.state)
-            estimates = run.estimates()
-            reason, verdict = run.reason, run.verdict
-            if state is RunState.RUNNING and not reason:
-                reason = _running_reason(file)
-            elif state is RunState.CRASHED and not reason:
-                reason = "the program that wrote it is gone; everything up to its end is in the file"
-            return _with_search_text(
-                RunSummary(
-                    path=path,
-                    state=state,
-                    reason=reason,
-                    protocol=run.protocol,
-                    specimen=run.specimen,
-                    start_time=run.start_time,
-                    simulated=int(run.simulated),
-                    points=run.point_count,
-                    entries=run.entry_count,
-                    seconds=run.trace.duration_s,
-                    parameters_json=json.dumps(run.parameters),
-                    requested_json=json.dumps(run.requested),
-                    estimates_json=json.dumps([asdict(estimate) for estimate in estimates]),
-                    verdict=str(verdict.outcome),
-                    verdict_reasons="; ".join(verdict.reasons),
-                    failed_checks=", ".join(_failed_checks(run)),
-                    found="; ".join(map(format_estimate, estimates)),
-                    **_circumstances(run),
-                )
-            )
+            known = overview_of(run)
+            failed = _failed_checks(run) if _needs_points(known) else _named_failures(known.verdict)
+            return _summary(file, path, known, failed)
     except NotARunError as error:
         # A truncated run may lack its format attribute; its name still identifies it.
         entry = summary_from_file_name(path, RunState.DAMAGED, f"{error}; or it is damaged: copy it again")
@@ -284,24 +262,45 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
         return summary_from_file_name(path, RunState.DAMAGED, str(error)) if file.exists() else None
 
 
-def _circumstances(run: Run) -> dict[str, Any]:
-    """Return operator, air, bench and instruments of a run; empty for an import, which has no bench."""
-    conditions, configuration, sensor = run.conditions, run.configuration, run.sensor
-    return {
-        "operator": conditions.operator,
-        "temperature_c": conditions.temperature_c,
-        "humidity": conditions.humidity,
-        "bench": str(configuration.get("name", "")),
-        "instruments": instruments_text(run),
-        "sensor": " ".join(filter(None, (sensor.name, sensor.serial and f"#{sensor.serial}"))),
-        "figures_json": json.dumps(run_figures(run)),
-    }
+def _summary(file: Path, path: str, run: RunOverview, failed_checks: Sequence[str]) -> RunSummary:
+    state, reason = RunState(run.state), run.reason
+    if state is RunState.RUNNING and not reason:
+        reason = _running_reason(file)
+    elif state is RunState.CRASHED and not reason:
+        reason = "the program that wrote it is gone; everything up to its end is in the file"
+    return _with_search_text(
+        RunSummary(
+            path=path,
+            state=state,
+            reason=reason,
+            protocol=run.protocol,
+            specimen=run.specimen,
+            start_time=run.start_time,
+            simulated=int(run.simulated),
+            points=run.point_count,
+            entries=run.entry_count,
+            seconds=run.duration_s,
+            parameters_json=json.dumps(run.parameters),
+            requested_json=json.dumps(run.requested),
+            estimates_json=json.dumps([asdict(estimate) for estimate in run.estimates]),
+            verdict=str(run.verdict.outcome),
+            verdict_reasons="; ".join(run.verdict.reasons),
+            failed_checks=", ".join(failed_checks),
+            found="; ".join(map(format_estimate, run.estimates)),
+            operator=run.conditions.operator,
+            temperature_c=run.conditions.temperature_c,
+            humidity=run.conditions.humidity,
+            bench=run.bench_name,
+            instruments=instruments_text(run),
+            sensor=" ".join(filter(None, (run.sensor.name, run.sensor.serial and f"#{run.sensor.serial}"))),
+            figures_json=json.dumps(run_figures(run)),
+        )
+    )
 
 
-def instruments_text(run: Run) -> str:
+def instruments_text(run: Run | RunOverview) -> str:
     """Return the identities of the instruments with serial numbers, and the state of the sensor's calibration."""
-    identities = run.configuration.get("identities", {})
-    others = (str(identity) for role, identity in identities.items() if role != "sensor")
+    others = (str(identity) for role, identity in run.identities.items() if role != "sensor")
     return "; ".join((*others, calibration_text(run.sensor, run.start_time)))
 
 
@@ -314,15 +313,21 @@ def calibration_text(sensor: LaserSensor, start_time: str) -> str:
     return f"{' '.join(filter(None, (sensor.name, sensor.serial and f'#{sensor.serial}')))} {dates}, {state}"
 
 
-def _failed_checks(run: Run) -> list[str]:
+def _needs_points(run: RunOverview) -> bool:
+    """Whether the checks of a run are known from its points only; other protocols' checks cost a fit."""
     kind = PROTOCOLS.get(run.protocol)
-    if run.verdict.outcome is not Outcome.NOT_JUDGED or kind is None or run.status is not RunStatus.COMPLETED:
-        return [check.name for check in run.verdict.failed_checks if check.consequence is Outcome.DID_NOT_PASS]
-    if not kind.passes_or_fails:  # its checks cost a fit
-        return []
+    ended = run.state in (RunState.COMPLETED, RunState.IMPORTED)
+    return run.verdict.outcome is Outcome.NOT_JUDGED and ended and kind is not None and kind.passes_or_fails
+
+
+def _named_failures(verdict: Verdict) -> list[str]:
+    return [check.name for check in verdict.failed_checks if check.consequence is Outcome.DID_NOT_PASS]
+
+
+def _failed_checks(run: Run) -> list[str]:
+    kind = PROTOCOLS[run.protocol]
     points = [point for _, point in measured_points(run, kind.point_type)]
-    checks = kind(**run.parameters).checks(points)
-    return [check.name for check in checks if not check.passed and check.consequence is Outcome.DID_NOT_PASS]
+    return _named_failures(Verdict(checks=tuple(kind(**run.parameters).checks(points))))
 
 
 def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:

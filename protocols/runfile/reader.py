@@ -89,9 +89,15 @@ class Run(Closeable):
             program. Every property and method raises it where the damage is met only then.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, file: "h5py.File | None" = None) -> None:
+        """Open a run.
+
+        Args:
+            path: the run file.
+            file: the same file, already open.
+        """
         self.path = path
-        self._file = open_run(path)
+        self._file = open_run(path) if file is None else file
 
     def close(self) -> None:
         """Close the file."""
@@ -216,6 +222,16 @@ class Run(Closeable):
     def configuration(self) -> dict[str, Any]:
         """The bench file's tables at the time of the run."""
         return read_object(self._entry, "configuration")
+
+    @property
+    def bench_name(self) -> str:
+        """Name of the bench; empty in an imported run."""
+        return str(self.configuration.get("name", ""))
+
+    @property
+    def identities(self) -> dict[str, Any]:
+        """Identities of the instruments with serial numbers, by role; empty in an imported run."""
+        return dict(self.configuration.get("identities", {}))
 
     @property
     def amplifier_map(self) -> AmplifierMap:

@@ -1,7 +1,7 @@
 """Results appended to a run file after its end: verdict, curves and estimates, with its checksums brought up to date."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import h5py
@@ -10,6 +10,9 @@ from protocols.base import EstimatedQuantity, ResultCurve, Verdict
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group
+from protocols.runfile.open import RunReadError
+from protocols.runfile.overview import append_overview
+from protocols.runfile.reader import Run
 from protocols.runfile.transaction import transaction
 
 
@@ -26,20 +29,20 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
     Raises:
         StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
     """
-    with (
-        translate_write_errors("run", path),
-        transaction(path) as changed,
-        h5py.File(changed, "r+", libver="latest") as file,
-    ):
-        stored = stored_digests(file)
-        if stored is not None and (different := changed_names(stored, compute_digests(file))):
-            raise StorageError(
-                f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
-                "another copy of it"
-            )
-        yield file
-        if new or stored is not None:
-            store_checksums(file)
+    with translate_write_errors("run", path), transaction(path) as changed:
+        with h5py.File(changed, "r+", libver="latest") as file:
+            stored = stored_digests(file)
+            if stored is not None and (different := changed_names(stored, compute_digests(file))):
+                raise StorageError(
+                    f"nothing is added to {path}: its contents differ from its checksums ({', '.join(different[:3])}); take "
+                    "another copy of it"
+                )
+            yield file
+            if new or stored is not None:
+                store_checksums(file)
+        # Lists read a run without an overview from its data.
+        with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
+            append_overview(changed, run)
 
 
 def append_curves(file: h5py.File, curves: Sequence[ResultCurve]) -> None:

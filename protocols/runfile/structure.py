@@ -1,6 +1,7 @@
-"""Structure of an HDF5 file: walk through its objects, and check of links, storage, sizes and nesting before reading."""
+"""Structure of an HDF5 file: walk through its objects, and check of links, storage, sizes, nesting and text heaps before reading."""
 
 import math
+import struct
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +26,14 @@ PLAIN_FILTERS = frozenset({SHUFFLE, FLETCHER32})
 
 CONTINUED_RUN_LINK = b"entry/earlier"
 """The one link to another file that this program writes: the run that a resumed run continues."""
+
+HEAP_SIGNATURE = b"GCOL\x01\x00\x00\x00"
+HEAP_HEADER_BYTES = HEAP_OBJECT_BYTES = 16
+HEAP_WINDOW_BYTES = 4_000_000
+"""Length at the beginning and the end of a file that is searched for heaps: texts are written when a run begins, and after
+its end."""
+MAX_HEAP_OBJECTS = 1_000_000
+"""Objects of all heaps together."""
 
 
 class StructureError(Exception):
@@ -190,3 +199,36 @@ def _describe_link(kind: int, target: Any) -> str:
 
 def _text(name: bytes) -> str:
     return name.decode("utf-8", "replace")
+
+
+def find_endless_heap(path: Path) -> int | None:
+    """Return the offset of a global heap that HDF5 would read without end, or None."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for start in sorted({0, max(size - HEAP_WINDOW_BYTES, 0)}):
+            file.seek(start)
+            at = _find_endless_heap_in(file.read(HEAP_WINDOW_BYTES), size - start)
+            if at is not None:
+                return start + at
+    return None
+
+
+def _find_endless_heap_in(data: bytes, held: int) -> int | None:
+    """Return the place of an endless heap in a window, after whose beginning the file holds so many bytes."""
+    objects = 0
+    heap = data.find(HEAP_SIGNATURE)
+    while 0 <= heap <= len(data) - HEAP_HEADER_BYTES:
+        declared = heap + struct.unpack_from("<Q", data, heap + 8)[0]
+        if declared > held:  # cut off; HDF5 reads zeros there
+            return heap
+        end = min(declared, len(data))
+        at = heap + HEAP_HEADER_BYTES
+        while at + HEAP_OBJECT_BYTES <= end:
+            index, _, length = struct.unpack_from("<HH4xQ", data, at)
+            objects += 1
+            # Free space of no length is followed by itself.
+            if (index == 0 and length == 0) or objects > MAX_HEAP_OBJECTS:
+                return heap
+            at += length if index == 0 else HEAP_OBJECT_BYTES + -(-length // 8) * 8
+        heap = data.find(HEAP_SIGNATURE, heap + 1)
+    return None

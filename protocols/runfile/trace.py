@@ -40,6 +40,7 @@ def read_sensor(entry: "h5py.Group") -> LaserSensor:
         gain_relative_uncertainty=read_number(group, "gain_relative_uncertainty"),
         serial=read_text(group, "serial"),
         calibrated=read_text(group, "calibrated"),
+        expires=read_text(group, "expires") if "expires" in group else "",
     )
 
 

@@ -1,20 +1,24 @@
 """Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
 import json
+import math
 import os
 import shutil
 from pathlib import Path
+from unittest import mock
 
 import h5py
 import pytest
 
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
-from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
+from app.archive.run_summary import RunFilter, RunState, RunSummary, read_run_summary, read_since
 from app.cli.main import main
 from app.common import Progress
-from protocols.base import Outcome, Verdict
-from tests.helpers.run_files import crashed_run, finished_run, newer_run
+from protocols.base import CheckResult, Outcome, RunStatus, Verdict
+from protocols.judgement import judge_file
+from protocols.runfile.overview import _FOOTER, _MAGIC, HEAD_BYTES, _digest, _read_text, read_overview
+from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +39,12 @@ def catalogue(folder: Path, tmp_path: Path) -> Catalogue:
     made = Catalogue(folder, tmp_path / "index.sqlite")
     made.scan()
     return made
+
+
+def scanned(folder: Path, tmp_path: Path) -> dict[str, RunSummary]:
+    catalogue = Catalogue(folder, tmp_path / "scanned.sqlite")
+    catalogue.scan()
+    return named(catalogue)
 
 
 def named(catalogue: Catalogue) -> dict[str, RunSummary]:
@@ -186,6 +196,82 @@ def test_a_run_of_this_program_that_is_being_written_is_listed_unopened(catalogu
     path.write_bytes(b"whatever is there by now")
     catalogue.scan(exclude=[path])
     assert (named(catalogue)["T1"].state, named(catalogue)["T1"].protocol) == (RunState.RUNNING, "sine-dwell")
+
+
+def long_way(path: Path) -> RunSummary | None:
+    """The summary of a file without its overview, as earlier versions wrote it."""
+    with mock.patch("app.archive.run_summary.read_overview", return_value=None):
+        return read_run_summary(path, path.name)
+
+
+def test_a_finished_run_is_listed_from_its_overview_as_from_its_data(folder: Path, tmp_path: Path) -> None:
+    checks = (CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),)
+    finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
+    judged = finished_run(folder, "T10")
+    judge_file(judged, store=True)
+    stopped = begun_run(folder, "T11", (100.0,), 5000.0)
+    stopped.finish(RunStatus.STOPPED, "stopped by the operator")
+    for path in folder.glob("*.h5"):
+        whole = long_way(path)
+        with mock.patch("app.archive.run_summary.Run", side_effect=AssertionError("it was read")):
+            assert read_run_summary(path, path.name) == whole
+    assert not read_overview(crashed_run(folder))
+    assert {name: e.verdict for name, e in scanned(folder, tmp_path).items()} == {
+        "T7": "not judged", "T8": "not judged", "T9": "did not pass", "T10": "doubtful", "T11": "not judged", "T3": "not judged",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("place", ["file", "overview", "end"])
+def test_a_changed_run_is_read_and_not_its_overview(place: str, folder: Path) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    assert read_overview(path)
+    if place == "file":
+        with h5py.File(path, "r+") as file:
+            file["entry/points/peak_to_peak"][1] = 3e-3
+    else:
+        data = bytearray(path.read_bytes())
+        at = data.rindex(b"resonance")
+        data[at : at + 9] = b"RESONANCE"
+        path.write_bytes(data if place == "overview" else data + b"more")
+    assert not read_overview(path)
+    assert read_run_summary(path, path.name) == long_way(path)
+    if place == "file":
+        assert '"largest max - min", 0.003' in long_way(path).figures_json  # type: ignore[union-attr]
+
+
+def test_an_overview_gives_no_orders_to_a_terminal(folder: Path) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    with path.open("r+b") as file:
+        text = _read_text(file)
+        assert text
+        file.seek(-len(text) - _FOOTER.size, os.SEEK_END)
+        file.truncate()
+        hostile = text.replace(b'"T7"', b'"T7\\u001b[2J\\n"')
+        head = path.read_bytes()[:HEAD_BYTES]
+        file.write(hostile + _FOOTER.pack(_MAGIC, len(hostile), _digest(head, hostile)))
+    entry = read_run_summary(path, path.name)
+    assert entry is not None
+    assert entry.specimen == r"T7\x1b[2J\n"
+
+
+def test_folders_with_new_files_are_noticed_without_a_list_of_them(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "old").mkdir()
+    for each in (folder / "old", folder):
+        os.utime(each, (1.0e9, 1.0e9))
+    catalogue = Catalogue(folder, tmp_path / "index.sqlite")
+    catalogue.scan()
+    assert not catalogue.has_changed_folder()
+    finished_run(folder / "old", "T9")
+    assert catalogue.has_changed_folder()
+    catalogue.scan()
+    assert catalogue.has_changed_folder(), "so new that another change could have the same time"
+    monkeypatch.setattr("app.archive.catalogue.SETTLED_NS", 0)
+    catalogue.scan()
+    assert not catalogue.has_changed_folder()
+    shutil.rmtree(folder)
+    assert catalogue.has_changed_folder()
 
 
 def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(

@@ -2,12 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from time import monotonic
 
 from PySide6.QtCore import QObject, Signal
 
 from app.archive import Catalogue, RunSummary, ScanResult, annotate_runs
 from app.common import Progress
 from app.gui.widgets import BackgroundWorker
+
+LOOK_INTERVAL_S = 1.0
+"""Time between two looks at the folders; notifications of the system do not report what other computers write."""
 
 
 class ScanProgress(Progress):
@@ -49,6 +53,7 @@ class RunFolderModel(QObject):
         self._catalogue: Catalogue | None = None
         self._excluded: tuple[Path, ...] = ()
         self._busy = self._rescan_due = self._scanning = False
+        self._looked_s = 0.0
         self._progress = ScanProgress(self.progressed.emit)
 
     @property
@@ -71,9 +76,12 @@ class RunFolderModel(QObject):
         self._excluded = () if path is None else (path,)
 
     def refresh_if_changed(self) -> None:
-        """Scan if the folder is another one or a run has ended."""
+        """Scan if the folder is another one or a run has ended; look for other programs' files every second."""
         if self._catalogue is None or self._catalogue.folder != self._folder() or self._rescan_due:
             self.rescan()
+        elif self.is_idle and monotonic() - self._looked_s >= LOOK_INTERVAL_S:
+            self._looked_s = monotonic()
+            self._worker.submit(self._catalogue.has_changed_folder, lambda changed: self.rescan() if changed else None)
 
     def rescan(self) -> None:
         """List the catalogued runs, then scan for changes."""

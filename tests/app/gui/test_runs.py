@@ -85,6 +85,22 @@ def choose(page: RunsPage, *specimens: str) -> None:
     until(lambda: not page._worker.pending, "for the points")
 
 
+def test_a_file_that_another_program_puts_into_the_folder_appears(
+    page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.gui.runs.folder_model.LOOK_INTERVAL_S", 0.0)
+
+    def ticked(count: int) -> bool:
+        page.tick()
+        return page.model.rowCount() == count
+
+    added = finished_run(folder, "T9")
+    until(lambda: ticked(4), "for the new one")
+    added.unlink()
+    until(lambda: ticked(3), "for the list without it")
+    until(lambda: page.folder_model.is_idle, "for the last look")
+
+
 def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> None:
     assert sorted(names(page)) == ["T3", "T7", "T8"]
     newer_run(folder, "T5")
