@@ -18,6 +18,7 @@ from model.identification.nonidealities import (
     NonidealResponse,
     acting_mass,
     acting_masses,
+    crept_tilt,
     specimen_harmonic,
     with_acting_mass,
     with_flexible_clamp,
@@ -272,21 +273,28 @@ class ForwardModel:
             ]
         )
 
+        creep = np.reshape(differences.values["creep"], (-1, 1))
+
+        def tilt(omega: Array) -> tuple[Array, Array]:
+            return crept_tilt(creep[0], omega)
+
         def find(l1: float, l2: float) -> tuple[Array, Factors]:
             dense = ReceptanceSolver(l1, l2, self.n)
             if run.meaning == "peak":
-                return dense.resonance_peak(stacked)
+                return dense.resonance_peak(stacked, tilt)
             omega, t = dense.undamped_resonance(stacked)
             per = t / (2 * omega[:, None])
             return omega, Factors(-(omega**2)[:, None] * per, 0 * per, per)
 
         omega, s = find(*differences.geometry)
         d = sum(np.einsum("rj,prj->pr", own, moved) for own, moved in zip(s, slopes, strict=True))
-        level, curvature = ReceptanceSolver(*differences.geometry, self.n).peak_slope(stacked, omega)
+        level, curvature, size = ReceptanceSolver(*differences.geometry, self.n).peak_slope(stacked, omega, tilt)
         peaks = run.meaning == "peak" and bool((np.abs(level) < PEAK_TOLERANCE * np.abs(curvature) * omega).all())
+        if peaks and creep.size > 1:
+            d = d - differences.derivatives(crept_tilt(creep, omega)[0]) * size / curvature
         for ends, dl in differences.geometry_derivatives():
             if peaks:  # implicitly, at the same omega: a search at every geometry costs ten times as much
-                up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega)[0] for end in ends)
+                up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega, tilt)[0] for end in ends)
                 moved = (down - up) / curvature
             else:
                 up, down = (find(*end)[0] for end in ends)
@@ -326,13 +334,15 @@ class ForwardModel:
             dK[:, :, 3:] *= 1 + gain[0][:, None]
             dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
             rows.K[:, 3:] *= 1 + gain[0][:, None]
-        H, t = ReceptanceSolver(*differences.geometry, self.n).response(rows, omega)
+        neighbours = differences.geometry_derivatives()
+        H, t, moved = ReceptanceSolver(*differences.geometry, self.n).response_with_ends(
+            rows, omega, [ends for ends, _ in neighbours]
+        )
         z = dK - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
         dH = -np.einsum("rj,prj->pr", t, z)
         dH -= d_omega * np.einsum("rj,rj->r", t, 1j * rows.C - 2 * omega[:, None] * rows.M)
-        for ends, dl in differences.geometry_derivatives():
-            up, down = (ReceptanceSolver(*end, self.n).response(rows, omega)[0] for end in ends)
-            dH += np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
+        for (_, dl), difference in zip(neighbours, moved, strict=True):
+            dH += np.multiply.outer(dl, difference / (2 * RELATIVE_STEP))
         out = {}
         for run, stop, size in zip(runs, np.cumsum(sizes), sizes, strict=True):
             here = slice(stop - size, stop)

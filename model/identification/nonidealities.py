@@ -96,6 +96,8 @@ LOOP_SAMPLES = 2048
 """Of a period, for the harmonics that hysteresis makes."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
+DIFFERENT_DRIVES = 4096
+"""Drives of which the harmonics are kept: each point of a dwell has its own, as it was measured."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
 """By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
@@ -105,7 +107,7 @@ def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([fourier_series("sine", a, o, amplifier, order)[order] for a, o in different])[where.ravel()]
+    return np.array([_specimen_harmonic(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
 
 
 def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
@@ -118,6 +120,14 @@ def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, or
 def crept_response(creep: Any, omega: Any) -> Any:
     """Return the factor of the response at `omega`: a compliance that grows with the logarithm of time."""
     return 1 - creep * (np.log(1j * omega * REFERENCE_S) + np.euler_gamma) / np.log(10)
+
+
+def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
+    """Return the slope over omega of the logarithm of |`crept_response`|, s/rad, and the slope of that slope."""
+    share = creep / np.log(10)
+    real = 1 - share * (np.log(omega * REFERENCE_S) + np.euler_gamma)
+    square = real**2 + (share * np.pi / 2) ** 2
+    return -share * real / (omega * square), share * (share + real - 2 * real**2 * share / square) / (omega**2 * square)
 
 
 def acting_mass(v: Values, mass_kg: Any) -> Any:
@@ -212,17 +222,9 @@ class NonidealResponse:
 
     def _share_below(self, run: FrequencyResponseObservation) -> Array:
         """Return the share of the fundamental of the volts on the specimen that the slope below rest makes, (F,)."""
-        a = self._amplifier
         drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
         different, where = np.unique(drives, axis=0, return_inverse=True)
-        shares = []
-        for amplitude, offset in different:
-            low, both = (
-                fourier_series("sine", amplitude, offset, each, 1)[1]
-                for each in (AmplifierMap(a.rest_v, a.low_v, a.high_v, a.slope_below, 1e-9), a)
-            )
-            shares.append(float((low / both).real))
-        return np.array(shares)[where.ravel()]
+        return np.array([_share_below(self._amplifier, *drive) for drive in different.tolist()])[where.ravel()]
 
     def volts(self, run: VoltageStepsObservation, v: Values, volts: Array) -> Array:
         """Return the volts on the specimen that act, (S, F), of those by the amplifier's map."""
@@ -261,6 +263,20 @@ class NonidealResponse:
         )
 
 
+@lru_cache(maxsize=DIFFERENT_DRIVES)
+def _specimen_harmonic(amplifier: AmplifierMap, amplitude_v: float, offset_v: float, order: int) -> complex:
+    """Return V_k of the volts on the specimen under a sine at the amplifier's input."""
+    return complex(fourier_series("sine", amplitude_v, offset_v, amplifier, order)[order])
+
+
+@lru_cache(maxsize=DIFFERENT_DRIVES)
+def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> float:
+    """Return the share of the fundamental of the volts under a sine that the slope below rest makes."""
+    low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
+    below, both = (fourier_series("sine", amplitude_v, offset_v, each, 1)[1] for each in (low, amplifier))
+    return float((below / both).real)
+
+
 @lru_cache(maxsize=16)
 def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Array, Array]:
     """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (F,) each.
@@ -275,7 +291,7 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
     return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=DIFFERENT_DRIVES)
 def _loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
     """Return V_k, k = 0..5, of what hysteresis adds under a sine at the amplifier's input, per unit of it."""
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()

@@ -5,6 +5,7 @@ one factorisation, the response y . N'(L1) has the slopes -(y . part_j x). A fit
 all slopes at once; there this is cheaper than poles, and it has no square roots that fail at unphysical trial values.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,10 @@ from model.beam import gram
 MAX_POLE_STEPS = 20
 POLE_TOLERANCE = 1e-11
 """Last step of the search for a pole, relative to its frequency."""
+
+
+Tilt = Callable[[Array], tuple[Array, Array]]
+"""Logarithmic slope over omega, s/rad, of a factor of the response, and the slope of that, at omega (R,)."""
 
 
 class Factors(NamedTuple):
@@ -40,17 +45,34 @@ class ReceptanceSolver:
     def __init__(self, l1: float, l2: float, n: int) -> None:
         g = gram(float(l1), float(l2), n)
         self._n = n
-        self._parts = g.parts.reshape(6, n * n)
-        self._ends = np.stack((g.slope, g.centre), axis=-1)
+        self.parts = g.parts.reshape(6, n * n)
+        self.ends = np.stack((g.slope, g.centre), axis=-1)
 
     def response(self, a: Factors, omega: Array) -> tuple[Complex, Complex]:
         """H (R,), m per newton metre at L1 times L, and t (R, 6): dH = -sum_j t_j dz_j with z = K - omega^2 M + i omega C."""
         _, x, y = self._solve(a, omega)
         return self._H(x), np.asarray(self._part_products(y, x))
 
+    def response_with_ends(
+        self, a: Factors, omega: Array, ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]
+    ) -> tuple[Complex, Complex, list[Complex]]:
+        """As `response`, with the differences of H, (R,) each, between the ends of pairs of neighbouring geometries L1 / L, L2 / L.
+
+        They are linearized: the difference of Z and of the right sides with the x and y of this geometry, without a further solution.
+        """
+        _, x, y = self._solve(a, omega)
+        z = a.K - omega[:, None] ** 2 * a.M + 1j * omega[:, None] * a.C
+        moved = []
+        for pair in ends:
+            up, down = (ReceptanceSolver(*end, self._n) for end in pair)
+            right = up.ends - down.ends
+            inner = np.einsum("rj,rj->r", self._part_products(y, x, up.parts - down.parts), z)
+            moved.append(np.asarray(y @ right[:, 0] + x @ right[:, 1] - inner))
+        return self._H(x), np.asarray(self._part_products(y, x)), moved
+
     def undamped_resonance(self, a: Factors) -> tuple[Array, Array]:
         """Lowest undamped omega (R,), and (R, 6) with d(omega^2) = sum_j t_j (dK_j - omega^2 dM_j)."""
-        M, K = (np.asarray(f @ self._parts).reshape(-1, self._n, self._n) for f in (a.M, a.K))
+        M, K = (np.asarray(f @ self.parts).reshape(-1, self._n, self._n) for f in (a.M, a.K))
         W = np.linalg.inv(np.linalg.cholesky(M))
         squares, vectors = np.linalg.eigh(W @ K @ W.mT)
         q = np.asarray((W.mT @ vectors[..., :1])[..., 0])
@@ -64,8 +86,8 @@ class ReceptanceSolver:
         n = self._n
         first, square_slopes = self.undamped_resonance(a)
         s = 1j * first - 0.5 * (square_slopes * a.C).sum(-1)
-        M, C, K = (np.asarray(f @ self._parts).reshape(-1, n, n) for f in a)
-        q = np.tile(self._ends[:, 1], (s.size, 1)).astype(complex)
+        M, C, K = (np.asarray(f @ self.parts).reshape(-1, n, n) for f in a)
+        q = np.tile(self.ends[:, 1], (s.size, 1)).astype(complex)
         for _ in range(MAX_POLE_STEPS):
             at = s[:, None, None]
             slope = (C + 2 * at * M) @ q[..., None]
@@ -79,23 +101,23 @@ class ReceptanceSolver:
         per = -1 / (t * (a.C + 2 * s[:, None] * a.M)).sum(-1)[:, None]
         return s, Factors(per * t * (s * s)[:, None], per * t * s[:, None], per * t)
 
-    def resonance_peak(self, a: Factors) -> tuple[Array, "Factors"]:
+    def resonance_peak(self, a: Factors, tilt: Tilt | None = None) -> tuple[Array, "Factors"]:
         """Where |H| is largest near the first resonance: omega (R,), and its slopes to the factors M, C, K.
 
         Newton's method on d|H|^2 / d omega; the slopes follow from the implicit function. A row that is damped so much
-        that it has no peak is given its undamped frequency.
+        that it has no peak is given its undamped frequency. With a `tilt` it is |H| times a factor that is largest.
         """
         first, square_slopes = self.undamped_resonance(a)
         zeta = (square_slopes * a.C).sum(-1) / (2 * first)
         omega = first * np.sqrt(np.maximum(1 - 2 * zeta**2, 0.05))
         for _ in range(30):
-            g, g_omega, _ = self._peak_condition(a, omega)
+            g, g_omega, _ = self._peak_condition(a, omega, tilt)
             step = np.clip(-g / g_omega, -0.1 * first, 0.1 * first)
             step = np.where(g_omega < 0, step, np.sign(g) * 0.05 * first)
             omega = np.clip(omega + step, 0.02 * first, 2 * first)
             if np.abs(step).max() < 1e-11 * first.min():
                 break
-        g, g_omega, slopes = self._peak_condition(a, omega)
+        g, g_omega, slopes = self._peak_condition(a, omega, tilt)
         found = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
         omega = np.where(found, omega, first)
         level = square_slopes / (2 * first[:, None])
@@ -103,17 +125,21 @@ class ReceptanceSolver:
         down = -1 / np.where(found, g_omega, 1.0)[:, None]
         return omega, Factors(*(np.where(found[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
 
-    def peak_slope(self, a: Factors, omega: Array) -> tuple[Array, Array]:
-        """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, and its own slope over omega."""
-        return self._peak_condition(a, omega)[:2]
+    def peak_slope(self, a: Factors, omega: Array, tilt: Tilt | None = None) -> tuple[Array, Array, Array]:
+        """Half the slope of |H|^2 over omega at omega (R,), which is 0 at a peak, its own slope over omega, and |H|^2."""
+        g, g_omega, _ = self._peak_condition(a, omega, tilt)
+        return g, g_omega, np.abs(self.response(a, omega)[0]) ** 2
 
-    def _peak_condition(self, a: Factors, omega: Array) -> tuple[Array, Array, Factors]:
-        """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, and its slopes to the factors M, C, K."""
+    def _peak_condition(self, a: Factors, omega: Array, tilt: Tilt | None) -> tuple[Array, Array, Factors]:
+        """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, and its slopes to the factors M, C, K.
+
+        With a factor c(omega), g + |H|^2 (ln|c|)', which is 0 where |c H| is largest.
+        """
         Z, x, y = self._solve(a, omega)
         w = omega[:, None]
         z1 = 1j * a.C - 2 * w * a.M
         n = self._n
-        Z1 = (z1 @ self._parts).reshape(-1, n, n)
+        Z1 = (z1 @ self.parts).reshape(-1, n, n)
         inner = np.linalg.solve(Z, np.stack(((Z1 @ x[..., None])[..., 0], (Z1 @ y[..., None])[..., 0]), axis=-1))
         x1, y1 = inner[..., 0], inner[..., 1]
         H, t = self._H(x), self._part_products(y, x)
@@ -121,24 +147,30 @@ class ReceptanceSolver:
         H1 = -(t * z1).sum(-1)
         H2 = (u * z1).sum(-1) + 2 * (t * a.M).sum(-1)
         g, g_omega = (H.conj() * H1).real, np.abs(H1) ** 2 + (H.conj() * H2).real
+        steepness, bend = (np.zeros(1), np.zeros(1)) if tilt is None else tilt(omega)
+        size = np.abs(H) ** 2
+        g, g_omega = g + steepness * size, g_omega + bend * size + 2 * steepness * g
 
         def slope(z: Any, z_omega: Any) -> Array:
             """For a factor that adds z to Z and z_omega to its derivative to omega."""
             H_a, H1_a = -t * z, u * z - t * z_omega
-            return np.asarray((H_a.conj() * H1[:, None] + H.conj()[:, None] * H1_a).real)
+            moved = H_a.conj() * H1[:, None] + H.conj()[:, None] * H1_a
+            return np.asarray((moved + 2 * steepness[:, None] * H.conj()[:, None] * H_a).real)
 
         one, none = np.ones_like(w) + 0j, np.zeros_like(w) + 0j
         return g, g_omega, Factors(slope(-w * w + 0j, -2 * w + 0j), slope(1j * w, 1j * one), slope(one, none))
 
     def _solve(self, a: Factors, omega: Array) -> tuple[Any, Any, Any]:
         w = omega[:, None]
-        Z = ((a.K - w * w * a.M + 1j * w * a.C) @ self._parts).reshape(-1, self._n, self._n)
-        xy = np.linalg.solve(Z, self._ends)
+        Z = ((a.K - w * w * a.M + 1j * w * a.C) @ self.parts).reshape(-1, self._n, self._n)
+        xy = np.linalg.solve(Z, self.ends)
         return Z, xy[..., 0], xy[..., 1]
 
     def _H(self, x: Any) -> Complex:
-        return np.asarray(x @ self._ends[:, 1])
+        return np.asarray(x @ self.ends[:, 1])
 
-    def _part_products(self, u: Any, v: Any) -> Any:
+    def _part_products(self, u: Any, v: Any, parts: Array | None = None) -> Any:
         """Products u . part_j v, (R, 6)."""
-        return np.asarray((u[:, :, None] * v[:, None, :]).reshape(-1, self._n**2) @ self._parts.T)
+        return np.asarray(
+            (u[:, :, None] * v[:, None, :]).reshape(-1, self._n**2) @ (self.parts if parts is None else parts).T
+        )

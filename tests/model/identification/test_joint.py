@@ -91,7 +91,7 @@ WIDTH = FrequencyResponseObservation(
 MODULUS = FrequencyResponseObservation("modulus", F3, abs(DRIVEN.fundamental), 1e-6 * np.ones(3), elongation_m=1.7e-3)
 UNDAMPED = MassResonanceObservation("undamped", np.array([2e-3, 5e-3]), np.array([280.0, 190]), np.ones(2), "undamped")
 EVERY = ("k2", "mu", "c0", "m_add", "E_m", "c_s_0", "c_s_delta", "L", "L1", "L2", "E_Al", "h_Al", "rho1", "rho2", "h_m", "L_m",
-         "contact_length", "asymmetry", "c_s(1.27 mm)", "k_s(2.54 mm)")  # fmt: skip
+         "contact_length", "asymmetry", "c_s(1.27 mm)", "k_s(2.54 mm)", "creep", "hysteresis", "mass_fraction", "gain_below_rest")  # fmt: skip
 
 
 @pytest.mark.deep

@@ -114,7 +114,7 @@ def test_a_resonance_without_noise_is_found_exactly() -> None:
     assert seen.frequency_hz == pytest.approx(top_hz, rel=1e-9)
     assert seen.height == pytest.approx(3.0 / (2 * damping * natural_hz**2 * np.sqrt(1 - damping**2)), rel=1e-9)
     assert seen.standard_error_hz < 1e-6
-    assert seen.degrees_of_freedom == 37  # 41 lines, four unknowns
+    assert seen.degrees_of_freedom == 36  # 41 lines, five unknowns
     assert seen.band_hz == (180.0, 220.0)
 
 
