@@ -1,6 +1,6 @@
 """The paper's whole campaign on the virtual clock, nothing skipped; and memory over the length of a sweep.
 
-    python benchmarks/bench_campaign.py [--bench realistic] [--items wiring,steps] [--memory]
+    python benchmarks/bench_campaign.py [--bench sim] [--items wiring,steps] [--memory]
 
 Told per item: bench time, wall time, their ratio, and how the item stands. At the end what the paper's chain identified,
 against the truth of the simulated tactor, and the largest memory. `--memory` runs one mass of the mass resonance in 30 s and
@@ -35,7 +35,7 @@ GOAL_S = 90.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--items", default="", help="only these, separated by commas")
-    parser.add_argument("--bench", default="ideal", help="bench file, 'ideal' (default) or 'realistic'")
+    parser.add_argument("--bench", default="ideal", help="bench file, 'ideal' (default) or 'sim'")
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--sweep", type=float, help=argparse.SUPPRESS)
     asked = parser.parse_args()

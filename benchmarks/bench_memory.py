@@ -36,7 +36,7 @@ def main() -> None:
     minutes = parser.parse_args().minutes
     qt_application()
     gc.set_threshold(GC_THRESHOLD)  # as the program does
-    config = load_bench("sim")
+    config = load_bench("ideal")
     points = int(60 * minutes / (RECORD_S + 1))
     frequencies = ",".join(f"{50 + 150 * k / points:.2f}" for k in range(points))
     settings = [f"frequencies_hz={frequencies}", f"record_s={RECORD_S}", f"sample_rate_hz={RATE_HZ}"]

@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
-    config = load_bench("sim")
+    config = load_bench("ideal")
     truth = {**config.simulation, "card": {**config.simulation["card"], "max_rate_hz": max_rate_hz}}
     config = config.model_copy(update={"simulation": truth})
     protocol = SineDwell(frequencies_hz=(160,), sample_rate_hz=rate_hz, record_s=seconds)

@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def case(rate_hz: float) -> None:
-    config = load_bench("sim")
+    config = load_bench("ideal")
     card = {**config.simulation["card"], "max_rate_hz": max(500e3, 2 * rate_hz)}
     config = config.model_copy(update={"simulation": {**config.simulation, "card": card}})
     protocol = make_protocol("sine-dwell", ["frequencies_hz=50,100,150,160,170,200", f"sample_rate_hz={rate_hz}"])

@@ -19,13 +19,14 @@ from PySide6.QtWidgets import QApplication
 
 from app.archive.catalogue import Catalogue
 from app.cli.headless import make_protocol
-from app.config.bench_file import load_bench
+from app.config.bench_file import BenchConfig
 from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
 from app.gui.tabs import CAMPAIGN, EXPLORE, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
+from app.session.request import choose_bench
 from app.session.session import SessionEvent
 from protocols.base import DriveStarted, PointMeasured, Protocol
 
@@ -38,17 +39,21 @@ SETTLE_S = 0.4
 PATIENCE_S = 120.0
 
 
+def simulated_bench() -> BenchConfig:
+    """Return the simulated bench with a seed: pictures taken again differ only where the program does."""
+    return choose_bench("sim", "max", seed=7)[0]
+
+
 class PausableSession(SessionAdapter):
     """Blocks the bench thread, and with it the virtual clock, at the first drive after a number of points until released."""
 
     def __init__(self, prompts: bool) -> None:
         self.points, self.hold_at = 0, -1
         self.held, self.released = threading.Event(), threading.Event()
-        config = load_bench("sim")
 
         @contextmanager
         def bench() -> Iterator[BenchConnection]:
-            with connect(config, None) as laboratory:
+            with connect(simulated_bench(), None) as laboratory:
                 yield dataclasses.replace(laboratory, operator=None) if prompts else laboratory
 
         super().__init__(bench)
@@ -73,7 +78,7 @@ class Studio:
     def __init__(self, pictures: Path, protocol: Protocol, settings: QSettings, prompts: bool = False) -> None:
         self._pictures = pictures
         self.link = PausableSession(prompts)
-        self.window = MainWindow(self.link, load_bench("sim"), protocol, Path("runs"), "T7", settings)
+        self.window = MainWindow(self.link, simulated_bench(), protocol, Path("runs"), "T7", settings)
         self.window.resize(*SIZES[""])
         self.window.show()
         self.until(

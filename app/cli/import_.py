@@ -81,7 +81,7 @@ class ImportCommand:
     )
     bench: str = option(
         "--bench",
-        default="sim",
+        default="",
         metavar="FILE",
         help="bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)",
     )
@@ -105,7 +105,7 @@ class ImportCommand:
     def execute(self) -> int:
         description = self.files[0].name if len(self.files) == 1 else f"{len(self.files)} files"
         with terminal_progress(description, self.json) as progress:
-            taken, written = import_files(_options(self), load_bench(self.bench).amplifier, progress)
+            taken, written = import_files(_options(self), load_bench(self.bench or "ideal").amplifier, progress)
         return render(_import_result(taken, written), self.json)
 
 

@@ -124,7 +124,7 @@ class BenchSelection:
         default="sim",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file; 'sim' (default) or 'ideal': the paper's specimen, simulated; 'realistic': one that is not perfect",
+        help="bench file; 'sim' (default): simulated, with an imperfect specimen; 'ideal': simulated, the paper's specimen without imperfections",
     )
     speed: str | None = option(
         "--speed",

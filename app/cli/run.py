@@ -56,7 +56,7 @@ class WindowCommand(ProtocolOptions):
         default="",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file, 'sim', 'ideal' or 'realistic' (default: the bench chosen last in the window; with --start 'sim')",
+        help="bench file, 'sim' or 'ideal' (default: the bench chosen last in the window; with --start 'sim')",
     )
     protocol: str = option(nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
     autostart: bool = switch("--start", "start the run as soon as the bench is connected")

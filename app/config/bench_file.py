@@ -29,8 +29,8 @@ from app.config.tables import (
 from app.config.validation import validation_messages
 from sim_hardware.plant import SimulationParameters
 
-SIMULATED_BENCHES = {"sim": "bench.toml", "ideal": "bench.toml", "realistic": "realistic.toml"}
-"""Files in `sim_hardware` of the simulated benches that come with the program, by name."""
+SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic": "realistic.toml"}
+"""Files in `sim_hardware` of the simulated benches that come with the program, by name; `realistic` is an earlier name of `sim`."""
 
 MAX_SPEED = 20.0
 """Most times real speed at which the simulated bench keeps up on its real wires."""

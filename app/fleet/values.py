@@ -14,9 +14,9 @@ from app.archive import Catalogue, RunSummary
 from app.archive.figures import RunFigure
 from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
 from app.identification.calibrations import FORMAT, SUFFIX
-from app.identification.sheet_file import SUFFIX as SHEET_SUFFIX
 from model import Array
 from protocols.base import visible_text, visible_values
+from protocols.runfile.names import SHEET_SUFFIX
 
 CALIBRATION = "calibration"
 """In place of a protocol, for parameters of an accepted calibration."""

@@ -194,7 +194,10 @@ class MainTabs(QTabWidget):
         return self.page(self.currentIndex())
 
     def set_state(self, view: WindowState) -> None:
+        ended = self._state is not None and view.outcome is not None and self._state.outcome is None
         self._state = view
+        if ended:  # the first run of a simulated specimen writes its sheet
+            self.sheets.update()
         for page in self._created.values():
             page.set_state(view)
 

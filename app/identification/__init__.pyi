@@ -35,7 +35,6 @@ from .sheet_file import edit_sheet as edit_sheet
 from .sheet_file import group_of as group_of
 from .sheet_file import load_sheet as load_sheet
 from .sheet_file import read_sheet as read_sheet
-from .sheet_file import sheet_path as sheet_path
 from .sheet_file import sheet_template as sheet_template
 from .specimen_identification import IdentificationResult as IdentificationResult
 from .specimen_identification import Method as Method

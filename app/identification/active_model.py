@@ -8,6 +8,7 @@ import numpy as np
 
 from model import Membrane, Tactor
 from protocols.base import ReferenceModel
+from protocols.runfile.names import sheet_path
 
 if TYPE_CHECKING:
     from model.studies.uncertainty import EstimateSet
@@ -79,7 +80,7 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
 
 def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
     """Return the paper's values, with the dimensions of the specimen sheet if there is one."""
-    from app.identification.sheet_file import SheetError, load_sheet, sheet_path
+    from app.identification.sheet_file import SheetError, load_sheet
 
     path = sheet_path(folder, specimen)
     if not path.exists():

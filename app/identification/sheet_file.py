@@ -12,9 +12,8 @@ from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, 
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
 from model.identification import parameter_spec
-from protocols.runfile.names import other_specimen_message, safe_name
+from protocols.runfile.names import SHEET_SUFFIX, other_specimen_message, sheet_path
 
-SUFFIX = ".specimen.toml"
 TEXTS = ("serial", "batch", "photograph", "notes")
 ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")
 HEAD = """# Specimen sheet: what is known of it beforehand. Every value enters the fits of its runs with its uncertainty.
@@ -34,11 +33,6 @@ class SheetError(ValueError):
     """A specimen sheet cannot be read or written; the message gives file, entry and remedy."""
 
 
-def sheet_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's sheet."""
-    return folder / f"{safe_name(specimen)}{SUFFIX}"
-
-
 def load_sheet(folder: Path | None, specimen: str) -> SpecimenSheet:
     """Return the sheet of a specimen; that of Table I without a file.
 
@@ -52,7 +46,7 @@ def load_sheet(folder: Path | None, specimen: str) -> SpecimenSheet:
         return SpecimenSheet(specimen)
     sheet = read_sheet(path)
     if sheet.specimen != specimen:
-        raise SheetError(other_specimen_message(path, SUFFIX, sheet.specimen, specimen))
+        raise SheetError(other_specimen_message(path, SHEET_SUFFIX, sheet.specimen, specimen))
     return sheet
 
 
@@ -85,7 +79,7 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
         tables = parse_toml(text)
     except ValueError as error:
         raise SheetError(f"{path} is not valid TOML: {error}") from error
-    if unknown := sorted(set(tables) - {"specimen", *TEXTS, *GROUPS}):
+    if unknown := sorted(set(tables) - {"specimen", "simulated", *TEXTS, *GROUPS}):
         raise SheetError(
             f"{path}: unknown {truncate_text(', '.join(unknown))}; a specimen sheet has specimen, {', '.join(TEXTS)}, and the tables "
             f"{', '.join(f'[{group}]' for group in GROUPS)}"
@@ -93,6 +87,8 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
     for name in ("specimen", *TEXTS):
         if not isinstance(tables.get(name, ""), str):
             raise SheetError(f"{path}: {name} must be a text in quotation marks")
+    if not isinstance(tables.get("simulated", False), bool):
+        raise SheetError(f"{path}: simulated must be true or false")
     if not tables.get("specimen"):
         raise SheetError(f'{path}: the name of the specimen is missing; write specimen = "T7"')
     entries: dict[str, SheetEntry] = {}
@@ -111,7 +107,8 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
             else:
                 entries[name] = _read_entry(f"{path}, [{group}] {name}", name, given)
     sheet = SpecimenSheet(
-        tables["specimen"], entries, **{name: tables.get(name, "") for name in TEXTS}, descriptions=descriptions, path=path
+        tables["specimen"], entries, **{name: tables.get(name, "") for name in TEXTS}, descriptions=descriptions, path=path,
+        simulated=tables.get("simulated", False),
     )  # fmt: skip
     try:
         sheet.tactor, sheet.membrane  # noqa: B018 - raises for lengths in the wrong order

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from app.common import pluralize
 from app.identification.observations import read_observations, shape_count_of_file
-from app.identification.sheet_file import load_sheet, read_sheet
+from app.identification.sheet_file import SheetError, load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
 from model import Array, EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
@@ -151,9 +152,15 @@ def identify_observations(
     Of the options the chain uses start values, amplifier and number of shapes only.
 
     Raises:
+        SheetError: the sheet is of a simulated specimen, and a run is not.
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
     """
     if sheet is not None:
+        if sheet.simulated and (real := [run for run in observations.runs if not run.simulated]):
+            raise SheetError(
+                f"{sheet.path} describes a simulated specimen, but {pluralize(len(real), 'run')} of {specimen} "
+                "were measured on a real bench; enter the values of the real specimen there, and remove the line simulated = true"
+            )
         options = sheet.fit_options(options, observations)
     if method == "chain":
         observations, left_out = _paper_observations(observations)

@@ -75,6 +75,8 @@ class SpecimenSheet:
     descriptions: Mapping[str, str] = field(default_factory=dict)
     """Texts on plate, masses, clamp and membrane, by group."""
     path: Path | None = None
+    simulated: bool = False
+    """Whether it describes the specimen of a simulated bench."""
 
     @cached_property
     def values(self) -> dict[str, SheetEntry]:
@@ -92,7 +94,8 @@ class SpecimenSheet:
         table = "the paper's Table I with the uncertainties of ruler, caliper and scale"
         if self.path is None:
             return f"no specimen sheet: dimensions are those of {table}"
-        measured = f"specimen sheet {self.path.name}: {pluralize(len(self.entries), 'measured value')}"
+        simulated = ", SIMULATED" if self.simulated else ""
+        measured = f"specimen sheet {self.path.name}{simulated}: {pluralize(len(self.entries), 'measured value')}"
         return f"{measured}; {', '.join(self.missing)} from {table}" if self.missing else measured
 
     @property

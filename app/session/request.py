@@ -15,7 +15,7 @@ from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load
 def choose_bench(
     name: str, speed: str | float | None = None, seed: int | None = None, option: str = ""
 ) -> tuple[BenchConfig, float | None]:
-    """Load a bench file, or a simulated bench by its name (`sim`, `ideal`, `realistic`), and choose its speed; None is the virtual clock (`max`).
+    """Load a bench file, or a simulated bench by its name (`sim`, `ideal`), and choose its speed; None is the virtual clock (`max`).
 
     `option` is the prefix of option names in messages of this front end.
 

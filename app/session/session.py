@@ -321,6 +321,7 @@ class Session:
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
+        from app.session.simulated_sheet import provide_sheet
         from protocols.judgement import complete_results
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
@@ -339,6 +340,8 @@ class Session:
                 with suppress(BenchError):  # the run reports it better
                     connection.operator.clear_specimen()
             operator = connection.operator or self._operator
+            if message := provide_sheet(connection.bench.configuration, request.folder, request.specimen):
+                self._events.publish(LogMessage(message))
             request = self._with_conditions(self._with_restored_setup(request), connection.bench)
             runner = Runner(request, connection.bench, operator, self._events, self._control)
         except (RunReadError, StorageError) as error:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 MAX_NAME_BYTES = 100
 """Limit of the specimen's part of a file name: file names are limited to 255 bytes; the full name is in the file."""
+SHEET_SUFFIX = ".specimen.toml"
+"""End of the name of a specimen sheet."""
 _HASH_DIGITS = 16
 _RESERVED = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "123456789¹²³")})
 """Names of devices on Windows, with any extension."""
@@ -29,6 +31,11 @@ def safe_name(specimen: str) -> str:
         return name or "%"
     digest = hashlib.sha256(specimen.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
     return f"{truncate_utf8(name, MAX_NAME_BYTES - _HASH_DIGITS - 2).decode()}%~{digest}"
+
+
+def sheet_path(folder: Path, specimen: str) -> Path:
+    """Return the path of a specimen's sheet, beside its runs."""
+    return folder / f"{safe_name(specimen)}{SHEET_SUFFIX}"
 
 
 def folded_name(specimen: str) -> str:

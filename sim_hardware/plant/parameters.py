@@ -30,6 +30,8 @@ GENERATOR_MAKERS = {
 }
 """How the names of the function generators begin that can be simulated, and who made them."""
 
+SHEET_CHOICES = ("", "realistic.specimen.toml")
+"""Specimen sheets that come with the simulated benches."""
 SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply")
 """Outputs that can drive the cable to the amplifier."""
 
@@ -225,6 +227,7 @@ class SimulationParameters:
         seed: of everything that is random: traits of instruments, errors of weights, noise.
         fresh_noise: whether a bench file without a seed has other noise in every session; its seed is drawn when it is loaded.
         noise_seed: of the noise alone; None takes `seed`.
+        sheet: file in `sim_hardware` with what the simulated laboratory measured of the specimen; empty for none.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
         window_s: how much of the past the plant keeps.
@@ -246,6 +249,7 @@ class SimulationParameters:
     seed: int = 1
     fresh_noise: bool = False
     noise_seed: int | None = None
+    sheet: str = ""
     plant_rate_hz: float = 100e3
     window_s: float = 30.0
     speed: float = 1.0
@@ -253,6 +257,8 @@ class SimulationParameters:
     def __post_init__(self) -> None:
         if self.source not in SOURCE_CHOICES:
             raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCE_CHOICES)}")
+        if self.sheet not in SHEET_CHOICES:
+            raise ValueError(f"simulation.sheet is {self.sheet!r}: it can only be {SHEET_CHOICES[1]!r}, or be left out")
         _positive("simulation", speed=self.speed)
         _not_negative("simulation", seed=self.seed, noise_seed=self.noise_seed or 0)
         _within("simulation.modes", self.modes, 3, 40)

@@ -13,7 +13,7 @@ SHORT = ["--set", "frequencies_hz=100, 160", "--set", "record_s=100 ms", "--set"
 
 
 def sim(folder: Path, *more: str) -> list[str]:
-    return ["run", "sine-dwell", "--speed", "max", "--out", str(folder), *SHORT, *more]
+    return ["--bench", "ideal", "run", "sine-dwell", "--speed", "max", "--out", str(folder), *SHORT, *more]
 
 
 def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

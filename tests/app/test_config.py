@@ -21,7 +21,7 @@ def load(folder: Path, text: str) -> BenchConfig:
 
 
 def test_the_bench_that_comes_with_the_program_names_its_whole_truth() -> None:
-    config = load_bench("sim")
+    config = load_bench("ideal")
     assert config.simulated
     assert set(config.simulation["tactor"]) == set(SimulationParameters().tactor.__dataclass_fields__)
     sensor = config.sensor.laser_sensor

@@ -34,7 +34,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
     """The campaign at its end, and every prompt in order."""
     items = tuple(replace(item, settings=SHORT[item.name]) for item in PAPER_ITEMS)
     options: list[str] = []
-    with connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
+    with connect(load_bench("ideal"), None, UNATTENDED_BLOCK_S) as lab:
         campaign = Campaign.create(tmp_path_factory.mktemp("runs"), "T1", True, items)
         conductor = CampaignRunner(campaign)
 
@@ -71,7 +71,7 @@ def test_what_is_identified_is_what_is_there(measured) -> None:
     campaign, _ = measured
     found = identify_campaign_runs(campaign)
     assert not isinstance(found, str), found
-    truth = load_bench("sim").simulation_parameters
+    truth = load_bench("ideal").simulation_parameters
     tactor, membrane = truth.tactor, truth.membrane
     by_name = {estimate.name: estimate for estimate in found.estimates}
     for name, value in (("k2", tactor.k2), ("mu", tactor.mu), ("m_add", tactor.m_add), ("c0", tactor.c0)):

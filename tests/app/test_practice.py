@@ -22,7 +22,7 @@ PLACE = Prompt("place-weight", "Place 50 g on the cylinder.", {"mass_kg": 0.05},
 
 @pytest.fixture
 def config() -> BenchConfig:
-    return load_bench("sim")
+    return load_bench("ideal")
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def test_what_has_no_response_is_measured_again_by_that_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dark = tmp_path / "dark.toml"
-    text = Path("sim_hardware/bench.toml").read_text(encoding="utf-8")
+    text = Path("sim_hardware/ideal.toml").read_text(encoding="utf-8")
     dark.write_text(text.replace("mu = -1.33e-5", "mu = -1e-13"), encoding="utf-8")
     arguments = ["--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,160", *SHORT]
     assert main(["run", "sine-dwell", "--bench", str(dark), *arguments]) == ExitCode.NO_RESULT

@@ -1,4 +1,4 @@
-"""The realistic simulated bench: its own noise in every session, nonidealities on, and a sheet that is true to its uncertainty."""
+"""The simulated bench `sim`: its own noise in every session, nonidealities on, and a sheet that is true to its uncertainty."""
 
 from importlib import resources
 from pathlib import Path
@@ -21,14 +21,14 @@ from tests.helpers.simulated_bench import Ran, laboratory, run
 
 def test_the_ideal_bench_is_the_one_that_comes_with_the_program() -> None:
     ideal = load_bench("ideal")
-    assert ideal == load_bench("sim")
+    assert ideal == load_bench("ideal")
     assert ideal.simulation_parameters.tactor == Tactor()
 
 
 def test_every_session_draws_a_seed_of_its_noise_unless_one_is_given() -> None:
-    seeds = {load_bench("realistic").simulation_parameters.noise_seed for _ in range(3)}
+    seeds = {load_bench("sim").simulation_parameters.noise_seed for _ in range(3)}
     assert len(seeds) == 3
-    config, _ = choose_bench("realistic", "max", seed=7)
+    config, _ = choose_bench("sim", "max", seed=7)
     parameters = config.simulation_parameters
     assert (parameters.seed, parameters.noise_seed) == (7, None)
     assert load_bench("ideal").simulation_parameters.noise_seed is None
@@ -43,7 +43,7 @@ def test_a_copy_of_the_file_with_a_seed_repeats_its_noise(tmp_path: Path) -> Non
 
 
 def test_no_value_of_the_specimen_is_the_paper_s_and_all_lie_within_its_instruments() -> None:
-    truth, paper = load_bench("realistic").simulation_parameters, Tactor()
+    truth, paper = load_bench("sim").simulation_parameters, Tactor()
     differ = [q.name for q in parameter_specs(Tactor) if getattr(truth.tactor, q.name) != getattr(paper, q.name)]
     assert len(differ) == len(parameter_specs(Tactor))
     with resources.as_file(resources.files("sim_hardware").joinpath("realistic.specimen.toml")) as path:
@@ -58,7 +58,7 @@ def test_no_value_of_the_specimen_is_the_paper_s_and_all_lie_within_its_instrume
 
 
 def dwell(folder: Path) -> Ran:
-    with laboratory(load_bench("realistic")) as lab:
+    with laboratory(load_bench("sim")) as lab:
         return run(SineDwell(frequencies_hz=(50, 155)), folder, lab)
 
 
@@ -80,7 +80,7 @@ def test_two_sessions_share_no_noise_and_the_file_has_the_seed(tmp_path: Path) -
 
 @pytest.mark.deep
 def test_the_hum_s_frequency_lies_within_four_cramer_rao_bounds_of_the_truth(tmp_path: Path) -> None:
-    config, _ = choose_bench("realistic", "max", seed=7)
+    config, _ = choose_bench("sim", "max", seed=7)
     with laboratory(config) as lab:
         ran = run(SineDwell(frequencies_hz=(155,)), tmp_path, lab)
     (event,) = [event for event in ran.events if isinstance(event, InterferenceMeasured)]
@@ -94,7 +94,7 @@ def test_the_hum_s_frequency_lies_within_four_cramer_rao_bounds_of_the_truth(tmp
 @pytest.mark.deep
 def test_the_truth_is_identified_with_creep_and_hysteresis(tmp_path: Path) -> None:
     """A load test ends seconds before the voltage steps. With seed 11 all are 0.9 total standard uncertainties off at most."""
-    config, _ = choose_bench("realistic", "max", seed=11)
+    config, _ = choose_bench("sim", "max", seed=11)
     paths = []
     with laboratory(config) as lab:
         for protocol in (StaticLoading(repeats=1), VoltageSteps(repeats=1), SineDwell()):

@@ -38,7 +38,7 @@ class Ran:
 
 def simulated(**truth: Any) -> BenchConfig:
     """The bench file that comes with the program, with parts of its truth replaced: `sensor={"noise_m": 0.0}`."""
-    config = load_bench("sim")
+    config = load_bench("ideal")
     record = dict(config.simulation or {})
     for name, value in truth.items():
         record[name] = {**record.get(name, {}), **value} if isinstance(value, dict) else value

@@ -79,7 +79,7 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
 
     qt_application()
     settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
-    config, runs = load_bench("sim"), folder / "runs"
+    config, runs = load_bench("ideal"), folder / "runs"
     with whole_window(Bench(config), config, SineDwell(frequencies_hz=(100.0, 160.0)), runs, settings) as window:
         until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
         for at, (state, pages) in enumerate(STATES.items()):

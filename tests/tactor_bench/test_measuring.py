@@ -64,7 +64,7 @@ def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, caps
     assert first.configuration["simulation"]["seed"] == 5
     assert (second.specimen, second.path.parent) == ("T8", tmp_path / "more")
     captured = capsys.readouterr()
-    assert "160.000 Hz  max-min" in captured.err
+    assert "160.002 Hz  max-min" in captured.err  # the generator's clock is 14 ppm fast
     assert captured.err.count("good: all points measured") == 2
     assert captured.out == ""
     with pytest.raises(tb.BenchError, match="simulated bench has been closed"):

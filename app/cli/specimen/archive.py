@@ -21,8 +21,8 @@ from app.common import (
     terminal_progress,
     usage_errors,
 )
-from app.identification import calibrations_path, sheet_path
-from protocols.runfile.names import safe_name
+from app.identification import calibrations_path
+from protocols.runfile.names import safe_name, sheet_path
 from protocols.runfile.verify import FileState, verify_run
 
 RUNS_SHARE = 0.7

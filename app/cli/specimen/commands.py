@@ -26,12 +26,12 @@ from app.identification import (
     edit_sheet,
     load_sheet,
     question_sheet,
-    sheet_path,
     sheet_unit,
 )
 from model import ParameterError
 from model.identification import parameter_spec
 from protocols.base import format_with_uncertainty
+from protocols.runfile.names import sheet_path
 
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 

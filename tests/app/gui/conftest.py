@@ -29,7 +29,7 @@ def qt() -> QApplication:
 
 @pytest.fixture(scope="session")
 def config() -> BenchConfig:
-    return load_bench("sim")
+    return load_bench("ideal")
 
 
 @pytest.fixture

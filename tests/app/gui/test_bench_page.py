@@ -186,13 +186,13 @@ def test_the_bench_chosen_last_is_opened_at_the_next_start(
 
     def start() -> None:
         application.open_window(
-            application.OpenedBench(lambda: pytest.fail("nothing connects here"), load_bench("sim")),
+            application.OpenedBench(lambda: pytest.fail("nothing connects here"), load_bench("ideal")),
             SineDwell(),
             tmp_path,
             settings=settings,
             make_session=lambda *_: ListeningSession(),
             bench_factory=lambda name: application.OpenedBench(
-                lambda: pytest.fail("nothing connects here"), load_bench("sim"), name=name
+                lambda: pytest.fail("nothing connects here"), load_bench("ideal"), name=name
             ),
             bench_given=False,
         )

@@ -12,7 +12,7 @@ from drivers import Block, InputChannel, Scale
 
 
 def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
-    config, feed = load_bench("sim"), LiveFeed()
+    config, feed = load_bench("ideal"), LiveFeed()
     plot = TimePlot(feed, config.amplifier.amplifier_map, LIGHT)
     plot.resize(600, 500)
     plot.show()

@@ -10,7 +10,7 @@ import pytest
 import tactor_bench as tb
 from app.cli.main import main
 from app.identification.active_model import PAPER_MODEL, load_active_model
-from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_path, sheet_template
+from app.identification.sheet_file import SheetError, load_sheet, parse_sheet, sheet_template
 from app.identification.specimen_sheet import DIMENSIONS, SpecimenSheet
 from app.identification.table_one import TABLE_ONE
 from app.identification.uncertainty_tables import unstated_errors
@@ -19,6 +19,7 @@ from model.identification.observations import MembraneSagObservation, Observatio
 from model.parameter_spec import parameter_specs
 from model.parameters import Membrane, Tactor
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.names import sheet_path
 from tests.helpers.importing import brought
 from tests.helpers.simulated_bench import laboratory, run, simulated
 

@@ -182,7 +182,7 @@ def test_a_command_with_an_open_quotation_is_refused_before_the_bench_opens(
 @pytest.mark.deep
 def test_a_run_of_the_command_line_ends_with_its_copy(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
-    text = Path("sim_hardware/bench.toml").read_text()
+    text = Path("sim_hardware/ideal.toml").read_text()
     file.write_text(f'{text}\n[backup]\nfolder = "{(tmp_path / "copies").as_posix()}"\n')
     arguments = ["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path / "runs"), "--speed", "max"]
     assert main([*arguments, "--set", "frequencies_hz=100"]) == ExitCode.DONE
