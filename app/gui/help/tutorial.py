@@ -54,8 +54,9 @@ TUTORIALS = {
                 lambda view, _: view.outcome is not None and view.outcome.verdict.outcome is Outcome.GOOD,
             ),
             Step(
-                "AT REST in green was measured, not assumed. The card at the left has the verdict and the result: resonance 158.3 Hz, damping "
-                "ratio 0.21, each with its standard error. Choose 'lower plot: residual' above the response: the points agree with the model."
+                "AT REST in green was measured, not assumed. The card at the left has the verdict and the result: a resonance near 160 Hz, a "
+                "damping ratio near 0.22, each with its standard error. Choose 'lower plot: residual' above the response: the points depart from the "
+                "curve in a pattern. It is the paper's tactor, and this one has other values, creep and hysteresis."
             ),
             Step(
                 "Now a fault. Press F5 and answer as before. When the sign says LIVE press F9 and tick 'The cable between generator and "
@@ -73,7 +74,7 @@ TUTORIALS = {
                 _on_page("Explore"),
             ),
             Step(
-                "Press Ctrl+F: the model is fitted to the run, and each fitted slider has its value with error. Then choose 'On skin' and move "
+                "Press Ctrl+F: the model is fitted to the run, with hysteresis and creep, and each fitted value has its error. Then choose 'On skin' and move "
                 "the slider 'stiffness k_s' for a stiffer skin. Ctrl+Z takes it back."
             ),
             Step(
