@@ -27,6 +27,7 @@ MEANINGS = {
     "instrument/displacement_sensor": "calibration of the displacement sensor: m = (volts - zero) * gain",
     "instrument/displacement_sensor/calibrated": "date, ISO 8601",
     "instrument/displacement_sensor/delay": "how much later than the displacement its signal is",
+    "instrument/displacement_sensor/delay_uncertainty": "standard uncertainty of the delay; 0: not stated",
     "instrument/displacement_sensor/expires": "date, ISO 8601; empty if not known",
     "instrument/displacement_sensor/gain": "displacement per volt",
     "instrument/displacement_sensor/gain_relative_uncertainty": "standard uncertainty of the gain over the gain",

@@ -67,6 +67,7 @@ SHORT: dict[str, list[str]] = {
     "membrane-sag": ["repeats=2"],
     "sweep": [],
     "free-decay": [],
+    "latency": ["frequencies_hz=150", "repeats=2"],
     "wiring-check": [],
 }
 """Every protocol of the program, with settings that keep a run short."""

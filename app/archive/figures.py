@@ -8,11 +8,14 @@ import numpy as np
 
 from protocols.runfile.overview import LargestPoint, RunOverview
 
-LENGTH_UNITS = ("m", "m/V", "m/N")
+LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
 """Units of what scales with the gain of the displacement sensor."""
 LARGEST = "largest max - min"
 MARGIN = "margin at the largest"
 AMPLITUDE_PROTOCOL = "sine-dwell"
+LATENCY_PROTOCOL = "latency"
+BETWEEN = "rise, step"
+"""How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
 
 
 class RunFigure(NamedTuple):
@@ -39,9 +42,30 @@ def run_figures(run: RunOverview) -> tuple[RunFigure, ...]:
         _figure(e.name, e.value, e.standard_error, e.unit, gain if e.unit in LENGTH_UNITS else 0.0)
         for e in run.estimates
     ]
+    if run.protocol == LATENCY_PROTOCOL:
+        found = _latency_figures(run, found)
     if run.protocol == AMPLITUDE_PROTOCOL and run.largest is not None:
         found += _amplitude_figures(run.largest, gain)
     return tuple(f for f in found if math.isfinite(f.value) and math.isfinite(f.total))
+
+
+def _latency_figures(run: RunOverview, figures: list[RunFigure]) -> list[RunFigure]:
+    """Return the figures of a latency run with the sensor's delay and gain in their total uncertainty.
+
+    An error of the delay shifts all times from an onset. An error of the gain moves the threshold, which the displacement reaches
+    at the measured speed; shares of the final value do not depend on it.
+    """
+    sensor, threshold_m = run.sensor, float(run.parameters["threshold_m"])
+    speeds = {f.name.partition(", ")[2]: f.value for f in figures if f.unit == "m/s"}
+    total = []
+    for figure in figures:
+        name, _, onset = figure.name.partition(", ")
+        from_onset = figure.unit == "s" and not figure.name.startswith(BETWEEN)
+        delay_s = sensor.delay_uncertainty_s if from_onset else 0.0
+        timed = name.startswith("time to") and speeds.get(onset, 0.0) > 0
+        moved_s = sensor.gain_relative_uncertainty * threshold_m / speeds[onset] if timed else 0.0
+        total.append(figure._replace(total=math.hypot(figure.total, delay_s, moved_s)))
+    return total
 
 
 def _amplitude_figures(top: LargestPoint, gain: float) -> Iterator[RunFigure]:

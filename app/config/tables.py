@@ -135,7 +135,7 @@ class SensorTable(ConfigTable):
 
     @property
     def laser_sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump(exclude={"preset", "delay_uncertainty_s", "calibration_points"}))
+        return LaserSensor(**self.model_dump(exclude={"preset", "calibration_points"}))
 
     @model_validator(mode="before")
     @classmethod

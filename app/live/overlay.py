@@ -55,7 +55,7 @@ class CurveBand:
 def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: str = "") -> CurveRequest:
     """Return the request of the curve for a protocol's points on a specimen."""
     frequencies = getattr(protocol, "frequencies_hz", (getattr(protocol, "stop_hz", 250.0),))
-    top_hz = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
+    top_hz = 25.0 * math.ceil(1.04 * max(frequencies, default=250.0) / 25.0)
     elongations = tuple(sorted(set(getattr(protocol, "elongations_m", ()))))
     return CurveRequest(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2, folder, specimen, elongations)
 

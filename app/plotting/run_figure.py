@@ -53,6 +53,8 @@ def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
     if points.keys() >= RESPONSE_COLUMNS:
         return [(_draw_response, 3)]
     panels: list[tuple[Callable[[Any, Run, Tactor], None], float]] = []
+    if points.keys() >= {"latency", "threshold_speed"}:
+        return [(_draw_onsets, 3), (_draw_latencies, 3)]
     if curves := run.curves():
         panels.append((_draw_curves, 3))
         if all("coherence" in curve.columns for curve in curves):
@@ -153,6 +155,42 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
     if all((curve.columns[curve.y].values >= 0).all() for curve in curves):
         axes.set_ylim(0, None)
+
+
+def _draw_onsets(axes: Any, run: Run, _tactor: Tactor) -> None:
+    """Draw the responses after an onset, with the threshold to either side."""
+    curves = run.curves()
+    for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
+        time, moved = curve.columns["time"].values, curve.columns["displacement"].values
+        axes.plot(1e3 * time, 1e6 * moved, "-", color=colour, lw=1.2, label=curve.label)
+    threshold_um = 1e6 * float(run.parameters["threshold_m"])
+    for level in (-threshold_um, threshold_um):
+        axes.axhline(level, color="tab:green", lw=0.8)
+    axes.set(xlabel="time since the onset (ms)", ylabel="displacement (µm)")
+    axes.legend(fontsize=8, loc="upper right")
+
+
+def _draw_latencies(axes: Any, run: Run, _tactor: Tactor) -> None:
+    """Draw the time to the threshold and the rise against the frequency, a step at 0, beside those of other actuators."""
+    from model.response import PUBLISHED_LATENCIES
+
+    points = run.points()
+    good = usable_mask(points["quality"])
+    threshold = f"{1e6 * float(run.parameters['threshold_m']):g} µm"
+    for name, label, marker, color in (
+        ("latency", f"time to {threshold}", "o", "tab:red"),
+        ("rise", "rise: step 10 to 90 %, sine to 90 %", "s", "tab:blue"),
+    ):
+        y, errors = 1e3 * points[name], 1e3 * points[f"{name}_errors"]
+        draw_measured(
+            axes, points["frequency"], y, errors, good, label, face=color, fmt=marker, ms=5, mec=color, ecolor=color
+        )
+    for published, color in zip(PUBLISHED_LATENCIES, _curve_colors(len(PUBLISHED_LATENCIES)), strict=True):
+        low, high = (1e3 * max(value, 1e-4) for value in (published.low_s, published.high_s))
+        axes.axhspan(0.97 * low, 1.03 * high, color=color, alpha=0.15, lw=0)
+        axes.text(0.99, (low * high) ** 0.5, f"{published.actuator}: {published.meaning}", fontsize=7, ha="right", va="center", transform=axes.get_yaxis_transform())  # fmt: skip
+    axes.set(xlabel="frequency of the sine (Hz), a step at 0", ylabel="time (ms)", yscale="log", ylim=(0.1, 300))
+    axes.legend(fontsize=8, loc="upper left")
 
 
 def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:

@@ -12,6 +12,7 @@ from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
+from app.report.measured_latency import latency_blocks
 from app.report.plots import TITLE, paper_plots
 from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
@@ -131,8 +132,9 @@ def _appendix(
         sections.append(
             ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
         )
-    if summary.perception_margins or summary.latency is not None:
-        sections.append(ReportSection("Perceived amplitude and latency", tables.perception_blocks(summary)))
+    perceived = [*tables.perception_blocks(summary), *latency_blocks(runs)]
+    if perceived:
+        sections.append(ReportSection("Perceived amplitude and latency", perceived))
     sources: list[Block] = [
         *tables.uncertainty_blocks(summary.specimen),
         *tables.held_values(summary.specimen),

@@ -75,6 +75,7 @@ class LaserSensor:
         gain_relative_uncertainty: standard uncertainty of the gain, relative; common to all points of a run.
         serial: its serial number.
         calibrated, expires: the day of its calibration and its last day of validity, YYYY-MM-DD; empty if unknown.
+        delay_uncertainty_s: standard uncertainty of the delay; 0 where none is stated.
     """
 
     name: str
@@ -87,6 +88,7 @@ class LaserSensor:
     serial: str = ""
     calibrated: str = ""
     expires: str = ""
+    delay_uncertainty_s: float = 0.0
 
     def expiry_warning(self, today: date) -> str:
         """Return the warning for an expired calibration; empty if it is valid, or its expiry unknown."""

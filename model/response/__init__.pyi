@@ -16,9 +16,11 @@ from .harmonic_response import poles as poles
 from .harmonic_response import samples_per_period as samples_per_period
 from .harmonic_response import system_matrices as system_matrices
 from .harmonic_response import tactor_modal_form as tactor_modal_form
+from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
 from .latency import THRESHOLD_SPEC as THRESHOLD_SPEC
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC
 from .latency import Latency as Latency
+from .latency import PublishedLatency as PublishedLatency
 from .latency import sine_latency as sine_latency
 from .latency import step_latency as step_latency
 from .modes import damping_ratios as damping_ratios

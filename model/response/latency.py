@@ -35,6 +35,42 @@ class Latency:
     """Largest excess over `final_m`, as a fraction of it."""
 
 
+@dataclass(frozen=True, slots=True)
+class PublishedLatency:
+    """A published time of another kind of haptic actuator, in s, and where it is from.
+
+    All of them are times to (nearly) the full vibration, not to 50 um: the rise of a sine's onset is what compares with them.
+    """
+
+    actuator: str
+    low_s: float
+    high_s: float
+    meaning: str
+    source: str
+
+    @property
+    def description(self) -> str:
+        """The entry in a line."""
+        low, high = (f"{1e3 * value:g}" for value in (self.low_s, self.high_s))
+        span = f"below {high}" if not self.low_s else low if low == high else f"{low} to {high}"
+        return f"{self.actuator}: {span} ms, {self.meaning} ({self.source})"
+
+
+_TDK = "TDK's figures in Mouser Electronics, 'Piezoelectric Technology Enhances Haptics', Table 4"
+
+PUBLISHED_LATENCIES = (
+    PublishedLatency("LRA", 10e-3, 20e-3, "latency of the kind", _TDK),
+    PublishedLatency("LRA", 15e-3, 25e-3, "start-up", "SenseShift documentation, 'Haptic actuators: LRA'"),
+    PublishedLatency("ERM", 50e-3, 100e-3, "latency of the kind", _TDK),
+    PublishedLatency(
+        "ERM", 180e-3, 180e-3, "to the largest amplitude at the rated voltage, 5 mm motor 305-000",
+        "Precision Microdrives, 'New testing for the Precision Haptic ERMs'",
+    ),
+    PublishedLatency("piezo", 0.0, 1e-3, "latency of the kind", _TDK),
+)  # fmt: skip
+"""Linear resonant actuators (LRA), eccentric rotating masses (ERM) and piezo actuators."""
+
+
 def step_latency(
     tactor: Tactor,
     volts: float = 1500.0,

@@ -203,6 +203,7 @@ def _create_instrument(entry: h5py.Group, metadata: RunMetadata) -> None:
         ("gain", metadata.sensor.gain_m_per_v, "m/V"),
         ("zero", metadata.sensor.zero_v, "V"),
         ("delay", metadata.sensor.delay_s, "s"),
+        ("delay_uncertainty", metadata.sensor.delay_uncertainty_s, "s"),
         ("gain_relative_uncertainty", metadata.sensor.gain_relative_uncertainty, "1"),
         ("valid_low", metadata.sensor.valid_low_v, "V"),
         ("valid_high", metadata.sensor.valid_high_v, "V"),

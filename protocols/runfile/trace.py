@@ -41,6 +41,7 @@ def read_sensor(entry: "h5py.Group") -> LaserSensor:
         serial=read_text(group, "serial"),
         calibrated=read_text(group, "calibrated"),
         expires=read_text(group, "expires") if "expires" in group else "",
+        delay_uncertainty_s=read_number(group, "delay_uncertainty") if "delay_uncertainty" in group else 0.0,
     )
 
 

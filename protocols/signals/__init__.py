@@ -16,6 +16,7 @@ suffice raise ValueError with the reason.
     step_detection  WeightStepDetector                a weight placed on the tactor, online
     creep      fit_creep                              logarithmic creep per decade
     loop       fold, measure_loops                    width, area, asymmetry of hysteresis loops
+    onset      find_edge, first_crossing              when a response to a step or to a sine's begin crosses a level
     decay      fit_decay                              frequency and damping of a free decay
 
 `checks` and `spectral_blocks` are shared by several of them. Each name is imported when it is first used.

@@ -50,6 +50,7 @@ SHORTER: dict[str, dict[str, Any]] = {
     "square-dwell": {"frequencies_hz": (60.0, 160.0)},
     "membrane-series": {"frequencies_hz": (150.0,), "elongations_m": (6.35e-3,)},
     "free-decay": {"edges": 2},
+    "latency": {"frequencies_hz": (150.0,), "repeats": 1},
 }
 """Fewer points with the same drives, to run a protocol on every source."""
 

@@ -1,0 +1,163 @@
+"""Latency on simulated benches: times of the plant's own motion under ideal steps and sines, held by the stated uncertainties."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.archive.description import latency_lines
+from app.archive.figures import run_figures
+from app.config.bench_file import BenchConfig, load_bench
+from app.plotting.run_figure import draw_run
+from app.report.measured_latency import latency_blocks
+from app.report.runs import read_report_runs
+from model import Tactor
+from model.response import PUBLISHED_LATENCIES, step_latency
+from protocols.base import RunStatus
+from protocols.measurements.latency import SINE, STEP, Latency
+from protocols.runfile.overview import overview_of
+from protocols.runfile.reader import Run
+from protocols.signals.onset import find_edge, first_crossing, last_crossing, smooth
+from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
+from tests.helpers.simulated_bench import laboratory, run, simulated
+
+COLUMNS = {"time to 50 µm": "latency", "rise": "rise", "overshoot": "overshoot", "settling": "settling"}
+
+
+def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Latency(repeats=2, frequencies_hz=(100.0,)), tmp_path, lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    assert ran.verdict.outcome == "good", ran.verdict.reasons
+    assert ran.report.steepest_v_per_s == pytest.approx(9900, rel=0.02)
+    expected = step_latency(Tactor(), 1500.0)
+    step, sine = ran.points[0], ran.points[-1]
+    for name, true in (
+        ("latency", expected.to_threshold_s),
+        ("rise", expected.rise_s),
+        ("overshoot", expected.overshoot),
+        ("settling", expected.settling_s),
+        ("final", expected.final_m),
+    ):
+        assert true is not None
+        assert abs(getattr(step, name) - true) < 3 * getattr(step, f"{name}_errors"), name
+    assert step.latency_errors < 0.03 * step.latency
+    assert step.driven_latency - step.latency == pytest.approx(0.5 * 2.5 / 9900, rel=0.05)
+    assert sine.latency == pytest.approx(1.1805e-3, abs=5e-6)  # of the plant, see latency_truth
+    with Run(ran.path) as file:
+        names = [e.name for e in file.estimates()]
+        assert [curve.label for curve in file.curves()] == ["step to 5 V", "sine of 100 Hz"]
+        again = [Latency().point(key, [r], True) for key, r in zip(KEYS, file.recordings(), strict=True)]
+        figures = {f.name: f for f in run_figures(overview_of(file))}
+    assert "time to 50 µm, step to 5 V" in names
+    assert again == ran.points
+    felt, rise = figures["time to 50 µm, step to 5 V"], figures["rise, step to 5 V"]
+    assert felt.total > felt.statistical  # the sensor's gain moves the threshold
+    assert rise.total == rise.statistical
+
+
+KEYS = ((STEP, 5.0, 1.0), (STEP, 5.0, 2.0), (SINE, 100.0, 1.0), (SINE, 100.0, 2.0))
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("bench", ["ideal", "realistic"])
+def test_the_total_uncertainties_hold_against_the_plant(bench: str, tmp_path: Path) -> None:
+    truth: dict[str, TrueLatency] = {}
+    pulls: dict[str, list[float]] = {}
+    for seed in (1, 2, 3):
+        config = seeded(bench, seed)
+        if not truth:
+            parameters = config.simulation_parameters
+            truth = {"step to 5 V": true_step(parameters, 5.0), "sine of 250 Hz": true_sine(parameters, 250.0)}
+        with laboratory(config) as lab:
+            ran = run(Latency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
+        with Run(ran.path) as file:
+            for figure in run_figures(overview_of(file)):
+                name, _, what = figure.name.partition(", ")
+                if name in COLUMNS:
+                    true = getattr(truth[what], COLUMNS[name])
+                    pulls.setdefault(figure.name, []).append((figure.value - true) / figure.total)
+    assert len(pulls) == 8
+    for name, each in pulls.items():
+        assert np.abs(each).max() < 2.6, (name, each)
+    assert np.sqrt(np.mean(np.square([*pulls.values()]))) < 1.3
+
+
+def seeded(bench: str, seed: int) -> BenchConfig:
+    config = load_bench(bench)
+    return config.model_copy(update={"simulation": {**(config.simulation or {}), "seed": seed, "fresh_noise": False}})
+
+
+@pytest.mark.deep
+def test_the_fastest_edge_of_a_small_memory_is_slower_and_its_uncertainty_larger(tmp_path: Path) -> None:
+    with laboratory(simulated(generator={"model": "AFG1022"})) as lab:
+        ran = run(Latency(repeats=2, frequencies_hz=()), tmp_path, lab)
+    assert ran.status is RunStatus.COMPLETED, ran.reason
+    true = step_latency(Tactor(), 1500.0)
+    for point in ran.points:
+        assert point.edge_time > 3.5e-4
+        assert true.to_threshold_s is not None
+        assert abs(point.latency - true.to_threshold_s) < 3 * point.latency_errors
+
+
+@pytest.mark.deep
+def test_a_response_that_stays_below_the_threshold_has_no_latency_and_a_warning(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Latency(levels_v=(2.6,), repeats=2, frequencies_hz=()), tmp_path, lab)
+    assert all(np.isnan(p.latency) and np.isfinite(p.rise) for p in ran.points)
+    protocol = Latency(levels_v=(2.6,))
+    assert "does not reach 50 µm under a step" in protocol.warnings(ran.points)[0]
+    assert protocol.promised_estimates(ran.points) == ()
+
+
+@pytest.mark.deep
+def test_a_specimen_that_does_not_move_has_no_points(tmp_path: Path) -> None:
+    with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
+        ran = run(Latency(repeats=1, frequencies_hz=(100.0,)), tmp_path, lab)
+    assert ran.points == []
+
+
+def test_the_edge_of_a_staircase_and_crossings_of_a_noisy_line() -> None:
+    rate = 1e5
+    time = np.arange(6000) / rate
+    drive = np.interp(time, [0, 0.03, 0.03025], [2.5, 2.5, 5.0])
+    edge = find_edge(drive, rate, 2.5e-4, 0.02)
+    assert edge.centroid_s == pytest.approx(0.030125, abs=2e-7)
+    assert edge.duration_s == pytest.approx(2.5e-4, rel=0.01)
+    assert edge.step_v == pytest.approx(2.5)
+    with pytest.raises(ValueError, match="shows no step"):
+        find_edge(np.full(6000, 2.5), rate, 2.5e-4, 0.02)
+    noise = np.random.default_rng(1).normal(0, 0.01, time.size)
+    line, left = smooth(time * 100 - 3 + noise, rate)
+    found = first_crossing(time, line, 1.0, 0.01 * left)
+    assert abs(found.time_s - 0.04) < 3 * found.standard_error < 3e-4
+    assert last_crossing(time, line, 100.0, 0.01).time_s == 0.0
+    assert np.isnan(last_crossing(time, line, 0.0, 0.01).time_s)
+    assert np.isnan(first_crossing(time, line, 100.0, 0.01).time_s)
+
+
+@pytest.mark.deep
+def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Latency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
+    with Run(ran.path) as file:
+        text = "\n".join(latency_lines(file))
+    assert "time to 50 µm, step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
+    assert "ERM: 50 to 100 ms" in text
+    assert "LRA: 10 to 20 ms" in text
+    assert all(published.source for published in PUBLISHED_LATENCIES)
+    with Run(ran.path) as file:
+        draw_run(file, tmp_path / "latency.svg")
+    assert "<svg" in (tmp_path / "latency.svg").read_text(encoding="utf-8")
+    measured, others = (asdict(block) for block in latency_blocks(read_report_runs(tmp_path, "T1")))
+    assert "step to 5 V" in str(measured)
+    assert "sine of 150 Hz" in str(measured)
+    assert all(published.source in str(others) for published in PUBLISHED_LATENCIES)
+
+
+def test_parameters_that_leave_nothing_to_measure_are_refused() -> None:
+    with pytest.raises(ValueError, match="levels_v and frequencies_hz are both empty"):
+        Latency(levels_v=(), frequencies_hz=())
+    with pytest.raises(ValueError, match="greater than or equal to 50000"):
+        Latency(sample_rate_hz=20_000.0)
