@@ -27,7 +27,7 @@ BUILT_IN_PROTOCOLS = {
     "membrane-sag": ("Membrane sag", "protocols.measurements.membrane_sag:MembraneSag"),
     "sweep": ("Sweep", "protocols.measurements.sweep:Sweep"),
     "free-decay": ("Free decay", "protocols.measurements.free_decay:FreeDecay"),
-    "latency": ("Latency", "protocols.measurements.latency:Latency"),
+    "latency": ("Latency", "protocols.measurements.latency:OnsetLatency"),
     "wiring-check": ("Wiring check", "protocols.measurements.wiring_check:WiringCheck"),
 }
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""

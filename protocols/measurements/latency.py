@@ -118,7 +118,7 @@ def _milliseconds(value_s: float, error_s: float) -> str:
     return format_with_uncertainty(1e3 * value_s, 1e3 * error_s, "ms")
 
 
-class Latency(Protocol):
+class OnsetLatency(Protocol):
     """Time to the perception threshold, rise, overshoot and settling, after the fastest steps and after onsets of a sine."""
 
     name: ClassVar[str] = "latency"

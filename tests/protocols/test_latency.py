@@ -15,7 +15,7 @@ from app.report.runs import read_report_runs
 from model import Tactor
 from model.response import PUBLISHED_LATENCIES, step_latency
 from protocols.base import RunStatus
-from protocols.measurements.latency import SINE, STEP, Latency
+from protocols.measurements.latency import SINE, STEP, OnsetLatency
 from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
 from protocols.signals.onset import find_edge, first_crossing, last_crossing, smooth
@@ -27,7 +27,7 @@ COLUMNS = {"time to 50 µm": "latency", "rise": "rise", "overshoot": "overshoot"
 
 def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> None:
     with laboratory() as lab:
-        ran = run(Latency(repeats=2, frequencies_hz=(100.0,)), tmp_path, lab)
+        ran = run(OnsetLatency(repeats=2, frequencies_hz=(100.0,)), tmp_path, lab)
     assert ran.status is RunStatus.COMPLETED, ran.reason
     assert ran.verdict.outcome == "good", ran.verdict.reasons
     assert ran.report.steepest_v_per_s == pytest.approx(9900, rel=0.02)
@@ -48,7 +48,7 @@ def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> 
     with Run(ran.path) as file:
         names = [e.name for e in file.estimates()]
         assert [curve.label for curve in file.curves()] == ["step to 5 V", "sine of 100 Hz"]
-        again = [Latency().point(key, [r], True) for key, r in zip(KEYS, file.recordings(), strict=True)]
+        again = [OnsetLatency().point(key, [r], True) for key, r in zip(KEYS, file.recordings(), strict=True)]
         figures = {f.name: f for f in run_figures(overview_of(file))}
     assert "time to 50 µm, step to 5 V" in names
     assert again == ran.points
@@ -71,7 +71,7 @@ def test_the_total_uncertainties_hold_against_the_plant(bench: str, tmp_path: Pa
             parameters = config.simulation_parameters
             truth = {"step to 5 V": true_step(parameters, 5.0), "sine of 250 Hz": true_sine(parameters, 250.0)}
         with laboratory(config) as lab:
-            ran = run(Latency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
+            ran = run(OnsetLatency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
         with Run(ran.path) as file:
             for figure in run_figures(overview_of(file)):
                 name, _, what = figure.name.partition(", ")
@@ -92,7 +92,7 @@ def seeded(bench: str, seed: int) -> BenchConfig:
 @pytest.mark.deep
 def test_the_fastest_edge_of_a_small_memory_is_slower_and_its_uncertainty_larger(tmp_path: Path) -> None:
     with laboratory(simulated(generator={"model": "AFG1022"})) as lab:
-        ran = run(Latency(repeats=2, frequencies_hz=()), tmp_path, lab)
+        ran = run(OnsetLatency(repeats=2, frequencies_hz=()), tmp_path, lab)
     assert ran.status is RunStatus.COMPLETED, ran.reason
     true = step_latency(Tactor(), 1500.0)
     for point in ran.points:
@@ -104,9 +104,9 @@ def test_the_fastest_edge_of_a_small_memory_is_slower_and_its_uncertainty_larger
 @pytest.mark.deep
 def test_a_response_that_stays_below_the_threshold_has_no_latency_and_a_warning(tmp_path: Path) -> None:
     with laboratory() as lab:
-        ran = run(Latency(levels_v=(2.6,), repeats=2, frequencies_hz=()), tmp_path, lab)
+        ran = run(OnsetLatency(levels_v=(2.6,), repeats=2, frequencies_hz=()), tmp_path, lab)
     assert all(np.isnan(p.latency) and np.isfinite(p.rise) for p in ran.points)
-    protocol = Latency(levels_v=(2.6,))
+    protocol = OnsetLatency(levels_v=(2.6,))
     assert "does not reach 50 µm under a step" in protocol.warnings(ran.points)[0]
     assert protocol.promised_estimates(ran.points) == ()
 
@@ -114,7 +114,7 @@ def test_a_response_that_stays_below_the_threshold_has_no_latency_and_a_warning(
 @pytest.mark.deep
 def test_a_specimen_that_does_not_move_has_no_points(tmp_path: Path) -> None:
     with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
-        ran = run(Latency(repeats=1, frequencies_hz=(100.0,)), tmp_path, lab)
+        ran = run(OnsetLatency(repeats=1, frequencies_hz=(100.0,)), tmp_path, lab)
     assert ran.points == []
 
 
@@ -140,7 +140,7 @@ def test_the_edge_of_a_staircase_and_crossings_of_a_noisy_line() -> None:
 @pytest.mark.deep
 def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Path) -> None:
     with laboratory() as lab:
-        ran = run(Latency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
+        ran = run(OnsetLatency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
     with Run(ran.path) as file:
         text = "\n".join(latency_lines(file))
     assert "time to 50 µm, step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
@@ -158,6 +158,6 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
 
 def test_parameters_that_leave_nothing_to_measure_are_refused() -> None:
     with pytest.raises(ValueError, match="levels_v and frequencies_hz are both empty"):
-        Latency(levels_v=(), frequencies_hz=())
+        OnsetLatency(levels_v=(), frequencies_hz=())
     with pytest.raises(ValueError, match="greater than or equal to 50000"):
-        Latency(sample_rate_hz=20_000.0)
+        OnsetLatency(sample_rate_hz=20_000.0)
