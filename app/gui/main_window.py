@@ -6,25 +6,26 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit, QMainWindow, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
 from app.config import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
 from app.gui.bench.notices import NoticeArea
+from app.gui.bench.notifier import Notifier
+from app.gui.bench.remote import RemoteController
 from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_menus import MainMenus
+from app.gui.main_window_settings import make_settings
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
 from app.gui.widgets import (
-    APPEARANCES,
     Item,
     Overlaid,
     Theme,
     add_actions,
     column,
-    configure,
     style_sheet,
     text_scale,
     theme_for,
@@ -95,6 +96,8 @@ class MainWindow(QMainWindow):
         self.tabs = MainTabs(protocol, adapter, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs, self.theme)
+        self.notifier = Notifier(self, settings)
+        self.remote = RemoteController(settings, adapter, self.tabs.describe_next, self)
         self._build(config.name)
         self._restore(folder, specimen)
         self.set_theme(self.theme)
@@ -197,6 +200,7 @@ class MainWindow(QMainWindow):
         """Process the events since the last tick and refresh what moves."""
         self.controller.process_events()
         view = self.state
+        self.remote.beat()
         self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
         # The operator's prompt id is set only after the event was emitted.
         self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
@@ -240,26 +244,10 @@ class MainWindow(QMainWindow):
         self.set_theme(theme_for(appearance))
 
     def _make_settings(self) -> "list[Setting]":
-        """Return the settings of the settings page."""
-        from app.gui.help.settings_page import Setting
-
-        appearance = configure(QComboBox(), "settings.appearance")
-        for name, text in APPEARANCES.items():
-            appearance.addItem(text, name)
-        appearance.setCurrentIndex(max(appearance.findData(self.appearance), 0))
-        appearance.currentIndexChanged.connect(lambda _: self.set_appearance(appearance.currentData()))
         panel = self.measure_page.run_panel
-        fields = []
-        for name, edit in (("folder", panel.folder_edit), ("specimen", panel.specimen_edit)):
-            copy = configure(QLineEdit(edit.text()), f"settings.{name}")
-            copy.editingFinished.connect(lambda copy=copy, edit=edit: self.state.busy or edit.setText(copy.text()))
-            edit.textChanged.connect(copy.setText)
-            fields.append(copy)
-        return [
-            Setting("Appearance", appearance, "Light or dark colours, or those of the system"),
-            Setting("Folder for run files", fields[0], "Where runs are written, and which runs are listed"),
-            Setting("Specimen", fields[1], "Name that is written into new runs"),
-        ]
+        return make_settings(
+            self.appearance, self.set_appearance, panel, lambda: self.state.busy, self.notifier, self.remote
+        )
 
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
@@ -267,6 +255,8 @@ class MainWindow(QMainWindow):
             self._save()
             self.tabs.shutdown()
             self.central.shutdown()
+            self.notifier.shutdown()
+            self.remote.shutdown()
             if self.faults is not None:
                 self.faults.shutdown()
             if self.replaced:
@@ -309,6 +299,8 @@ class MainWindow(QMainWindow):
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
         self.central.set_state(self.state)
         self.tabs.set_state(self.state)
+        self.notifier.set_state(self.state)
+        self.remote.set_state(self.state)
         if self.faults is not None:
             self.faults.set_state(self.state)
 

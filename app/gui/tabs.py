@@ -253,6 +253,11 @@ class MainTabs(QTabWidget):
         on_campaign = self.currentIndex() == CAMPAIGN and CAMPAIGN in self._created
         return self._specimen_of(self.campaign.controller) if on_campaign else (self.folder, self.specimen)
 
+    def describe_next(self) -> tuple[str, str]:
+        """Return the specimen of the visible page, and the next step of the open campaign as text."""
+        step = self.campaign.board.step if CAMPAIGN in self._created else None
+        return self.shown_specimen[1], "" if step is None else step.heading
+
     @property
     def identification_subject(self) -> IdentificationSubject:
         """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""

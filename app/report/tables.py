@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from app.campaign import PAPER_ITEMS
 from app.common import Table, display_unit, pluralize, typeset_unit
 from app.identification import (
     TABLE_ONE,
@@ -43,8 +42,16 @@ EMPTY_CELL = "–"
 BAR_HEIGHT_IN = 0.24
 MAX_FINDINGS = 10
 """Findings that are listed."""
-ITEM_NAMES = {item.protocol: item.name for item in PAPER_ITEMS}
-"""Names of protocols in a campaign, which are shorter."""
+SHORT_NAMES = {
+    "wiring-check": "wiring",
+    "static-loading": "loading",
+    "mass-resonance": "resonance",
+    "voltage-steps": "steps",
+    "sine-dwell": "dwell",
+    "membrane-sag": "sag",
+    "membrane-series": "membrane",
+}
+"""Names of protocols that fit a narrow column: those of their items in a campaign."""
 VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
@@ -284,7 +291,7 @@ def _percent(share: float) -> str:
 def _item_name(label: str) -> str:
     """`20261121T091502Z_T7_static-loading mfc` as `loading`."""
     protocol = label.rpartition("_")[2].split(" ")[0]
-    return ITEM_NAMES.get(protocol, protocol)
+    return SHORT_NAMES.get(protocol, protocol)
 
 
 def _spell_out(text: str) -> str:

@@ -52,7 +52,9 @@ class SettingsPage(QWidget):
             setting.editor.setFixedWidth(EDITOR_WIDTH)
             name, about = make_label(setting.name, "caption"), make_label(setting.description, "note-size")
             frame = make_panel(
-                row((column(name, about, spacing=2), 1), setting.editor), margins=(14, 10, 14, 10), spacing=4
+                row((column(STRETCH, name, about, STRETCH, spacing=2), 1), setting.editor),
+                margins=(14, 10, 14, 10),
+                spacing=4,
             )
             self._frames.append((f"{setting.name} {setting.description}".casefold(), frame))
         content, area = QWidget(), make_scroll_area(accessibleName="settings")

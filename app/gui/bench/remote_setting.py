@@ -1,0 +1,58 @@
+"""Setting of the read-only web page: who can read it, its address, and the address as a QR code."""
+
+import io
+
+import segno
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QPixmap
+from PySide6.QtWidgets import QComboBox, QLabel, QWidget
+
+from app.gui.bench.remote import MODES, NETWORK, RemoteController
+from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_label
+
+MODULE_PIXELS = 5
+DESCRIPTION = (
+    "State, voltage, points and next step for a phone or a second screen; nothing can be commanded there. In a network the address has a token that "
+    "no other page and no log contains; the connection is not encrypted."
+)
+
+
+class RemoteSetting(QWidget):
+    """Editor of the settings page."""
+
+    def __init__(self, remote: RemoteController) -> None:
+        super().__init__()
+        self._remote = remote
+        self.mode = configure(QComboBox(), "settings.remote.mode", accessibleName="web page")
+        for name, text in MODES.items():
+            self.mode.addItem(text, name)
+        self.mode.setCurrentIndex(self.mode.findData(remote.mode))
+        self.address = make_label(name="settings.remote.address", textInteractionFlags=SELECTABLE)
+        self.code = configure(QLabel(), "settings.remote.code", accessibleName="address of the web page as a QR code")
+        self.code.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.renew_button = configure(
+            make_choice("New token", "Addresses with the present token are no longer valid"), "settings.remote.renew"
+        )
+        column(self.mode, self.address, self.code, self.renew_button, parent=self, margins=(0, 0, 0, 0), spacing=6)
+        self.mode.currentIndexChanged.connect(lambda _: remote.set_mode(self.mode.currentData()))
+        self.renew_button.clicked.connect(lambda _=False: remote.renew_token())
+        remote.changed.connect(self._show)
+        self._show()
+
+    def _show(self) -> None:
+        url = self._remote.url
+        self.address.setText(self._remote.problem or url)
+        self.address.setVisible(bool(self.address.text()))
+        self.code.setVisible(bool(url))
+        self.renew_button.setVisible(bool(url) and self._remote.mode == NETWORK)
+        if url:
+            self.code.setPixmap(qr_pixmap(url))
+
+
+def qr_pixmap(text: str) -> QPixmap:
+    """Return a text as a QR code with its quiet zone, black on white in both themes."""
+    data = io.BytesIO()
+    segno.make(text, micro=False).save(data, kind="png", scale=MODULE_PIXELS, border=4)
+    found = QPixmap()
+    found.loadFromData(data.getvalue())
+    return found

@@ -1,0 +1,119 @@
+"""Record of the window's state for a web page: sign, voltage, progress, prompt, points and result as plain JSON values."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from app.common import OUTCOME_SYMBOLS, axis_name, display_unit, format_estimate, typeset
+from app.session import BenchState, WindowState, format_bench_duration, protocol_title
+from drivers import Bench
+from protocols.base import Quality, RunStatus
+from protocols.registry import PROTOCOLS
+from protocols.runfile.schema import point_columns
+
+MAX_POINTS = 2000
+"""Points of a record; of more, the newest."""
+MAX_MESSAGES = 6
+URGENT = (BenchState.UNSAFE, BenchState.DRIVE_LOST)
+"""States that are shown as danger."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the window shows.
+
+    Attributes:
+        next_step: of the open campaign, as text; empty without one.
+        streamed_s: bench time of the samples since the run began.
+        bench: which is connected, for the speed of a simulated one.
+        age_s: seconds since the window's last frame.
+    """
+
+    state: WindowState
+    specimen: str = ""
+    next_step: str = ""
+    streamed_s: float = 0.0
+    bench: Bench | None = None
+    age_s: float = 0.0
+
+
+def snapshot_record(snapshot: Snapshot) -> dict[str, Any]:
+    """Return a snapshot as JSON values; what is not finite is null."""
+    view = snapshot.state
+    progress = view.progress if view.busy else None
+    title = "" if not view.protocol else protocol_title(view.protocol)
+    return {
+        "age_s": round(snapshot.age_s, 1),
+        "bench": view.bench_name,
+        "simulated": view.simulated,
+        "specimen": snapshot.specimen,
+        "state": str(view.bench_state),
+        "urgent": view.bench_state in URGENT or bool(view.unsafe),
+        "live": view.bench_state in (BenchState.LIVE, BenchState.DRIVE_LOST),
+        "voltage": view.voltage_text,
+        "voltage_note": view.voltage_note,
+        "unsafe": view.unsafe,
+        "problem": view.problem,
+        "protocol": title,
+        "busy": view.busy,
+        "progress": None
+        if progress is None
+        else {
+            "done": progress.done,
+            "entries": progress.entries,
+            "label": progress.label,
+            "left": f"left: {format_bench_duration(progress.remaining_at(snapshot.streamed_s), snapshot.bench)}",
+            "fraction": round(progress.fraction_at(snapshot.streamed_s), 4),
+        },
+        "next_step": _next_step(snapshot),
+        "operator_needed": view.prompt is not None,
+        "points": _points(view),
+        "result": _result(view),
+        "messages": [[f"{line.time:%H:%M:%S}", line.text] for line in view.messages[-MAX_MESSAGES:]],
+    }
+
+
+def _next_step(snapshot: Snapshot) -> str:
+    view = snapshot.state
+    if view.unsafe:
+        return "Read the message at the bench"
+    if view.prompt is not None:
+        return view.prompt.prompt.text
+    if view.busy:
+        return "Pausing" if view.pause_requested else "Paused: resume at the bench" if view.paused else ""
+    return snapshot.next_step
+
+
+def _points(view: WindowState) -> dict[str, Any]:
+    kind = PROTOCOLS.get(view.protocol)
+    if kind is None:
+        return {"x": "", "y": "", "points": []}
+    known, (x_name, y_name) = point_columns(kind.point_type), kind.axes
+    (x_factor, x_unit), (y_factor, y_unit) = (display_unit(known[name][0]) for name in (x_name, y_name))
+    measured: list[Any] = list(view.points[-MAX_POINTS:])
+    points = [
+        [x, y, Quality(point.quality).usable]
+        for point in measured
+        if hasattr(point, x_name)
+        and hasattr(point, y_name)
+        and math.isfinite(x := x_factor * float(getattr(point, x_name)))
+        and math.isfinite(y := y_factor * float(getattr(point, y_name)))
+    ]
+    return {
+        "x": f"{axis_name(x_name)} ({x_unit})" if x_unit else axis_name(x_name),
+        "y": f"{axis_name(y_name)} ({y_unit})" if y_unit else axis_name(y_name),
+        "points": points,
+    }
+
+
+def _result(view: WindowState) -> dict[str, Any] | None:
+    ended = view.outcome
+    if ended is None or view.busy:
+        return None
+    verdict = ended.verdict.outcome
+    return {
+        "text": f"{OUTCOME_SYMBOLS.get(verdict, '')} {verdict}".strip(),
+        "good": ended.status is RunStatus.COMPLETED and not view.verdict_message,
+        "reason": ended.reason,
+        "estimates": [typeset(format_estimate(estimate)) for estimate in ended.estimates],
+    }
