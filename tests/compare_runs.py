@@ -54,7 +54,7 @@ CLOCKS = (
 )
 """What is replaced in every text before it is compared."""
 
-SEED = ["--bench", "sim", "--speed", "max", "--seed", "3"]
+SEED = ["--bench", "ideal", "--speed", "max", "--seed", "3"]
 
 SHORT: dict[str, list[str]] = {
     "static-loading": ["weights_kg=0.05,0.2", "repeats=2"],

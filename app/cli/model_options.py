@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from annotated_types import Interval
@@ -243,11 +242,6 @@ class ShapeOptions:
         """Return the number of shape functions for a specimen, and how accurate it is."""
         share = to_number(self.accuracy.strip().removesuffix("%"), "1") / (100 if "%" in self.accuracy else 1)
         return choose_shapes(specimen.tactor, specimen.skin, self.n, share, highest_hz)
-
-
-def shapes_option() -> Any:
-    """Declare `-n` of a study."""
-    return option("-n", type=int, default=None, help="number of shape functions, 3 to 300 (default: 7)")
 
 
 def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specimen:

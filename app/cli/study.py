@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from app.cli.model_options import (
     DriveOptions,
     ParameterOptions,
+    ShapeOptions,
     SpecimenOptions,
     read_settings,
     read_specimen,
     read_values,
     read_vary,
-    shapes_option,
     translate_model_errors,
 )
 from app.cli.options import CommandSyntax, FileOptions, group, option, repeated, switch
@@ -47,7 +47,7 @@ from app.common import (
 )
 from app.plotting.charts import draw_figure
 from model import Array, replace_variables
-from model.response import FREQUENCY_SPEC
+from model.response import FREQUENCY_SPEC, ShapeChoice
 from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
 from protocols.runfile.errors import StorageError
@@ -180,7 +180,7 @@ class StudyCommand:
         help="twice the fundamental (default), max - min, or the complex deflection per volt on the specimen",
     )
     drive: DriveOptions = group(DriveOptions)
-    n: int | None = shapes_option()
+    shapes: ShapeOptions = group(ShapeOptions)
     specimen: SpecimenOptions = group(SpecimenOptions)
     out: Path | None = option(
         "--out", inherited=True, type=path_argument, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
@@ -200,7 +200,7 @@ class StudyCommand:
 
     def execute(self) -> int:
         with translate_model_errors():
-            request = read_study(self)
+            request, choice = read_study(self)
         check_output_files(self.files)
         with usage_errors(StorageError):
             if self.out is not None:
@@ -208,6 +208,7 @@ class StudyCommand:
         try:
             with translate_model_errors():
                 result = _sensitivity(request, self) if self.sensitivity else _compute_study(request, self)
+            result = replace(result, notes=(*result.notes, choice.describe()))
         except StorageError as error:
             print_message(f"tactor-bench: {error}")
             return ExitCode.FAILED
@@ -217,8 +218,8 @@ class StudyCommand:
         return render(result, self.specimen.json, self.files)
 
 
-def read_study(options: StudyCommand) -> Study:
-    """Return the study that the options describe.
+def read_study(options: StudyCommand) -> tuple[Study, ShapeChoice]:
+    """Return the study that the options describe, and its number of shape functions with their accuracy.
 
     Raises:
         UsageError, ParameterError: it cannot be computed.
@@ -242,14 +243,31 @@ def read_study(options: StudyCommand) -> Study:
         raise UsageError(f"there is no study '{options.preset}'; the presets are: {', '.join(STUDY_PRESETS)}")
     _check_overlap(base, options)
     amplitude_v, offset_v = options.drive.read()
-    return replace(
+    study = replace(
         base,
         frequency_hz=read_values(frequencies, FREQUENCY_SPEC) if frequencies is not None else base.frequency_hz,
         measure=options.quantity or base.measure,
         amplitude_v=amplitude_v,
         offset_v=offset_v,
-        n=base.n if options.n is None else options.n,
     )
+    # A preset is the paper's figure, with the paper's shape functions.
+    shapes = options.shapes if options.preset is None or options.shapes.n else replace(options.shapes, n=base.n)
+    choice = _choose_shapes(study, shapes)
+    return replace(study, n=choice.n), choice
+
+
+def _choose_shapes(study: Study, options: ShapeOptions) -> ShapeChoice:
+    """Return the number of shape functions that is accurate for the lowest and the highest values of what is varied.
+
+    All variables are at their first value but one, which is at its lowest or highest; and all at their lowest, all at their highest.
+    """
+    first = {name: values[0] for name, values in study.vary.items()}
+    corners = [{name: pick(values) for name, values in study.vary.items()} for pick in (min, max)]
+    corners += [{**first, name: pick(values)} for name, values in study.vary.items() for pick in (min, max)]
+    highest_hz = max(study.frequency_hz)
+    different = {tuple(corner.items()): corner for corner in corners}.values()
+    choices = [options.choose(replace_variables(study.specimen, corner), highest_hz) for corner in different]
+    return max(choices, key=lambda choice: (not choice.accurate, choice.n, choice.error))
 
 
 def _check_overlap(base: Study, options: StudyCommand) -> None:

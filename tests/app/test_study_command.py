@@ -10,11 +10,13 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import ExitCode
+from model import Membrane, Specimen, replace_variables
+from model.response import exact_response
 from model.studies.parameter_study import STUDY_PRESETS, Study
 from protocols.runfile.study_file import read_study
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
-SMALL = ["study", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
+SMALL = ["study", "-n", "7", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
 
 
 @pytest.mark.parametrize("preset", ["fig10", "fig11", "fig12"])
@@ -31,6 +33,8 @@ def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: 
     path, sheet = tmp_path / "study.h5", tmp_path / "study.csv"
     arguments = [
         "study",
+        "-n",
+        "7",
         "--vary",
         "delta=0,0.0075,0.0373",
         "--frequencies",
@@ -50,6 +54,18 @@ def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: 
         head, *rows = csv.reader(file)
     assert head == ["delta []", "frequency [Hz]", "peak_to_peak [m]"]
     assert np.array(rows, float)[:, 2] == pytest.approx(stored.values.ravel(), rel=1e-15)
+
+
+def test_a_study_is_as_accurate_as_it_states_at_every_combination(ask: Any) -> None:
+    """Against the closed form, which shares no shape functions with the study."""
+    told = ask("study", "--vary", "delta=0,0.03", "--vary", "m_add=5e-3,2e-2", "--frequencies", "50:500:10", "--quantity", "receptance")  # fmt: skip
+    values = np.array(told["receptance"]["values"]) @ [1, 1j]
+    f = np.linspace(50, 500, 10)
+    for i, delta in enumerate((0.0, 0.03)):
+        for j, m_add in enumerate((5e-3, 2e-2)):
+            specimen = replace_variables(Specimen(membrane=Membrane()), {"delta": delta, "m_add": m_add})
+            exact = exact_response(specimen.tactor, f, specimen.skin)
+            assert np.max(np.abs(values[i, j] - exact) / np.abs(exact)) < 1e-3
 
 
 def test_chunks_land_where_they_belong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Any) -> None:
