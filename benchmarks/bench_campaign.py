@@ -1,13 +1,15 @@
 """The paper's whole campaign on the virtual clock, nothing skipped; and memory over the length of a sweep.
 
-    python benchmarks/bench_campaign.py [--bench sim] [--items wiring,steps] [--memory]
+    python benchmarks/bench_campaign.py [--bench sim] [--items wiring,steps] [--memory] [--sweeps]
 
 Told per item: bench time, wall time, their ratio, and how the item stands. At the end what the paper's chain identified,
 against the truth of the simulated tactor, and the largest memory. `--memory` runs one mass of the mass resonance in 30 s and
-in 300 s, each in a process of its own, and tells by how much the longer one needs more.
+in 300 s, each in a process of its own, and tells by how much the longer one needs more. `--sweeps` compares the bench time of sweeps
+with the time that was asked for.
 """
 
 import argparse
+import math
 import os
 import resource
 import subprocess
@@ -37,10 +39,14 @@ def main() -> None:
     parser.add_argument("--items", default="", help="only these, separated by commas")
     parser.add_argument("--bench", default="ideal", help="bench file, 'ideal' (default) or 'sim'")
     parser.add_argument("--memory", action="store_true")
+    parser.add_argument("--sweeps", action="store_true", help="bench time of sweeps against the time asked for")
     parser.add_argument("--sweep", type=float, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.sweep:
         sweep(asked.sweep)
+        print(peak_mb())
+    elif asked.sweeps:
+        sweeps()
     elif asked.memory:
         memory()
     else:
@@ -92,6 +98,15 @@ def campaign(only: list[str], config: BenchConfig) -> None:
     print(f"largest memory {peak_mb():.0f} MB")
 
 
+def sweeps() -> None:
+    took = []
+    for seconds in (30.0, 300.0, 900.0):
+        took.append(sweep(seconds))
+        met = "met" if took[-1] <= 1.1 * seconds + 5 else "NOT met"
+        print(f"asked {seconds:g} s, took {took[-1]:.1f} s of bench time; goal 1.1 times and 5 s: {met}")
+    print(f"exponent from 300 s to 900 s: {math.log(took[2] / took[1]) / math.log(3):.2f}")
+
+
 def memory() -> None:
     peaks = []
     for seconds in (30, 300):
@@ -103,7 +118,8 @@ def memory() -> None:
     print(f"ten times as long needs {peaks[1] - peaks[0]:+.0f} MB, {100 * (peaks[1] / peaks[0] - 1):+.1f} %")
 
 
-def sweep(seconds: float) -> None:
+def sweep(seconds: float) -> float:
+    """Run one mass of the mass resonance; return the bench time that it took."""
     with tempfile.TemporaryDirectory() as folder, connect(load_bench("ideal"), None, UNATTENDED_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
@@ -113,7 +129,7 @@ def sweep(seconds: float) -> None:
         session.close()
         assert session.outcome is not None, session.outcome
         assert session.outcome.status == "completed", session.outcome
-    print(peak_mb())
+        return lab.bench.clock.now()
 
 
 def peak_mb() -> float:

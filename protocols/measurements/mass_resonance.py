@@ -51,7 +51,10 @@ RINGDOWN_S = 0.3
 """Recorded after a sweep, until the free vibration has decayed."""
 
 OVERLAP_LINES = 6
-"""Lines by which a piece extends beyond its share on either side: its begin and end disturb the outermost ones."""
+"""Lines by which neighbouring pieces overlap, half of them beyond the share of each: begin and end of a piece disturb its outermost lines."""
+
+MAX_OVERLAP = 0.5
+"""Longest overlaps of adapted pieces together, as a share of the band: they take their time from the lines."""
 
 DRIVE_TOLERANCE = 0.05
 
@@ -114,7 +117,7 @@ class MassResonance(Protocol):
         float,
         Unit("s"),
         Interval(ge=5, le=3600),
-        "time of one sweep; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
+        "time of one sweep, all pieces together; a peak narrower than 320 / piece_s (in Hz) needs longer pieces",
     ] = 300.0
     piece_s: Annotated[
         float,
@@ -156,9 +159,13 @@ class MassResonance(Protocol):
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
-        """Play shorter pieces where the source's memory is small, or single frequencies."""
+        """Play shorter pieces where the source's memory is small, or single frequencies where the overlaps become too long."""
         counts = (math.ceil(self._piece_count * 1.2**k) for k in range(1, 40))
-        changes: list[dict[str, Any]] = [{"piece_s": self.sweep_s / count} for count in counts]
+        pieces = (self.sweep_s / count for count in counts)
+        most = MAX_OVERLAP * (self.stop_hz - self.start_hz)
+        changes: list[dict[str, Any]] = [
+            {"piece_s": s} for s in pieces if (self.sweep_s / s - 1) * OVERLAP_LINES * _resolution_hz(s) <= most
+        ]
         return first_adapted([*changes, {"method": "dwell"}], self, rest_v, reason_unsupported)
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
@@ -260,7 +267,7 @@ class MassResonance(Protocol):
             found = joined_spectrum_peak(
                 [recording.displacement_m for recording in recordings],
                 recordings[0].rate_hz,
-                self._piece_bands_hz,
+                self._shares_hz(recordings),
                 (self.low_hz, self.high_hz),
             )
             spectrum = found.frequency_hz, found.standard_error_hz
@@ -324,12 +331,7 @@ class MassResonance(Protocol):
 
     @property
     def _resolution_hz(self) -> float:
-        return max(0.5, 1.1 * MIN_BINS_PER_LINE / self._piece_duration_s)
-
-    @property
-    def _piece_bands_hz(self) -> tuple[tuple[float, float], ...]:
-        edges = np.linspace(self.start_hz, self.stop_hz, self._piece_count + 1).tolist()
-        return tuple(itertools.pairwise(edges))
+        return _resolution_hz(self._piece_duration_s)
 
     def _window_s(self, frequency_hz: float) -> float:
         return max(2, math.ceil(0.04 * frequency_hz)) / frequency_hz
@@ -342,15 +344,28 @@ class MassResonance(Protocol):
         return Sine(frequency_hz, self.peak_to_peak_v / 2, rest_v, math.ceil(longest_s * frequency_hz))
 
     def _sweeps(self, rest_v: float) -> tuple[LinearSweep, ...]:
-        pace_hz_per_s = (self.stop_hz - self.start_hz) / self.sweep_s
-        beyond = OVERLAP_LINES * self._resolution_hz / 2
-        drives = []
-        for low, high in self._piece_bands_hz:
-            start = low if low == self.start_hz else max(low - beyond, self.start_hz)
-            stop = high if high == self.stop_hz else min(high + beyond, self.stop_hz)
-            seconds = (stop - start) / pace_hz_per_s
-            drives.append(LinearSweep.with_whole_cycles(start, stop, seconds, self.peak_to_peak_v / 2, rest_v))
-        return tuple(drives)
+        """Return the pieces: of equal duration and pace, `sweep_s` together with their overlaps."""
+        count, overlap = self._piece_count, OVERLAP_LINES * self._resolution_hz
+        width = (self.stop_hz - self.start_hz + (count - 1) * overlap) / count
+        starts = [self.start_hz + i * (width - overlap) for i in range(count)]
+        return tuple(
+            LinearSweep.with_whole_cycles(start, start + width, self._piece_duration_s, self.peak_to_peak_v / 2, rest_v)
+            for start in starts
+        )
+
+    def _shares_hz(self, recordings: Sequence[Recording]) -> tuple[tuple[float, float], ...]:
+        """Return the share of the band of each piece: between the middles of its overlaps with its neighbours.
+
+        Raises:
+            ValueError: a recording is not of a sweep.
+        """
+        drives = [recording.drive for recording in recordings]
+        joints = []
+        for drive, following in itertools.pairwise(drives):
+            if not (isinstance(drive, LinearSweep) and isinstance(following, LinearSweep)):
+                raise ValueError(f"a mass resonance cannot use recordings under {drive.kind} and {following.kind}")
+            joints.append(0.5 * (drive.stop_hz + following.start_hz))
+        return tuple(itertools.pairwise([self.start_hz, *joints, self.stop_hz]))
 
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
         from protocols.signals import concatenate_responses, estimate_swept_response
@@ -358,7 +373,7 @@ class MassResonance(Protocol):
         if self.method != SWEEP:
             return dwelt_response(recordings)
         found = []
-        for recording, (low, high) in zip(recordings, self._piece_bands_hz, strict=True):
+        for recording, (low, high) in zip(recordings, self._shares_hz(recordings), strict=True):
             drive = recording.drive
             if not isinstance(drive, LinearSweep):
                 raise ValueError(f"a mass resonance cannot use a recording under {drive.kind}")
@@ -373,3 +388,8 @@ class MassResonance(Protocol):
             )
             found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
         return concatenate_responses(found)
+
+
+def _resolution_hz(piece_s: float) -> float:
+    """Return the width of the lines of pieces of a duration."""
+    return max(0.5, 1.1 * MIN_BINS_PER_LINE / piece_s)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.drive import PeriodicSweep
+from drivers.drive import LinearSweep, PeriodicSweep
 from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
@@ -68,6 +68,20 @@ def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
         found = {e.name: e for e in file.estimates()}
     assert found["Q"].value == pytest.approx(0.5 / damping, rel=2e-3)
     assert found["decay time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
+
+
+@pytest.mark.parametrize("sweep_s", [30.0, 300.0, 900.0, 1800.0])
+def test_a_mass_resonance_takes_the_time_that_was_asked_for_and_covers_the_band(sweep_s: float) -> None:
+    (entry,) = MassResonance(masses_kg=(7.75e-3,), sweep_s=sweep_s).plan(2.5)
+    drives = [drive for drive in entry.drives if isinstance(drive, LinearSweep)]
+    assert sum(drive.duration_s for drive in drives) == pytest.approx(sweep_s, rel=1e-3)
+    assert entry.expected_s < 1.1 * sweep_s + 5
+    assert (drives[0].start_hz, drives[-1].stop_hz) == pytest.approx((25.0, 525.0), abs=0.1)
+    line_hz = 35.2 / drives[0].duration_s
+    overlaps = [before.stop_hz - after.start_hz for before, after in itertools.pairwise(drives)]
+    assert min(overlaps) > 5.9 * line_hz, "the outermost lines of a piece are not used"
+    paces = [(drive.stop_hz - drive.start_hz) / drive.duration_s for drive in drives]
+    assert max(paces) == pytest.approx(min(paces), rel=0.01), "or the spectra of the pieces do not join"
 
 
 GROUPS_HZ = (30, 60, 100, 130, 160, 200, 300, 400, 500)
