@@ -149,7 +149,7 @@ def whole_window(
     bench: Bench, config: BenchConfig, protocol: Protocol, folder: Path, settings: QSettings
 ) -> Iterator[MainWindow]:
     """A window that is active and has its simulated bench, with specimen T7."""
-    window = MainWindow(bench, config, protocol, folder, "T7", settings)
+    window = MainWindow(bench, config, protocol, folder, "T7", settings, open_bench="ideal")
     window.show()
     window.activateWindow()
     assert QTest.qWaitForWindowActive(window, 30_000)

@@ -60,7 +60,13 @@ def open_stage(
     def make(*, ahead: bool = False, **options: Any) -> Stage:
         session = ListeningSession()
         link = SessionAdapter(lambda: pytest.fail("nobody connects here"), lambda *_: session)
-        given = {"protocol": SineDwell(), "folder": tmp_path, "specimen": "T7", "settings": settings} | options
+        given = {
+            "protocol": SineDwell(),
+            "folder": tmp_path,
+            "specimen": "T7",
+            "settings": settings,
+            "open_bench": "ideal",
+        } | options
         window = MainWindow(link, config, **given)
         if not ahead:
             window.tabs.preload_pages = lambda: None  # type: ignore[method-assign]
