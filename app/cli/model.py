@@ -1,4 +1,4 @@
-"""The command `model`: parameters, modes, statics, responses, latency, membrane and convergence of the model."""
+"""The command `model`: parameters, modes, statics, responses, latency, added mass and drive, membrane and convergence of the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +23,7 @@ from app.cli.model_response import (
 )
 from app.cli.options import CommandGroup, CommandSyntax, FileOptions, group, option
 from app.cli.output import CommandResult
+from app.cli.specimen.design import AddedMassTopic, DriveTopic
 from app.common import Column, Table, UsageError, read_number, track
 from app.identification import TABLE_ONE, sheet_unit
 from model import Membrane, ParameterSpec, Specimen, Tactor, parameter_specs, specimen_record, variable_specs
@@ -267,6 +268,16 @@ TOPICS: Mapping[str, tuple[type[Topic], str, str]] = {
         StepTopic,
         "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
         "model step --voltage '1500 V' --frequency '160 Hz' --picture step.png",
+    ),
+    "added-mass": (
+        AddedMassTopic,
+        "which added mass brings the resonance to a frequency, with the uncertainty of a calibration",
+        "model added-mass --frequency '160 Hz' --specimen T7",
+    ),
+    "drive": (
+        DriveTopic,
+        "which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration",
+        "model drive --amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7",
     ),
     "membrane": (
         MembraneTopic,

@@ -14,7 +14,7 @@ from annotated_types import Interval
 from app.cli.options import FileOptions, option, repeated, switch
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common import MAX_TOML_BYTES, PEAK_TO_PEAK, UnitError, UsageError, parse_toml, read_number, to_number
-from app.identification import USUAL_RANGES
+from app.identification import PAPER_MODEL, USUAL_RANGES, ActiveModel
 from model import (
     GRAVITY,
     PRE_STRETCH,
@@ -22,6 +22,7 @@ from model import (
     ParameterError,
     ParameterSpec,
     Specimen,
+    parameter_specs,
     replace_variables,
     variable_specs,
 )
@@ -34,6 +35,9 @@ OFFSET = ParameterSpec("offset", "V", Interval(), "offset of the drive at the am
 ELONGATION = ParameterSpec("elongation", "m", Interval(ge=0), "elongation of the membrane", None)
 DURATION = ParameterSpec("duration", "s", Interval(gt=0), "duration of the curve", None)
 DENSITY = ParameterSpec("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
+
+MEMBRANE_VARIABLES = {"delta", "contact_length", *(spec.name for spec in parameter_specs(Membrane))}
+"""What puts the tactor on the membrane where it is given."""
 
 MAX_VALUES = 100_000
 """Most values of a range."""
@@ -244,8 +248,8 @@ class ShapeOptions:
         return choose_shapes(specimen.tactor, specimen.skin, self.n, share, highest_hz)
 
 
-def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specimen:
-    """Return the specimen of `--set`, `--pre-stretch` and `--elongation`.
+def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: ActiveModel = PAPER_MODEL) -> Specimen:
+    """Return the specimen of `--set`, `--pre-stretch` and `--elongation`; what they leave open is that of `base`.
 
     The tactor is free unless a parameter of the membrane is given, or `on_membrane`.
     """
@@ -259,9 +263,10 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specim
     if options.pre_stretch is not None:
         values["delta"] = read_number(options.pre_stretch, PRE_STRETCH)
     if options.elongation is not None:
-        specimen = replace_variables(Specimen(membrane=Membrane()), values)
+        specimen = replace_variables(Specimen(base.tactor, base.membrane), values)
         values["delta"] = read_number(options.elongation, ELONGATION) / specimen.value("L_m")
-    return replace_variables(Specimen(membrane=Membrane() if on_membrane else None), values)
+    pressed = on_membrane or bool(values.keys() & MEMBRANE_VARIABLES)
+    return replace_variables(Specimen(base.tactor, base.membrane if pressed else None), values)
 
 
 def describe_specimen(specimen: Specimen) -> str:

@@ -1,6 +1,6 @@
 """Uncertainty band of a curve from estimates with their covariance, linearised."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,14 @@ class EstimateSet:
             raise ParameterError(
                 "covariance is not symmetric and positive, so it is invalid; repeat the fit that gave it"
             )
+
+    def without(self, names: Collection[str]) -> "EstimateSet | None":
+        """Return the estimates but for some names; None if there are no others."""
+        at = [i for i, name in enumerate(self.names) if name not in names]
+        if not at:
+            return None
+        values = tuple(self.values[i] for i in at)
+        return EstimateSet(tuple(self.names[i] for i in at), values, np.asarray(self.covariance)[np.ix_(at, at)])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,138 @@
+"""Design topics of the command `model`: the added mass for a resonance, and the drive for an amplitude, from a calibration."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from annotated_types import Interval
+
+from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_settings, read_specimen
+from app.cli.options import folder_option, group, option
+from app.cli.output import CommandResult
+from app.common import Column, Table, UsageError, read_number
+from app.identification import PAPER_MODEL, ActiveModel, load_active_model
+from model import AmplifierMap, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
+from model.response import PERIODIC_FREQUENCY_SPEC, response_curve
+from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
+from model.studies.uncertainty import EstimateSet
+
+AMPLITUDE = ParameterSpec("amplitude", "m", Interval(gt=0), "max - min of the displacement", None)
+MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}
+COVERAGE_95 = 1.959964
+WITHOUT_ERRORS = "No --specimen with a calibration is given: the paper's values, or those of --set, whose uncertainties are not known."
+
+
+class DesignTopic(Topic):
+    """A question about a specimen that its active calibration answers, with the total uncertainty of the calibration."""
+
+    specimen: str | None
+    folder: Path
+    shapes: ShapeOptions
+
+    @abstractmethod
+    def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
+        """Return tables and notes."""
+
+    def compute(self) -> CommandResult:
+        active = self._active_model()
+        specimen = read_specimen(self, base=active)
+        known = active.estimates if specimen.membrane is None else active.membrane_estimates
+        estimates = None if known is None else known.without(read_settings(self.settings))
+        choice = self.shapes.choose(specimen)
+        tables, notes = self.answer(specimen, estimates, choice.n)
+        source = f"From {active.description}, {describe_specimen(specimen)}."
+        notes = [source if estimates is not None else WITHOUT_ERRORS, *notes]
+        if estimates is not None and specimen.membrane is not None and not set(estimates.names) & MEMBRANE_NAMES:
+            notes.append(
+                "The calibration holds nothing of the membrane: its values are the paper's, and their uncertainties are missing."
+            )
+        return CommandResult(f"model {tables[0].name}", specimen_record(specimen), tables, tuple(notes))
+
+    def _active_model(self) -> ActiveModel:
+        if self.specimen is None:
+            return PAPER_MODEL
+        active = load_active_model(self.folder, self.specimen)
+        if active.problem or active.estimates is None:
+            reason = active.problem or f"{active.description} have no uncertainties"
+            raise UsageError(
+                f"{self.specimen} has no calibration in {self.folder} that can be used ({reason}); measure and accept one: "
+                "tactor-bench identify RUNS --accept"
+            )
+        return active
+
+
+@dataclass(frozen=True)
+class AddedMassTopic(DesignTopic):
+    """The added mass that brings the resonance to a frequency, with its uncertainty."""
+
+    frequency: str = option("--frequency", default="160 Hz", help="of the resonance (default: %(default)s)")
+    specimen: str | None = option("--specimen", metavar="NAME", help="whose calibration and uncertainties are used")
+    folder: Path = folder_option()
+    shapes: ShapeOptions = group(ShapeOptions)
+
+    def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
+        hz = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
+        peak = required_mass(specimen, hz, estimates, n=n)
+        undamped = required_mass(specimen, hz, estimates, undamped=True, n=n)
+        table = _answer_table(
+            "added-mass",
+            f"Added mass for {hz:g} Hz",
+            (f"largest response at {hz:g} Hz", f"undamped natural frequency of {hz:g} Hz"),
+            (peak, undamped),
+            ("g", "kg"),
+        )
+        present = (
+            f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: of what lies in "
+            "the cylinder only a share does (the paper's 11 g moved as 7.73 g)."
+        )
+        return (table,), [present]
+
+
+@dataclass(frozen=True)
+class DriveTopic(DesignTopic):
+    """The drive that gives an amplitude at a frequency, free or on a skin, with its uncertainty."""
+
+    amplitude: str = option(
+        "--amplitude", default="100 um", help="max - min of the displacement (default: %(default)s)"
+    )
+    frequency: str = option("--frequency", default="200 Hz", help="of the sine (default: %(default)s)")
+    specimen: str | None = option("--specimen", metavar="NAME", help="whose calibration and uncertainties are used")
+    folder: Path = folder_option()
+    shapes: ShapeOptions = group(ShapeOptions)
+
+    def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
+        hz, wanted_m = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC), read_number(self.amplitude, AMPLITUDE)
+        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
+        names = (f"sine of {hz:g} Hz for {1e6 * wanted_m:g} µm, peak to peak",)
+        table = _answer_table("drive", "Drive at the amplifier's input", names, (drive,), ("V", "V"))
+        amplifier = AmplifierMap()
+        low_v, high_v = (float(amplifier.specimen_v(2.5 + side * drive.value / 2)) for side in (-1, 1))
+        full_v = 2 * FULL_AMPLITUDE_V
+        largest = float(response_curve(specimen, np.array([hz]), FULL_AMPLITUDE_V, n=n).peak_to_peak[0])
+        if drive.value > full_v:
+            return (table,), [
+                f"It cannot be reached: the amplifier takes {full_v:g} V peak to peak, which gives {1e6 * largest:.4g} µm there."
+            ]
+        note = f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
+        return (table,), [f"{note} In proportion to the drive: the specimen's hysteresis is not in the model."]
+
+
+def _answer_table(
+    name: str, title: str, names: Sequence[str], answers: Sequence[DesignAnswer], unit: tuple[str, str]
+) -> Table:
+    shown, si = unit
+    values = [answer.value for answer in answers]
+    columns = [Column("question", "", list(names), "for"), Column("value", si, values, "needed", shown, ".4g")]
+    errors = [answer.standard_error for answer in answers]
+    if all(error is not None for error in errors):
+        known = [float(error or 0.0) for error in errors]
+        columns += [
+            Column("standard_error", si, known, "total standard uncertainty", shown, ".2g"),
+            Column(
+                "low", si, [v - COVERAGE_95 * e for v, e in zip(values, known, strict=True)], "95 % from", shown, ".4g"
+            ),
+            Column("high", si, [v + COVERAGE_95 * e for v, e in zip(values, known, strict=True)], "to", shown, ".4g"),
+        ]
+    return Table(name, title, tuple(columns))

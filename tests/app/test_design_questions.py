@@ -1,0 +1,81 @@
+"""Added mass for a resonance and drive for an amplitude: checked by the closed form and by drawn parameters."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.cli.main import main
+from app.identification.calibrations import Calibrations, write_calibrations
+from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, skin
+from model.response import amplifier_response, exact_response, natural_frequencies
+from model.studies.design import required_drive, required_mass
+from model.studies.uncertainty import EstimateSet
+from tests.helpers.calibrations import calibration
+
+ERRORS = {"k2": (7.1e-3, 2e-5), "m_add": (7.9e-3, 1e-4), "c0": (150.0, 4.0), "mu": (-1.3e-5, 1e-7)}
+
+
+def test_the_tactor_with_that_mass_resonates_there() -> None:
+    found = required_mass(Specimen(), 160.0, n=20)
+    assert found.standard_error is None
+    f = np.linspace(140.0, 180.0, 4001)
+    peak_hz = f[np.abs(exact_response(replace(Tactor(), m_add=found.value), f)).argmax()]
+    assert peak_hz == pytest.approx(160.0, abs=0.1)
+    undamped = required_mass(Specimen(), 158.0, undamped=True)
+    assert undamped.value == pytest.approx(7.75e-3, abs=0.01e-3)  # settled: 7.75 g, 158.0 Hz
+    assert natural_frequencies(replace(Tactor(), m_add=undamped.value))[0] == pytest.approx(158.0, abs=1e-3)
+    with pytest.raises(ParameterError, match="it lies lower, or there is none"):
+        required_mass(Specimen(membrane=Membrane(), delta=0.0373), 400.0)
+    with pytest.raises(ParameterError, match="with the heaviest it lies higher"):
+        required_mass(Specimen(), 20.0)
+
+
+def test_that_drive_gives_the_amplitude_on_the_skin() -> None:
+    on = Specimen(membrane=Membrane(), delta=0.0075)
+    found = required_drive(on, 200.0, 100e-6, n=7)
+    response = amplifier_response(Tactor(), 200.0, found.value / 2, skin=skin(Membrane(), 0.0075), n=7)
+    assert response.peak_to_peak[0] == pytest.approx(100e-6, rel=1e-3)
+    with pytest.raises(ParameterError, match="amplitude is 0 m"):
+        required_drive(on, 200.0, 0.0)
+
+
+@pytest.mark.deep
+def test_the_standard_errors_are_the_scatter_of_drawn_parameters() -> None:
+    names = tuple(ERRORS)
+    values, errors = np.array(list(ERRORS.values())).T
+    estimates = EstimateSet(names, tuple(values), np.diag(errors**2))
+    base = Specimen(replace(Tactor(), **dict(zip(names, values, strict=True))))
+    mass, drive = required_mass(base, 160.0, estimates), required_drive(base, 200.0, 100e-6, estimates)
+    rng, masses, drives = np.random.default_rng(1), [], []
+    for _ in range(200):
+        drawn = dict(zip(names, rng.normal(values, errors), strict=True))
+        tactor = replace(Tactor(), **drawn)
+        masses.append(required_mass(Specimen(tactor), 160.0).value)
+        drives.append(required_drive(Specimen(tactor), 200.0, 100e-6).value)
+    assert mass.standard_error == pytest.approx(np.std(masses), rel=0.15)
+    assert drive.standard_error == pytest.approx(np.std(drives), rel=0.15)
+    assert drive.value == pytest.approx(np.mean(drives), rel=0.01)
+
+
+def test_the_command_answers_from_the_calibration_and_says_what_cannot_be_reached(
+    ask: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, ERRORS),), 1))
+    given = ("--specimen", "T7", "--folder", str(tmp_path))
+    got = ask("model", "added-mass", "--frequency", "160 Hz", *given)["added-mass"]
+    assert got["value"][0] < got["value"][1] < 9e-3
+    assert all(low < value < high for low, value, high in zip(got["low"], got["value"], got["high"], strict=True))
+    drive = ask("model", "drive", "--amplitude", "100 um", "--frequency", "200 Hz", *given)["drive"]
+    assert 0 < drive["standard_error"][0] < 0.1 * drive["value"][0]
+    held = ask("model", "drive", *given, "--set", "mu=-1.3e-5")["drive"]
+    assert held["standard_error"][0] < drive["standard_error"][0]
+    assert main(["model", "drive", "--amplitude", "1 mm", "--elongation", "6.35 mm", *given]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "It cannot be reached: the amplifier takes 5 V peak to peak" in said
+    assert "holds nothing of the membrane" in said
+    assert main(["model", "drive", "--specimen", "T8", "--folder", str(tmp_path)]) == 2
+    assert "T8 has no calibration in" in capsys.readouterr().err
+    assert AmplifierMap().high_v == 5.0
