@@ -28,8 +28,8 @@ def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Qua
     )  # fmt: skip
 
 
-def begun_run(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
-    header = RunMetadata(
+def run_metadata(specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunMetadata:
+    return RunMetadata(
         protocol="sine-dwell",
         title="Sine dwell",
         parameters=SineDwell(frequencies_hz=frequencies, sample_rate_hz=rate_hz).model_dump(),
@@ -40,7 +40,10 @@ def begun_run(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_
         simulated=True,
         specimen=specimen,
     )
-    file = RunFileWriter.new(folder, header)
+
+
+def begun_run(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
+    file = RunFileWriter.new(folder, run_metadata(specimen, frequencies, rate_hz))
     file.start_stream(rate_hz, SCALES)
     wave = np.sin(2 * np.pi * 100.0 * np.arange(1000) / rate_hz)
     raw = np.round(np.stack([2.5 + 2.5 * wave, 5 * wave]) * 3276.8).astype(np.int16)

@@ -1,0 +1,130 @@
+"""Run file: writing blocks against plain h5py in SWMR mode, reading a sweep in units against h5py times a gain.
+
+    python benchmarks/bench_runfile.py [--json]
+
+Both writers flush every block, keep the numbers of its first scan and HDF5's checksums, so that a killed program loses no block
+that was written. The ways take turns block by block, and times are of the processor: another load of the computer meets both.
+"""
+
+import tempfile
+from pathlib import Path
+from statistics import median
+from time import process_time, thread_time
+
+import h5py
+import numpy as np
+from timing import tell
+
+from drivers.interfaces import Block
+from protocols.runfile.layout import RAW_CHUNK, TABLE_CHUNK
+from protocols.runfile.reader import Run
+from protocols.runfile.schema import BLOCK_DTYPE
+from protocols.runfile.writer import RunFileWriter
+from tests.helpers.run_files import SCALES, run_metadata
+
+CHANNELS = ("drive", "displacement")
+BLOCKS = 300
+SIZES = ((5e3, 0.05), (250e3, 0.05), (500e3, 0.05), (5e6, 0.05), (20e6, 0.05))
+"""Rate and duration of the blocks."""
+SWEEP_S, SWEEP_RATE_HZ = 300.0, 5e3
+
+
+class PlainWriter:
+    """What h5py's documentation shows, with the same datasets."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = h5py.File(path, "w", libver="latest")
+        self._channels = [
+            self._file.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,), fletcher32=True)
+            for name in CHANNELS
+        ]
+        self._blocks = self._file.create_dataset(
+            "blocks", (0,), BLOCK_DTYPE, maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True
+        )
+        self._file.swmr_mode = True
+
+    def append_block(self, block: Block, time_s: float) -> None:
+        row, count = self._channels[0].shape[0], block.raw.shape[1]
+        for data, counts in zip(self._channels, block.raw, strict=True):
+            data.resize((row + count,))
+            data[row:] = counts
+        number = self._blocks.shape[0]
+        self._blocks.resize((number + 1,))
+        self._blocks[number] = (row, block.start, time_s)
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def measure() -> dict[str, float]:
+    numbers: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for rate_hz, block_s in SIZES:
+            numbers |= written(Path(folder), rate_hz, round(rate_hz * block_s))
+        numbers |= read_in_units(Path(folder))
+    return numbers
+
+
+def written(folder: Path, rate_hz: float, scans: int) -> dict[str, float]:
+    raw = np.random.default_rng(1).integers(-30000, 30000, (2, scans)).astype(np.int16)
+    name = f"{rate_hz / 1e3:g} kS/s"
+    blocks = max(min(BLOCKS, round(1e7 / scans)), 20)
+    ours = RunFileWriter.new(folder, run_metadata(f"at {rate_hz:g}", (100.0,), 5000.0))
+    ours.start_stream(rate_hz, SCALES)
+    plain = PlainWriter(folder / f"plain-{rate_hz:g}.h5")
+    taken: dict[object, list[float]] = {ours: [], plain: []}
+    for number in range(blocks):
+        for writer in (ours, plain) if number % 2 else (plain, ours):
+            start = thread_time()
+            writer.append_block(Block(number * scans, raw), 0.0)
+            taken[writer].append(thread_time() - start)
+    plain.close()
+    ours.close_after_error()
+    # Sums, because every thirty-second block or so begins a chunk.
+    own, reference = sum(taken[ours]), sum(taken[plain])
+    return {
+        f"{name}: a block, us": 1e6 * median(taken[ours]),
+        f"{name}: MB/s": 4e-6 * scans * blocks / own,
+        f"{name}: share of real time": own / (blocks * scans / rate_hz),
+        f"{name}: ratio to plain h5py": own / reference,
+    }
+
+
+def read_in_units(folder: Path) -> dict[str, float]:
+    writer = RunFileWriter.new(folder, run_metadata("sweep", (100.0,), 5000.0))
+    writer.start_stream(SWEEP_RATE_HZ, SCALES)
+    count = round(SWEEP_S * SWEEP_RATE_HZ)
+    raw = np.random.default_rng(1).integers(-30000, 30000, (2, count)).astype(np.int16)
+    for start in range(0, count, 5000):
+        writer.append_block(Block(start, raw[:, start : start + 5000]), 0.0)
+    writer.close_after_error()
+    ours, plain = [], []
+    with Run(writer.path) as run, h5py.File(writer.path, "r", libver="latest", locking=False) as file:
+        gains = [file[f"entry/trace/{name}_scaling_factor"][()] for name in CHANNELS]
+        offsets = [file[f"entry/trace/{name}_offset"][()] for name in CHANNELS]
+        for _ in range(9):
+            start = process_time()
+            own = run.trace.drive_v(), run.trace.displacement_m()
+            ours.append(process_time() - start)
+            start = process_time()
+            found = [
+                (file[f"entry/trace/{name}"][:] + offset) * gain
+                for name, gain, offset in zip(CHANNELS, gains, offsets, strict=True)
+            ]
+            plain.append(process_time() - start)
+    for a, b in zip(own, found, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * float(np.abs(b).max()))
+    return {
+        "300 s of 5 kS/s in units, ms": 1e3 * median(ours),
+        "300 s in units: ratio to h5py times gain": median(a / b for a, b in zip(ours, plain, strict=True)),
+    }
+
+
+if __name__ == "__main__":
+    tell(
+        "Run file: writing and reading against plain h5py.",
+        measure,
+        [(f"{rate_hz / 1e3:g} kS/s: ratio to plain h5py", "<", 1.05) for rate_hz, _ in SIZES]
+        + [("300 s in units: ratio to h5py times gain", "<", 1.3)],
+    )
