@@ -60,6 +60,10 @@ class StudyResult:
                 )
 
 
+CACHED_MB = 8.0
+"""Size of the intermediate arrays of the sets that are computed at a time: larger ones leave the processor's cache, at 1.3 times the time."""
+
+
 @dataclass(frozen=True, slots=True)
 class Study:
     """Response of `specimen` at `frequency_hz` for every combination of the values of `vary`.
@@ -174,7 +178,12 @@ def _compute_chunk(study: Study, start: int, stop: int) -> NDArray[Any]:
     """Sets start..stop of a study; a module function, so that it can be sent to another process."""
     index = np.unravel_index(np.arange(start, stop), study.shape or (1,))
     values = {name: np.asarray(v, float)[i] for (name, v), i in zip(study.vary.items(), index, strict=False)}
-    return study_responses(study, values)
+    at_once = max(1, int(study.chunk_size * CACHED_MB / study.memory_mb))
+    parts = [
+        study_responses(study, {name: v[at : at + at_once] for name, v in values.items()})
+        for at in range(0, stop - start, at_once)
+    ]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def study_responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
