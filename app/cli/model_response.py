@@ -19,9 +19,10 @@ from app.cli.model_options import (
     read_specimen,
     read_values,
 )
-from app.cli.options import FileOptions, group, option, switch
+from app.cli.options import FileOptions, group, option, switch, threshold_option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
+from app.identification import read_threshold
 from model import LOAD_SPEC as WEIGHT
 from model import (
     PRE_STRETCH,
@@ -43,6 +44,7 @@ from model.response import (
     THRESHOLD_SPEC,
     TOLERANCE_SPEC,
     Latency,
+    PerceptionThreshold,
     Waveform,
     amplifier_response,
     exact_response,
@@ -82,6 +84,7 @@ class FrequencyResponseTopic(Topic):
     )
     at: str | None = option("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
     exact: bool = switch("--exact", "also the closed-form solution, to compare with the n shape functions")
+    threshold: str = threshold_option()
     files: FileOptions = group(FileOptions, "the response")
 
     def compute(self) -> CommandResult:
@@ -97,6 +100,8 @@ class FrequencyResponseTopic(Topic):
         response = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
         twice = 2 * np.abs(response.fundamental)
         H = receptance(t, f, skin, n, at)
+        felt = read_threshold(self.threshold)
+        head = f"x {1e6 * felt.amplitude_m[0]:g} µm" if len(felt.amplitude_m) == 1 else "x threshold"
         columns = [
             Column("frequency", "Hz", f, format_spec=".6g"),
             Column("peak_to_peak", "m", response.peak_to_peak, "max - min", "µm", ".1f"),
@@ -104,7 +109,7 @@ class FrequencyResponseTopic(Topic):
             Column("phase", "rad", np.angle(response.fundamental), "phase", "°", ".1f"),
             Column("receptance_re", "m/V", H.real, displayed=False),
             Column("receptance_im", "m/V", H.imag, displayed=False),
-            Column("margin", "", perception_margin(f, response.peak_to_peak), "x 50 µm", format_spec=".2f"),
+            Column("margin", "", perception_margin(f, response.peak_to_peak, felt), head, format_spec=".2f"),
         ]
         lines = [FigureCurve("max - min", f, response.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
         if self.exact:
@@ -116,7 +121,7 @@ class FrequencyResponseTopic(Topic):
         title = f"Response to a {self.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
         table = Table("response", title, tuple(columns))
         figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
-        note, bands = _describe_felt_bands(f, response.peak_to_peak)
+        note, bands = _describe_felt_bands(f, response.peak_to_peak, felt)
         return CommandResult(
             "model frequency-response",
             specimen_record(specimen),
@@ -190,18 +195,18 @@ class StepTopic(Topic):
         )
 
 
-def _describe_felt_bands(f: Array, amplitude: Array) -> tuple[str, tuple[tuple[float, float], ...]]:
-    """Return the bands in which max - min exceeds the perception threshold of the abdomen, as text and in Hz."""
+def _describe_felt_bands(
+    f: Array, amplitude: Array, threshold: PerceptionThreshold
+) -> tuple[str, tuple[tuple[float, float], ...]]:
+    """Return the bands in which max - min exceeds the perception threshold, as text and in Hz."""
     rising, order = np.unique(f, return_index=True)
-    bands = usable_bands(rising, amplitude[order])
+    bands = usable_bands(rising, amplitude[order], threshold)
     peak = f"Highest max - min: {1e6 * amplitude.max():.1f} µm at {f[amplitude.argmax()]:g} Hz. "
     if not bands:
-        return peak + "Nowhere 50 µm or more: it would not be felt on the abdomen.", bands
+        return f"{peak}Nowhere felt: below the threshold, {threshold.description}.", bands
     listed = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in bands)
-    return (
-        f"{peak}50 µm or more, felt on the abdomen: {listed}, of the {rising[0]:g} to {rising[-1]:g} Hz looked at.",
-        bands,
-    )
+    looked_at = f"of the {rising[0]:g} to {rising[-1]:g} Hz looked at"
+    return f"{peak}Felt {listed}, {looked_at}: above the threshold, {threshold.description}.", bands
 
 
 def _latency_table(name: str, title: str, final: str, felt: str, latency: Latency, tolerance: float) -> Table:

@@ -191,6 +191,17 @@ class ProtocolOptions(BenchOptions):
     )
 
 
+def threshold_option() -> Any:
+    """Declare `--threshold` of the perception margin."""
+    return option(
+        "--threshold",
+        default="abdomen",
+        metavar="SITE",
+        help="of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
+        "and a threshold in µm per line (default: abdomen, the paper's 50 um)",
+    )
+
+
 def folder_option() -> Any:
     """Declare `--folder` of the run files."""
     return option("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.cli.options import CommandSyntax, folder_option, option, switch
+from app.cli.options import CommandSyntax, folder_option, option, switch, threshold_option
 from app.cli.output import print_json, writing_output
 from app.common import (
     NO_PROGRESS,
@@ -16,7 +16,7 @@ from app.common import (
     terminal_progress,
     usage_errors,
 )
-from app.identification import SheetError
+from app.identification import SheetError, read_threshold
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -25,6 +25,7 @@ from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_lim
 from app.report.pdf import lay_out_figure, pdf_report
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
+from model import ParameterError
 from protocols.runfile.names import safe_name
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -55,9 +56,10 @@ class ReportCommand:
         metavar="FILE",
         help="only write a commented example of limits into this file",
     )
+    threshold: str = threshold_option()
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
-    @usage_errors(ReportError, LimitsError, RunReadError, SheetError)
+    @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
     def execute(self) -> int:
         if self.new_limits is not None:
             return _write_example_limits(self.new_limits)
@@ -70,7 +72,9 @@ class ReportCommand:
             limits = _read_limits(self)
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
-                content, specimen, runs = build_report(self.folder, self.specimen, limits, progress)
+                content, specimen, runs = build_report(
+                    self.folder, self.specimen, limits, progress, read_threshold(self.threshold)
+                )
                 files = write_report(content, specimen, runs, out, progress)
         except OSError as error:
             raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None

@@ -24,6 +24,8 @@ class ExploreRequest:
     kept_curves: tuple[KeptCurve, ...]
     max_hz: float
     cursor_hz: float
+    site: str = "abdomen"
+    """Body site of the perception threshold, one of `model.response.SITES`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,8 @@ class ExploreResult:
     curve: ModelCurve
     felt_bands: tuple[tuple[float, float], ...]
     """Where max - min is above the perception threshold of the skin, Hz."""
+    threshold_m: Array
+    """That threshold at the frequencies of the curve, (F,)."""
     kept_curves: tuple[ModelCurve, ...] | None = None
     motion: BeamMotion | None = None
 
@@ -59,10 +63,11 @@ class ResponseEngine:
         Raises:
             ParameterError, LinAlgError: the model cannot be computed.
         """
-        from model.response import usable_bands
+        from model.response import SITES, usable_bands
 
-        curve = self._curve(request.setting, request.max_hz)
-        result = ExploreResult(curve, usable_bands(curve.frequency_hz, curve.peak_to_peak))
+        curve, threshold = self._curve(request.setting, request.max_hz), SITES[request.site]
+        felt_bands = usable_bands(curve.frequency_hz, curve.peak_to_peak, threshold)
+        result = ExploreResult(curve, felt_bands, threshold.amplitude_at(curve.frequency_hz))
         yield result
         kept_curves = tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
         result = replace(result, kept_curves=kept_curves)

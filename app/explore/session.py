@@ -27,6 +27,8 @@ class ExploreSession:
         self.study_variable = "delta"
         """The variable of a study: the slider moved last, or that in which the preset's curves differ."""
         self.max_hz, self.cursor_hz = 250.0, 160.0
+        self.site = "abdomen"
+        """Body site of the perception threshold."""
 
     @property
     def setting(self) -> ExploreSetting:
@@ -35,7 +37,7 @@ class ExploreSession:
     @property
     def request(self) -> ExploreRequest:
         """The request for the response engine."""
-        return ExploreRequest(self.setting, self.kept_curves, self.max_hz, self.cursor_hz)
+        return ExploreRequest(self.setting, self.kept_curves, self.max_hz, self.cursor_hz, self.site)
 
     def set_value(self, name: str, value: float) -> None:
         """Set a slider, SI."""

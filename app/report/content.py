@@ -17,6 +17,7 @@ from app.report.plots import TITLE, paper_plots
 from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
+from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 
 
 class ReportError(Exception):
@@ -24,7 +25,11 @@ class ReportError(Exception):
 
 
 def build_report(
-    folder: Path, specimen: str, limits: Limits | None = None, progress: Progress = NO_PROGRESS
+    folder: Path,
+    specimen: str,
+    limits: Limits | None = None,
+    progress: Progress = NO_PROGRESS,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
 
@@ -34,14 +39,14 @@ def build_report(
         OSError: the folder cannot be read.
     """
     runs = _read_specimen_runs(folder, specimen, progress)
-    known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen))
+    known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen), threshold)
     outcomes: tuple[LimitOutcome, ...] = ()
     if limits is not None:
         golden = known.figures_of_merit if limits.golden == specimen else {}
         if limits.golden not in ("", specimen):
             golden_runs = _read_specimen_runs(folder, limits.golden, progress)
             golden = summarize_specimen(
-                limits.golden, golden_runs, progress, load_sheet(folder, limits.golden)
+                limits.golden, golden_runs, progress, load_sheet(folder, limits.golden), threshold
             ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")

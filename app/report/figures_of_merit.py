@@ -15,7 +15,14 @@ from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel, fit_specimen
 from model import Array, EstimatedQuantity, Membrane, ParameterSpec, Tactor
 from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
-from model.response import THRESHOLD_M, perception_margin, step_latency, usable_bands
+from model.response import (
+    ABDOMEN_THRESHOLD,
+    THRESHOLD_M,
+    PerceptionThreshold,
+    perception_margin,
+    step_latency,
+    usable_bands,
+)
 from model.studies.uncertainty import UncertaintyBand
 
 FULL_DRIVE_TOLERANCE = 0.02
@@ -55,27 +62,32 @@ class PerceptionMargin:
     margin: float
     margin_error: float
     frequency_hz: float
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
 
 
-def perception_margin_of(specimen: SpecimenModel, elongation_m: float | None) -> PerceptionMargin | None:
-    """Compute the margin by the model; None if it cannot be evaluated."""
+def perception_margin_of(
+    specimen: SpecimenModel, elongation_m: float | None, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> PerceptionMargin | None:
+    """Compute the margin over a threshold by the model; None if it cannot be evaluated."""
     band = specimen.response(specimen.full_amplitude_v, elongation_m)
     if band is None:
         return None
-    over = perception_margin(GRID_HZ, band.centre)
+    over = perception_margin(GRID_HZ, band.centre, threshold)
     worst = int(over.argmin())
-    usable = usable_bands(GRID_HZ, band.centre)
+    usable = usable_bands(GRID_HZ, band.centre, threshold)
     words = "free" if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
-    edges = tuple((_edge_error(band, a), _edge_error(band, b)) for a, b in usable)
-    error = float(band.standard_error[worst] / THRESHOLD_M)
-    return PerceptionMargin(words, band, usable, edges, float(over[worst]), error, float(GRID_HZ[worst]))
+    edges = tuple((_edge_error(band, a, threshold), _edge_error(band, b, threshold)) for a, b in usable)
+    at_hz = float(GRID_HZ[worst])
+    error = float(band.standard_error[worst] / threshold.amplitude_at(at_hz))
+    return PerceptionMargin(words, band, usable, edges, float(over[worst]), error, at_hz, threshold)
 
 
-def _edge_error(band: UncertaintyBand, at_hz: float) -> float:
+def _edge_error(band: UncertaintyBand, at_hz: float, threshold: PerceptionThreshold) -> float:
     """Return the shift of a band edge for one standard error of the curve."""
     if at_hz in (LOW_HZ, HIGH_HZ):
         return 0.0
-    slope = float(np.interp(at_hz, GRID_HZ, np.gradient(band.centre, GRID_HZ)))
+    above = band.centre - threshold.amplitude_at(GRID_HZ)
+    slope = float(np.interp(at_hz, GRID_HZ, np.gradient(above, GRID_HZ)))
     return float(np.interp(at_hz, GRID_HZ, band.standard_error)) / abs(slope) if slope else float("inf")
 
 
@@ -192,7 +204,11 @@ class SpecimenSummary:
 
 
 def summarize_specimen(
-    name: str, runs: tuple[ReportRun, ...], progress: Progress = NO_PROGRESS, sheet: SpecimenSheet | None = None
+    name: str,
+    runs: tuple[ReportRun, ...],
+    progress: Progress = NO_PROGRESS,
+    sheet: SpecimenSheet | None = None,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> SpecimenSummary:
     """Identify a specimen from its runs, then compute margins and latency."""
     progress.update(0.0, "identifying")
@@ -204,8 +220,10 @@ def summarize_specimen(
     progress.update(0.0, "margins and latency")
     responses = observations.of_type(FrequencyResponseObservation)
     elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
-    free = perception_margin_of(found, None) if found.identifies_free_response else None
-    pressed = [perception_margin_of(found, each) for each in elongations if found.identifies_response_at(each)]
+    free = perception_margin_of(found, None, threshold) if found.identifies_free_response else None
+    pressed = [
+        perception_margin_of(found, each, threshold) for each in elongations if found.identifies_response_at(each)
+    ]
     latency = step_latency_of(found) if found.identifies_free_response else None
     merits = figures_of_merit(found, observations, free, pressed[-1] if pressed else None, latency)
     return SpecimenSummary(found, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)

@@ -35,7 +35,6 @@ from app.report.runs import InstrumentRecord, ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
 from model import Membrane, Tactor
 from model.identification import SPECIMEN_PARAMETERS
-from model.response import THRESHOLD_M
 from protocols.base import Outcome
 
 EMPTY_CELL = "–"
@@ -128,7 +127,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
 
 def _margin_text(margins: Sequence[PerceptionMargin]) -> str:
     free, *pressed = margins
-    text = f"At full drive, free, max - min is {_format_margin(free)} the threshold of {1e6 * THRESHOLD_M:g} µm"
+    text = f"At full drive, free, max - min is {_format_margin(free)} the threshold, {free.threshold.label}"
     if pressed:
         text += f"; {pressed[-1].condition} {_format_margin(pressed[-1])} it"
     return f"{text} (model, 5 to 250 Hz, ± standard error)."
@@ -266,8 +265,8 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
     if rows:
         heads = ("specimen", "felt", "smallest margin", "at", "largest max - min")
         note = (
-            f"By the model as identified, at full drive, ± standard error. Margin: max - min over {1e6 * THRESHOLD_M:g} µm, the "
-            "discrimination threshold on the abdomen below 250 Hz; looked at from 5 to 250 Hz, where an end without an error is the "
+            "By the model as identified, at full drive, ± standard error. Margin: max - min over the threshold of perception, "
+            f"{summary.perception_margins[0].threshold.description}; looked at from 5 to 250 Hz, where an end without an error is the "
             "end of that range."
         )
         blocks.append(Table.of_rows("Margin over the threshold", heads, rows, note))

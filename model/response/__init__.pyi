@@ -27,7 +27,10 @@ from .modes import damping_ratios as damping_ratios
 from .modes import mode_shapes as mode_shapes
 from .modes import natural_frequencies as natural_frequencies
 from .modes import natural_frequencies_of as natural_frequencies_of
+from .perception import ABDOMEN_THRESHOLD as ABDOMEN_THRESHOLD
+from .perception import SITES as SITES
 from .perception import THRESHOLD_M as THRESHOLD_M
+from .perception import PerceptionThreshold as PerceptionThreshold
 from .perception import perception_margin as perception_margin
 from .perception import usable_bands as usable_bands
 from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY

@@ -1,5 +1,6 @@
-"""Perception: margin over the skin's discrimination threshold, and the usable frequency bands."""
+"""Perception: thresholds by body site, margin over the skin's discrimination threshold, and the usable frequency bands."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,13 @@ THRESHOLD_AMPLITUDE = ParameterSpec(
 
 @dataclass(frozen=True, slots=True)
 class PerceptionThreshold:
-    """Discrimination threshold against frequency: straight lines in log-log between the points, constant beyond them.
+    """Threshold of max - min against frequency: straight lines in log-log between the points, constant beyond them.
+
+    Attributes:
+        frequency_hz, amplitude_m: the points, rising in frequency.
+        label: where it holds.
+        source: of the figures.
+        unproven: what of them has no source; empty if all has.
 
     Raises:
         ParameterError: no points, lengths that differ, frequencies that do not rise, or a value that is not positive.
@@ -25,6 +32,15 @@ class PerceptionThreshold:
 
     frequency_hz: tuple[float, ...]
     amplitude_m: tuple[float, ...]
+    label: str = ""
+    source: str = ""
+    unproven: str = ""
+
+    @property
+    def description(self) -> str:
+        """Label, source, and what is unproven."""
+        doubt = f"; UNPROVEN: {self.unproven}" if self.unproven else ""
+        return f"{self.label} ({self.source}{doubt})"
 
     def __post_init__(self) -> None:
         f, a = PERIODIC_FREQUENCY_SPEC.check(self.frequency_hz), THRESHOLD_AMPLITUDE.check(self.amplitude_m)
@@ -41,8 +57,42 @@ class PerceptionThreshold:
         return np.exp(np.interp(f, np.log(self.frequency_hz), np.log(self.amplitude_m)))
 
 
-ABDOMEN_THRESHOLD = PerceptionThreshold((1.0,), (THRESHOLD_M,))
-"""50 um on the abdomen, almost constant below 250 Hz (paper, ref. [33])."""
+ABDOMEN_THRESHOLD = PerceptionThreshold(
+    (1.0,),
+    (THRESHOLD_M,),
+    f"{1e6 * THRESHOLD_M:g} µm on the abdomen",
+    "paper, Sec. I, ref. [33]: almost constant below 250 Hz",
+)
+
+
+def _sloped(frequency_hz: tuple[float, ...], db: tuple[float, ...], lowest_m: float) -> tuple[float, ...]:
+    """Return the curve whose corners lie so many decibels above its lowest point."""
+    return tuple(lowest_m * 10 ** (level / 20) for level, _ in zip(db, frequency_hz, strict=True))
+
+
+_THENAR_HZ, _FOREARM_HZ = (40.0, 250.0), (40.0, 220.0, 500.0)
+_THENAR_DB = (12 * math.log2(250 / 40), 0.0)
+_FOREARM_DB = (12 * math.log2(220 / 40), 0.0, 9 * math.log2(500 / 220))
+
+SITES = {
+    "abdomen": ABDOMEN_THRESHOLD,
+    "thenar": PerceptionThreshold(
+        _THENAR_HZ,
+        _sloped(_THENAR_HZ, _THENAR_DB, 2e-7),
+        "thenar eminence, contactor of 2.9 cm²",
+        "Gescheider and Verrillo, doi:10.1007/978-1-4613-3039-4_10: flat up to 40 Hz, then 12 dB per octave down to 250 Hz",
+        "the level, 0.1 µm peak at 250 Hz",
+    ),
+    "forearm": PerceptionThreshold(
+        _FOREARM_HZ,
+        _sloped(_FOREARM_HZ, _FOREARM_DB, 2e-6),
+        "volar forearm, hairy skin",
+        "Verrillo 1966, 'Vibrotactile thresholds for hairy skin': 12 dB per octave down to 220 Hz, then 9 dB per octave up",
+        "the level, 1 µm peak at 220 Hz, and the course below 40 Hz",
+    ),
+}
+"""Thresholds by body site. Where no source of a level was found, the level is marked; a laboratory gives its own curve as a file. No
+source was found for the amplitude from which vibration is uncomfortable: there is none here."""
 
 
 def perception_margin(
@@ -50,7 +100,7 @@ def perception_margin(
 ) -> Array:
     """Amplitude over threshold, 1 where it is just felt; shape of `frequency_hz`.
 
-    The paper sets its measured amplitude, max - min, against the 50 um; give whichever amplitude the threshold is for.
+    The paper sets its measured amplitude, max - min, against the 50 um; give max - min for the other sites, too.
     """
     return np.asarray(np.abs(amplitude_m) / threshold.amplitude_at(frequency_hz))
 

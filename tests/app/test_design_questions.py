@@ -79,3 +79,20 @@ def test_the_command_answers_from_the_calibration_and_says_what_cannot_be_reache
     assert main(["model", "drive", "--specimen", "T8", "--folder", str(tmp_path)]) == 2
     assert "T8 has no calibration in" in capsys.readouterr().err
     assert AmplifierMap().high_v == 5.0
+
+
+def test_the_margin_is_over_the_threshold_that_is_chosen(
+    ask: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("model", "frequency-response", "--frequencies", "55,110 Hz", "-n", "7")
+    paper, own = ask(*asked)["response"]["margin"], ask(*asked, "--threshold", "25 um")["response"]["margin"]
+    assert np.array(own) == pytest.approx(2 * np.array(paper))
+    curve = tmp_path / "finger.csv"
+    curve.write_text("Hz;um\n50;10\n100;5\n", "utf-8")
+    assert ask(*asked, "--threshold", str(curve))["response"]["margin"][1] == pytest.approx(10 * paper[1])
+    assert main([*asked, "--threshold", "forearm"]) == 0
+    assert "UNPROVEN: the level" in " ".join(capsys.readouterr().out.split())
+    curve.write_text("50;ten\n", "utf-8")
+    for wrong, said in ((str(curve), "two numbers"), ("nose", "neither a site"), ("missing.csv", "cannot be read")):
+        assert main([*asked, "--threshold", wrong]) == 2
+        assert said in " ".join(capsys.readouterr().err.split())

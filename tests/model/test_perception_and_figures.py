@@ -7,7 +7,7 @@ import pytest
 
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response, frequency_response
-from model.response.perception import ABDOMEN_THRESHOLD, PerceptionThreshold, perception_margin, usable_bands
+from model.response.perception import ABDOMEN_THRESHOLD, SITES, PerceptionThreshold, perception_margin, usable_bands
 from model.skin_model import skin
 from model.studies.paper_figures import PaperFigure, paper_figures
 
@@ -100,3 +100,16 @@ def test_caption_of_figure_12() -> None:
     assert (y[4] < y[3]).all()
     assert F[np.argmax(y[4] < 50e-6)] == 150
     assert (np.diff(y[3:], axis=1) < 0).all()
+
+
+def test_thresholds_of_body_sites_follow_their_sources() -> None:
+    thenar, forearm = SITES["thenar"], SITES["forearm"]
+    assert thenar.amplitude_at([10.0, 40.0])[0] == thenar.amplitude_at([10.0, 40.0])[1]
+    assert thenar.amplitude_at(80.0) / thenar.amplitude_at(160.0) == pytest.approx(10 ** (12 / 20))
+    assert thenar.amplitude_at(250.0) == pytest.approx(0.2e-6)
+    assert forearm.amplitude_at(55.0) / forearm.amplitude_at(110.0) == pytest.approx(10 ** (12 / 20))
+    assert forearm.amplitude_at(440.0) / forearm.amplitude_at(220.0) == pytest.approx(10 ** (9 / 20))
+    assert all(site.source for site in SITES.values())
+    assert "UNPROVEN: the level" in thenar.description
+    assert not SITES["abdomen"].unproven
+    assert perception_margin(200.0, 1e-4, forearm) > perception_margin(200.0, 1e-4)

@@ -282,6 +282,10 @@ class ExplorePage(QSplitter):
         self.plot.show_range(max_hz)
         self._request_result()
 
+    def _choose_site(self, site: str) -> None:
+        self.session.site = site
+        self._request_result()
+
     def _update_series(self) -> None:
         *shown, log = (box.isChecked() for box in self.toolbar.series)
         self.plot.show_series(*shown)
@@ -355,6 +359,7 @@ class ExplorePage(QSplitter):
             (bar.frequency_chosen, self.plot.show_cursor),
             (bar.range_chosen, self._set_range),
             (bar.series_changed, self._update_series),
+            (bar.site_chosen, self._choose_site),
             (bar.copy_chosen, self.copy),
             (bar.run_chosen, self._show_result_of),
             (bar.run_removed, self.overlaid.remove),

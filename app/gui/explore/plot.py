@@ -60,6 +60,8 @@ class ExplorePlot(PlotBase):
         self.phase.setXLink(self.plot)
         self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
         self._add_threshold_line(labelled=True)
+        self.threshold_curve = CurveItem(antialias=True)
+        """The perception threshold of another site than the abdomen, whose is a straight line."""
         self.band = CurveItem(connect="finite")
         self.curves = [CurveItem(antialias=True) for _ in SERIES]
         self.phase_curve = CurveItem(antialias=True)
@@ -67,7 +69,7 @@ class ExplorePlot(PlotBase):
         self._points: list[tuple[Any, ...]] = []
         self.cursor_line = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=CURSOR_HZ)
         self._add_legend()
-        for item in (self.band, self.cursor_line, *self.curves):
+        for item in (self.band, self.threshold_curve, self.cursor_line, *self.curves):
             self.plot.addItem(item)
         self.phase.addItem(self.phase_curve)
         self.show_simulated(False)
@@ -84,6 +86,7 @@ class ExplorePlot(PlotBase):
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
         self.band.setPen(pg.mkPen(theme.threshold, width=5))
+        self.threshold_curve.setPen(pg.mkPen(theme.threshold, width=1.5))
         self.cursor_line.setPen(pg.mkPen(theme.secondary_text, width=1, style=Qt.PenStyle.DotLine))
         self.cursor_line.setHoverPen(pg.mkPen(theme.accent, width=2))
         for curve, series in zip(self.curves, SERIES, strict=True):
@@ -103,6 +106,7 @@ class ExplorePlot(PlotBase):
             for curve, series in zip(self.curves, SERIES, strict=True):
                 curve.setData(line.frequency_hz, series.values_of(line))
             self.phase_curve.setData(line.frequency_hz, np.degrees(line.phase))
+        if before is None or line is not before.curve or result.felt_bands != before.felt_bands:
             self._label_felt_bands(result)
         if result.kept_curves is not None and (
             kept_curves != self._kept_settings or before is None or result.kept_curves != before.kept_curves
@@ -164,9 +168,15 @@ class ExplorePlot(PlotBase):
         return float(10.0**value if self.log_axes[0] else value)
 
     def _label_felt_bands(self, result: ExploreResult) -> None:
-        ends = np.array([edge for band in result.felt_bands for edge in (*band, np.nan)])
-        self.band.setData(ends, np.full(len(ends), FELT_THRESHOLD_UM))
-        line = result.curve
+        line, threshold_um = result.curve, 1e6 * result.threshold_m
+        flat = bool(np.ptp(threshold_um) == 0)
+        self.threshold_curve.setData(line.frequency_hz, threshold_um)
+        self.threshold_curve.setVisible(not flat)
+        if self._threshold_line is not None:
+            self._threshold_line.setVisible(flat)
+        stretches = [np.append(np.linspace(low, high, 2 if flat else 50), np.nan) for low, high in result.felt_bands]
+        felt_hz = np.concatenate(stretches) if stretches else np.zeros(0)
+        self.band.setData(felt_hz, np.interp(felt_hz, line.frequency_hz, threshold_um))
         top = int(line.peak_to_peak.argmax())
         peak = f"peak {1e6 * line.peak_to_peak[top]:.0f} µm at {line.frequency_hz[top]:.0f} Hz"
         last = float(line.frequency_hz[-1])

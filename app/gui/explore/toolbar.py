@@ -13,6 +13,12 @@ from app.gui.plots import SERIES, caption_label
 from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, row, tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
+SITE_NAMES = ("abdomen", "thenar", "forearm")
+"""Names of `model.response.SITES`, which loads scipy."""
+SITE_TIP = (
+    "Threshold of perception, max - min. Abdomen: the paper's 50 µm. Thenar and forearm: the course with frequency is published, the level is "
+    "unproven (docs/theory.md)"
+)
 
 
 class ExploreToolbar(QObject):
@@ -22,6 +28,8 @@ class ExploreToolbar(QObject):
     skin_chosen = Signal(bool)
     frequency_chosen = Signal(float)
     range_chosen = Signal(float)
+    site_chosen = Signal(str)
+    """Body site of the perception threshold."""
     series_changed = Signal()
     copy_chosen = Signal(str)
     run_chosen = Signal(object)
@@ -63,6 +71,11 @@ class ExploreToolbar(QObject):
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
+        self.site_box = configure(
+            QComboBox(), "explore.site", accessibleName="body site of the perception threshold", toolTip=SITE_TIP
+        )
+        self.site_box.addItems(SITE_NAMES)
+        self.site_box.currentTextChanged.connect(self.site_chosen)
         self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
         self.overlay_button = make_choice("Add runs …", f"{tooltip('explore.overlay')}, or drop files here")
@@ -89,7 +102,9 @@ class ExploreToolbar(QObject):
         )
         ranges = QWidget()
         row(QLabel("up to"), *self.ranges, QLabel("Hz"), parent=ranges, margins=(0, 0, 0, 0), spacing=6)
-        self.series_row = WrappedRow(caption_label("Response"), *self.series, ranges, spacing=8)
+        felt = QWidget()
+        row(QLabel("felt on"), self.site_box, parent=felt, margins=(0, 0, 0, 0), spacing=6)
+        self.series_row = WrappedRow(caption_label("Response"), *self.series, ranges, felt, spacing=8)
         self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
         self.overlay_row = WrappedRow(
             self.keep_button,
