@@ -82,6 +82,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "the accepted estimates of a specimen: accept, show, diff, use another version",
     ),
     "specimen": ("app.cli.specimen.commands", "the sheet of a specimen, dimensions and masses: new, set, show, check"),
+    "label": ("app.cli.specimen.label", "labels of specimens to print, with a QR code for a barcode scanner"),
     "report": ("app.cli.report", "the report of a specimen: PDF and HTML"),
 }
 """The module that defines each command, and one line of help. A module is imported only for its own commands."""

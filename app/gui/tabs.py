@@ -29,6 +29,7 @@ from app.gui.widgets import (
     make_scroll_area,
     splitters,
 )
+from app.identification.specimen_label import SpecimenLabel, compare_label
 from app.live import Overlay, SessionAdapter
 from app.session import WindowState
 from protocols.base import Protocol as Measurement
@@ -117,6 +118,7 @@ class MainTabs(QTabWidget):
         self._toast = Toast(self)
         self._report_job = ReportJob(self._toast.show_message, self)
         self.measure.run_panel.operator_named.connect(self._remember_operator)
+        self.measure.run_panel.label_scanned.connect(self._compare_label)
         self._operator_timer = QTimer(self, interval=OPERATOR_POLL_MS)
         self._operator_timer.timeout.connect(self.show_operator)
         self._operator_timer.start()
@@ -304,6 +306,12 @@ class MainTabs(QTabWidget):
                 remember_conditions(name)
 
         self._worker.submit(remember)
+
+    def _compare_label(self, label: SpecimenLabel) -> None:
+        folder = self.folder
+        self._worker.submit(
+            lambda: compare_label(folder, label), self.show_message, lambda error: self.show_message(str(error))
+        )
 
     def run_in_background(self, work: Callable[[], object]) -> None:
         """Run a job that reads files in the background."""

@@ -7,7 +7,6 @@ request for the state. Without a token only this computer is served, and only by
 import hmac
 import json
 import os
-import secrets
 import socket
 import socketserver
 import threading
@@ -20,7 +19,6 @@ from typing import Any
 from app.remote.page_files import PAGE, SCRIPT, STYLE
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 - only with a token
-DEFAULT_PORT = 8462
 TIMEOUT_S = 5.0
 """After which a connection that sends nothing is closed."""
 MAX_CONNECTIONS = 16
@@ -48,11 +46,6 @@ ReadState = Callable[[], dict[str, Any]]
 
 class RemoteViewError(Exception):
     """The page cannot be served; the message gives address, reason and remedy."""
-
-
-def new_token() -> str:
-    """Return a token of 128 random bits."""
-    return secrets.token_urlsafe(16)
 
 
 def network_address() -> str:
@@ -89,7 +82,7 @@ class RemoteView:
         host = network_address() if self.token else LOOPBACK
         return f"http://{host}:{self.port}/{f'#{self.token}' if self.token else ''}"
 
-    def start(self, token: str = "", port: int = DEFAULT_PORT) -> None:
+    def start(self, token: str, port: int) -> None:
         """Serve the page: to the network with a token, and to this computer alone without one.
 
         Raises:

@@ -2,20 +2,21 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, QSettings, Signal
 
 from app.gui.widgets import BackgroundWorker
 from app.live import SessionAdapter
-from app.remote.server import DEFAULT_PORT, RemoteView, new_token
-from app.remote.snapshot import Snapshot, snapshot_record
 from app.session import WindowState
+
+if TYPE_CHECKING:
+    from app.remote.server import RemoteView
 
 OFF, THIS_COMPUTER, NETWORK = "off", "this computer", "network"
 MODES = {OFF: "off", THIS_COMPUTER: "for this computer only", NETWORK: "for the network, with a token"}
 """Who can read the page, as stored in the settings."""
+DEFAULT_PORT, TOKEN_BYTES = 8462, 16
 MODE_KEY, TOKEN_KEY, PORT_KEY = "remote/mode", "remote/token", "remote/port"
 
 
@@ -36,10 +37,11 @@ class RemoteController(QObject):
     ) -> None:
         super().__init__(parent)
         self._settings, self._adapter, self._describe = settings, adapter, describe
-        self._snapshot: Snapshot | None = None
+        self._shown: tuple[WindowState, str, str] | None = None
         self._beat_s = time.monotonic()
         self._worker = BackgroundWorker("web page", self)
-        self.server = RemoteView(self._read)
+        self.server: RemoteView | None = None
+        """Made in the background when the page is first wanted: its imports take some hundredths of a second."""
         self.url = self.problem = ""
         mode = str(settings.value(MODE_KEY, OFF))
         self.mode = mode if mode in MODES else OFF
@@ -54,12 +56,12 @@ class RemoteController(QObject):
 
     def renew_token(self) -> None:
         """Make a new token: addresses with the present one are no longer valid."""
-        self._settings.setValue(TOKEN_KEY, new_token())
+        self._settings.setValue(TOKEN_KEY, "")
         self._apply()
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""
-        self._snapshot = Snapshot(view, *self._describe())
+        self._shown = (view, *self._describe())
 
     def beat(self) -> None:
         """Note that the window is alive."""
@@ -68,16 +70,22 @@ class RemoteController(QObject):
     def shutdown(self) -> None:
         """Close the server."""
         self._worker.close()
-        self.server.stop()
+        if self.server is not None:
+            self.server.stop()
 
     def _apply(self) -> None:
+        from secrets import token_urlsafe
+
         mode, token = self.mode, ""
         if mode == NETWORK:
-            token = str(self._settings.value(TOKEN_KEY, "")) or new_token()
+            token = str(self._settings.value(TOKEN_KEY, "")) or token_urlsafe(TOKEN_BYTES)
             self._settings.setValue(TOKEN_KEY, token)
         port = int(str(self._settings.value(PORT_KEY, DEFAULT_PORT)))
 
         def work() -> str:
+            from app.remote.server import RemoteView
+
+            self.server = self.server or RemoteView(self._read)
             self.server.stop()
             if mode != OFF:
                 self.server.start(token, port)
@@ -95,11 +103,10 @@ class RemoteController(QObject):
 
     def _read(self) -> dict[str, Any]:
         """Return the state; called in threads of the server."""
-        snapshot = self._snapshot
-        if snapshot is None:
+        from app.remote.snapshot import Snapshot, snapshot_record
+
+        if self._shown is None:
             raise RuntimeError("the window has not been shown yet")
-        session = self._adapter.session
         age_s = time.monotonic() - self._beat_s
-        return snapshot_record(
-            replace(snapshot, streamed_s=self._adapter.feed.streamed_s, bench=session.bench, age_s=age_s)
-        )
+        adapter = self._adapter
+        return snapshot_record(Snapshot(*self._shown, adapter.feed.streamed_s, adapter.session.bench, age_s))

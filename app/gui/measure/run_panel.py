@@ -25,6 +25,7 @@ from app.gui.widgets import (
     set_style_kind,
     tooltip,
 )
+from app.identification.specimen_label import read_label
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols.base import Protocol
@@ -50,6 +51,8 @@ class RunPanel(QWidget):
     changed = Signal()
     operator_named = Signal(str)
     """Who measures, as it is typed."""
+    label_scanned = Signal(object)
+    """A `SpecimenLabel` with a hash."""
 
     def __init__(
         self,
@@ -122,6 +125,15 @@ class RunPanel(QWidget):
         self.specimen_edit.textChanged.connect(self._on_edited)
         self.folder_edit.textChanged.connect(self._on_edited)
         self.operator_edit.textEdited.connect(self.operator_named)
+        self.specimen_edit.returnPressed.connect(self._on_specimen_entered)
+
+    def _on_specimen_entered(self) -> None:
+        """Take the name out of a scanned label: a barcode scanner types it and ends with Enter, which starts no run."""
+        label = read_label(self.specimen_edit.text())
+        self.specimen_edit.setText(label.specimen)
+        self.specimen_edit.selectAll()  # the next scan replaces it
+        if label.sheet_hash:
+            self.label_scanned.emit(label)
 
     @property
     def protocol(self) -> Protocol | None:

@@ -1,13 +1,16 @@
 """Notifications, the web page's setting, and texts that a barcode scanner types."""
 
+import hashlib
 import http.client
 import json
 import wave
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import QSettings
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMainWindow
 
 from app.gui.bench.notifier import NOTICE_KEY, PROMPT_DELAY_MS, SOUND_KEY, TONES, Notifier, tone_wave
@@ -90,7 +93,7 @@ def test_tones_are_audible_and_do_not_clip(kind: str) -> None:
 def test_the_web_page_is_off_until_it_is_chosen_and_shows_the_window(stage: Stage) -> None:
     remote = stage.window.remote
     assert remote.mode == OFF
-    assert remote.server.port == 0
+    assert remote.server is None
     stage.window.central.show_settings("web page")
     setting: RemoteSetting = stage.window.findChild(RemoteSetting)
     remote._settings.setValue("remote/port", 0)
@@ -124,6 +127,26 @@ def test_the_code_of_an_address_is_black_on_white_with_a_quiet_zone(qt: Any) -> 
     assert colors == {"#000000", "#ffffff"}
     assert all(image.pixelColor(x, 19).name() == "#ffffff" for x in range(image.width()))
     assert image.pixelColor(21, 21).name() == "#000000"  # of the finder pattern
+
+
+def test_a_scanned_label_names_the_specimen_and_starts_nothing(stage: Stage, tmp_path: Path) -> None:
+    sheet = tmp_path / "M4.specimen.toml"
+    sheet.write_text('specimen = "M4"\n')
+    digest = hashlib.sha256(sheet.read_bytes()).hexdigest()[:12]
+    stage.happen(OPENED)
+    field, toast = stage.window.measure_page.run_panel.specimen_edit, stage.window.tabs._toast.label
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, f"M4 #{digest}")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    assert field.text() == "M4"
+    until(lambda: "is the one that the label was printed for" in toast.text(), "for the comparison")
+    QTest.keyClicks(field, f"M4 #{'0' * 12}")  # replaces the name
+    QTest.keyClick(field, Qt.Key.Key_Enter)
+    assert field.text() == "M4"
+    until(lambda: "has changed since the label was printed" in toast.text())
+    stage.window.tick()
+    assert stage.session.runs == []
 
 
 def test_the_settings_are_kept(open_stage: OpenStage, settings: QSettings) -> None:
