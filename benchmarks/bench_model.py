@@ -14,8 +14,6 @@ from statistics import median
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is imported
 
 import numpy as np
-from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
-from skfem.helpers import dd
 from timing import seconds, tell, timed
 
 from model.beam import Matrices, matrices, modal_form, receptance
@@ -56,6 +54,9 @@ def fem(per_segment: int) -> np.ndarray:
 
 def fem_matrices(per_segment: int) -> tuple[np.ndarray, ...]:
     """M, C, K, the drive of a volt and the row of the centre."""
+    from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
+    from skfem.helpers import dd
+
     ends = (0.0, T.L1, T.L2, T.L)
     x = np.unique(np.concatenate([np.linspace(a, b, per_segment + 1) for a, b in pairwise(ends)]))
     basis = Basis(MeshLine(x), ElementLineHermite(), intorder=6)
