@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.archive.after_run import AfterRun
 from app.common import to_number
+from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
 from app.gui.main_window import MainWindow
 from app.gui.tabs import BENCH
@@ -102,6 +103,7 @@ def open_window(
     kept.setValue(WELCOME_SEEN_KEY, True)
     starts_demo = False
     actions: list[AfterRun] = []
+    recent = RecentErrors()
     last, problem = "" if bench_given else str(kept.value(LAST_BENCH_KEY, "")), ""
     shows_benches = not bench_given and not last
     if last and bench_factory is not None:
@@ -118,7 +120,9 @@ def open_window(
                 kept.setValue(LAST_BENCH_KEY, name)
 
         adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
-        window = MainWindow(adapter, bench.config, protocol, folder, specimen, kept, autostart, change, bench.name)
+        window = MainWindow(
+            adapter, bench.config, protocol, folder, specimen, kept, autostart, change, bench.name, recent
+        )
         if shows_benches and not starts_demo:
             window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
         if problem:
@@ -128,7 +132,8 @@ def open_window(
         if starts_demo:
             window.start_demo()
         actions.append(_start_actions_after_run(bench, adapter))
-        code = _run_until_closed(window, units)
+        with recent.observe(window.error_occurred.emit):
+            code = _run_until_closed(window, units)
         starts_demo = window.demo_requested
         if not requested or code == UNSAFE_EXIT:
             break

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
+from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
 from app.gui.bench.notices import NoticeArea
@@ -37,6 +38,7 @@ from protocols.base import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
+    from app.archive.problem_report import ProblemFacts
     from app.gui.help.settings_page import Setting
     from protocols.runner.request import RunRequest
 
@@ -57,6 +59,9 @@ class MainWindow(QMainWindow):
     Closing goes to rest first: the window stays responsive until the session has released the bench.
     """
 
+    error_occurred = Signal()
+    """The program made an error that nothing handled; emitted from any thread."""
+
     def __init__(
         self,
         adapter: SessionAdapter,
@@ -68,8 +73,10 @@ class MainWindow(QMainWindow):
         autostart: bool = False,
         change_bench: Callable[[str], object] | None = None,
         open_bench: str = "sim",
+        recent_errors: RecentErrors | None = None,
     ) -> None:
         super().__init__()
+        self._open_bench, self._recent_errors = open_bench, recent_errors or RecentErrors()
         self._text_scale = 1.0
         self.adapter, self._settings, self._autostart = adapter, settings, autostart
         self._change_bench, self.demo_requested = change_bench, False
@@ -249,6 +256,23 @@ class MainWindow(QMainWindow):
             self.appearance, self.set_appearance, panel, lambda: self.state.busy, self.notifier, self.remote
         )
 
+    def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
+        from app.archive.problem_report import ProblemFacts  # imports HDF5, which a background thread has loaded
+
+        settings, outcome = self._settings, self.state.outcome
+        values = {key: settings.value(key) for key in settings.allKeys()}
+        facts = ProblemFacts(
+            log=[
+                f"{line.time.isoformat(timespec='seconds')} {line.severity}: {line.text}"
+                for line in self.state.messages
+            ],
+            settings={key: str(value) for key, value in values.items() if not isinstance(value, QByteArray)},
+            bench=self._open_bench,
+            run=Path(outcome.path) if outcome is not None and outcome.path else None,
+            folder=self.tabs.folder,
+        )
+        return facts, self._recent_errors
+
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
             self._timer.stop()
@@ -342,6 +366,12 @@ class MainWindow(QMainWindow):
             self, self.tabs, self.set_appearance, central.show_welcome, central.start_tutorial, central.show_settings
         )
         self.central.palette_entries, self.central.settings = self.menus.palette_entries, self._make_settings
+        self.central.problem_facts = self._problem_facts
+        self.error_occurred.connect(
+            lambda: self.tabs.show_message(
+                "The program made an error. Ctrl+F1 saves a problem report for its developers."
+            )
+        )
         add_actions(
             self,
             {

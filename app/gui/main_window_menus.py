@@ -79,7 +79,7 @@ class MainMenus:
                 menu.addAction(action)
             return
         if title == "&Help":
-            self._add(menu, ("shortcuts", "palette"))
+            self._add(menu, ("shortcuts", "palette", "problem"))
             menu.addAction("First steps …", self._show_first_steps)
             for name, tutorial in TUTORIALS.items():
                 menu.addAction(f"Tutorial: {tutorial.title}", partial(self._start_tutorial, name))

@@ -19,14 +19,17 @@ from app.gui.tabs import BENCH, TITLES, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 if TYPE_CHECKING:
+    from app.archive.problem_report import ProblemFacts
+    from app.common.recent_errors import RecentErrors
     from app.gui.help.palette import CommandPalette, PaletteEntry
+    from app.gui.help.problem_page import ProblemPage
     from app.gui.help.settings_page import Setting, SettingsPage
     from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
     from app.gui.specimen.page import SpecimenPage
     from app.gui.widgets import Theme
     from app.session import WindowState
 
-C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage")
+C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage", "ProblemPage")
 
 
 class CentralStack(QWidget):
@@ -61,6 +64,8 @@ class CentralStack(QWidget):
         """Returns what the command palette offers."""
         self.settings: Callable[[], Sequence[Setting]] = tuple
         """Returns the settings; called once."""
+        self.problem_facts: Callable[[], tuple[ProblemFacts, RecentErrors]]
+        """Returns what a problem report has of this window."""
         add_actions(
             self,
             {
@@ -70,6 +75,7 @@ class CentralStack(QWidget):
                 "settings": self.toggle_settings,
                 "specimen": self.toggle_specimen,
                 "identification": self.toggle_identification,
+                "problem": self.toggle_problem,
             },
         )
 
@@ -95,6 +101,21 @@ class CentralStack(QWidget):
         page = self._add_cover(SpecimenPage())
         page.saved.connect(self._on_sheet_saved)
         return page
+
+    @cached_property
+    def problem_page(self) -> ProblemPage:
+        """The page that saves a problem report; created when first used."""
+        from app.gui.help.problem_page import ProblemPage
+
+        return self._add_cover(ProblemPage(self.problem_facts))
+
+    def toggle_problem(self) -> None:
+        """Show the page that saves a problem report, or the pages again."""
+        if self._shows("problem_page"):
+            self.show_pages()
+        else:
+            self._show_cover(self.problem_page)
+            self.problem_page.activate()
 
     def toggle_specimen(self) -> None:
         """Show the sheet of the specimen of the visible page, or the pages again."""
@@ -135,7 +156,7 @@ class CentralStack(QWidget):
 
     def shutdown(self) -> None:
         """Stop background threads; what is being written is finished."""
-        for name in ("specimen_page", "identification_page"):
+        for name in ("specimen_page", "identification_page", "problem_page"):
             if name in self.__dict__:
                 getattr(self, name).shutdown()
 

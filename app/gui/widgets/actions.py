@@ -87,6 +87,7 @@ ACTIONS = {
         ),
         ActionInfo("faults.clear", "Clear all faults", ("Shift+F9",)),
         ActionInfo("shortcuts", "Help: safety, words, how-tos and keys, or close it", ("F1", "?")),
+        ActionInfo("problem", "Save a problem report, or close its page", ("Ctrl+F1",)),
         ActionInfo("measure.undo", "Undo in the form", ("Ctrl+Z",), page="Measure", repeats=True),
         ActionInfo("measure.redo", "Redo in the form", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Measure", repeats=True),
         ActionInfo(

@@ -4,6 +4,7 @@ import hashlib
 import http.client
 import json
 import wave
+import zipfile
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,27 @@ def test_a_scanned_label_names_the_specimen_and_starts_nothing(stage: Stage, tmp
     until(lambda: "has changed since the label was printed" in toast.text())
     stage.window.tick()
     assert stage.session.runs == []
+
+
+def test_one_key_saves_a_problem_report(stage: Stage, tmp_path: Path) -> None:
+    stage.happen(OPENED, *LIVE, *STOPPED)
+    stage.window.remote._settings.setValue("remote/token", "secret-secret-secret")
+    stage.press(Qt.Key.Key_F1, Qt.KeyboardModifier.ControlModifier)
+    page = stage.window.central.problem_page
+    assert page.isVisible()
+    assert "without points and results" in find(page, "problem.contents").text()
+    assert "operator's name" in find(page, "problem.left-out").text()
+    page.comment_edit.setPlainText("it did not arm")
+    page.save(tmp_path / "report.zip")
+    until(lambda: page.message_label.text().startswith("Saved"), "for the report")
+    with zipfile.ZipFile(tmp_path / "report.zip") as report:
+        assert report.read("comment.txt") == b"it did not arm"
+        assert b"Stopped by the operator" in report.read("log.txt")
+        assert b"secret-secret-secret" not in b"".join(map(report.read, report.namelist()))
+    stage.press(Qt.Key.Key_F1, Qt.KeyboardModifier.ControlModifier)
+    assert not stage.window.central.is_covered
+    stage.window.error_occurred.emit()
+    assert "Ctrl+F1" in stage.window.tabs._toast.label.text()
 
 
 def test_the_settings_are_kept(open_stage: OpenStage, settings: QSettings) -> None:
