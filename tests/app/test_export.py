@@ -64,6 +64,20 @@ def test_raw_samples_keep_their_time_over_a_gap(path: Path, tmp_path: Path) -> N
     assert (moved.min(), moved.max()) == pytest.approx((-5e-4, 5e-4), abs=1e-6)
 
 
+@pytest.mark.parametrize("arrow", [True, False])
+def test_raw_samples_in_csv_lose_no_digit(
+    arrow: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not arrow:
+        monkeypatch.setattr("app.archive.exporting.text_files.find_spec", lambda _: None)
+    with Run(path) as run:
+        (file,) = export_run(run, tmp_path, "csv", ("raw",))
+        values = np.loadtxt(file, delimiter=",", skiprows=1)
+        np.testing.assert_array_equal(values[:, 0], run.trace.time_s())
+        np.testing.assert_array_equal(values[:, 1], run.trace.drive_v())
+        np.testing.assert_array_equal(values[:, 2], run.trace.displacement_m())
+
+
 def test_json_holds_the_same(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
         (file,) = export_run(run, tmp_path / "out", "json")
@@ -75,9 +89,14 @@ def test_json_holds_the_same(path: Path, tmp_path: Path) -> None:
     assert got["simulated"] is True
 
 
-def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("compressed", [True, False])
+def test_mat_opens_with_structures_and_units(
+    compressed: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from scipy.io import loadmat
 
+    if not compressed:
+        monkeypatch.setattr("app.archive.exporting.matlab.MAX_COMPRESSED_SCANS", 10)
     with Run(path) as run:
         (file,) = export_run(run, tmp_path / "out", "mat")
         moved = run.trace.displacement_m()
