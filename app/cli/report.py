@@ -1,8 +1,14 @@
 """The command `report`: the PDF and HTML report of a specimen."""
 
-from collections.abc import Mapping
+import os
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from app.cli.options import CommandSyntax, folder_option, option, switch, threshold_option
 from app.cli.output import print_json, writing_output
@@ -96,23 +102,61 @@ def write_report(
     out: Path,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Path, Path]:
-    """Write PDF and HTML; the figure of each run is drawn once for both.
+    """Write PDF and HTML, in two processes where the system can copy this one.
 
     Raises:
-        OSError: one cannot be written; existing files are unchanged.
+        OSError: one cannot be written; an existing file is unchanged then.
     """
     name = safe_name(report.specimen)
-    files = out / f"{name}_report.pdf", out / f"{name}_report.html"
+    pdf, html = out / f"{name}_report.pdf", out / f"{name}_report.html"
     shown = [run for run in runs if not run.problem]
+    add_html: Adder = partial(html_report, report, html)
+    add_pdf: Adder = partial(pdf_report, report, pdf, len(shown))
     progress.update(0.0, "writing")
-    with html_report(report, files[1]) as add_to_html, pdf_report(report, files[0], len(shown)) as add_to_pdf:
+    # A copy of a process has one thread only: a lock that another one held would stay locked.
+    if not hasattr(os, "fork") or threading.active_count() > 1:
+        _write_files((add_html, add_pdf), specimen, shown, progress)
+        return pdf, html
+    from multiprocessing import get_context
+
+    other = get_context("fork").Process(target=_write_in_copy, args=((add_html,), specimen, shown), daemon=True)
+    other.start()
+    try:
+        _write_files((add_pdf,), specimen, shown, progress)
+    except BaseException:
+        other.terminate()
+        raise
+    finally:
+        other.join()
+    if other.exitcode != 0:
+        _write_files((add_html,), specimen, shown)  # which raises the same error here
+    return pdf, html
+
+
+Adder = Callable[[], AbstractContextManager[Callable[[str, Any], None]]]
+"""Begins a file and gives the function that adds the figure of a run."""
+
+
+def _write_in_copy(begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun]) -> None:
+    """Write files in a copy of the process; an error is an exit code, and the original raises it."""
+    try:
+        _write_files(begin, specimen, shown)
+    except BaseException:  # noqa: BLE001 - an interruption too, and without a traceback of this process
+        sys.exit(1)
+
+
+def _write_files(
+    begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun], progress: Progress = NO_PROGRESS
+) -> None:
+    """Write files; the figure of each run is drawn once for all of them."""
+    with ExitStack() as stack:
+        adders = [stack.enter_context(each()) for each in begin]
         for i, each in enumerate(shown, start=1):
             progress.update(i / (len(shown) + 1), "writing")
             with Run(each.path) as run, translate_read_errors(each.path):
                 figure = lay_out_figure(run_figure(run, specimen.tactor))
-            add_to_html(each.name, figure)
-            add_to_pdf(each.name, figure)
-    return files
+            for add in adders:
+                add(each.name, figure)
 
 
 def _read_limits(options: ReportCommand) -> Limits | None:

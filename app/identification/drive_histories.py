@@ -84,9 +84,12 @@ def _recordings_of_points(run: Run, columns: dict[str, Array], count: int) -> Ar
     if any(len(each) < count for each in rows):
         return None
     edges = sorted({edge for each in rows for pair in each for edge in pair})
-    times = {edge: float(trace.time_s(edge - 1, edge)[0]) + 1 / trace.rate_hz if edge else 0.0 for edge in edges}
-    begins = {first: float(trace.time_s(first, first + 1)[0]) for each in rows for first, _ in each}
-    return np.array([[(begins[first], times[stop]) for first, stop in each] for each in rows])
+    step_s = 1 / trace.rate_hz
+    lasts = [max(edge - 1, 0) for edge in edges]
+    ends = {edge: last + step_s if edge else 0.0 for edge, last in zip(edges, trace.times_of_rows(lasts), strict=True)}
+    firsts = sorted({first for each in rows for first, _ in each})
+    begins = dict(zip(firsts, trace.times_of_rows(firsts), strict=True))
+    return np.array([[(begins[first], ends[stop]) for first, stop in each] for each in rows])
 
 
 def _history(time_s: Array, drive: Array, start_s: Array, read_s: Array, zero_s: Array) -> DriveHistory | None:

@@ -10,7 +10,7 @@ import numpy as np
 from app.common import display_unit, format_estimate
 from app.plotting.panels import draw_measured, new_figure
 from model import Tactor
-from model.response import THRESHOLD_M, amplifier_response, frequency_response
+from model.response import THRESHOLD_M, driven_amplitudes, fourier_series, frequency_response
 from protocols import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -71,9 +71,9 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
     amplifier = run.amplifier_map
-    curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
-    axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
-    axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
+    whole, fundamental = driven_amplitudes(tactor, curve_f, amplitude_v, amplifier)
+    axes.plot(curve_f, 1e6 * whole, "-", color="tab:blue", lw=1.2, label="model, max - min")
+    axes.plot(curve_f, 2e6 * fundamental, "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = usable_mask(points["quality"])
     for name, scale, label, marker, size, color in (  # an imported table may have one of them only
         ("peak_to_peak", 1e6, "measured, max - min", "o", 6, "tab:red"),
@@ -104,8 +104,8 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
         elongation = float(points["elongation"][of_part][0])
         free = np.isnan(elongation)
         pressed = None if free else skin(Membrane(), elongation / Membrane().L_m, tactor=tactor)
-        model = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier, skin=pressed)
-        axes.plot(curve_f, 1e6 * model.peak_to_peak, "--", color=colour, lw=0.9)
+        whole, _ = driven_amplitudes(tactor, curve_f, amplitude_v, amplifier, pressed)
+        axes.plot(curve_f, 1e6 * whole, "--", color=colour, lw=0.9)
         label = "free" if free else f"{1e3 * elongation:.2f} mm"
         f, moved, errors = (points[name][of_part] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
         draw_measured(
@@ -146,8 +146,8 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
             mass = points["mass"][points[ENTRY_COLUMN] == curve.entry] if "mass" in points else np.empty(0)
             loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
             f = x.values[:: max(len(x.values) // 300, 1)]
-            driven = amplifier_response(loaded, f, amplitude_v, amplifier.rest_v, amplifier)
-            axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
+            gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
+            axes.plot(f, factor * gain * np.abs(frequency_response(loaded, f)), "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
     found = [*map(format_estimate, run.estimates())]
     if any(curve.columns[curve.y].unit == "m/V" for curve in curves):

@@ -36,16 +36,22 @@ class LaidOutTable:
         return line_height(self.font_size) * max(map(len, row)) + 0.05
 
 
-@lru_cache(maxsize=20_000)
 def text_width(text: str, size: float, weight: str = "normal", family: str = "sans-serif") -> float:
     """Return the width of a text in inches."""
+    return size * _relative_width(text, weight, family)
+
+
+@lru_cache(maxsize=20_000)
+def _relative_width(text: str, weight: str, family: str) -> float:
+    """Return the width of a text in inches for each point of its size."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
     if not text:
         return 0.0
+    size = 10.0
     prop = FontProperties(family=family, weight=weight, size=size)
-    return float(text_to_path.get_text_width_height_descent(text, prop, False)[0]) / 72
+    return float(text_to_path.get_text_width_height_descent(text, prop, False)[0]) / 72 / size
 
 
 def line_height(size: float) -> float:
@@ -55,6 +61,8 @@ def line_height(size: float) -> float:
 
 def wrap_text(text: str, width: float, size: float, weight: str = "normal", family: str = "sans-serif") -> list[str]:
     """Wrap a text into lines; words wider than a line are broken anywhere."""
+    if text_width(text, size, weight, family) <= width:
+        return [text]
     lines, line = [], ""
     for each in text.split(" "):
         word = each

@@ -28,7 +28,7 @@ from model.identification import (
     parameter_spec,
     parse_elongation,
 )
-from model.response import amplifier_response
+from model.response import driven_amplitudes
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
 CurveFunction = Callable[[Tactor, Membrane], Array]
@@ -153,14 +153,8 @@ class SpecimenModel:
 
         def curve(tactor: Tactor, membrane: Membrane) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
-            # Harmonics are needed up to the same frequency, so low frequencies need many and are computed separately.
-            low = frequency_hz < HIGH_GRID_HZ[0]
-            driven = [
-                amplifier_response(tactor, part, amplitude_v, self.amplifier.rest_v, self.amplifier, skin=on, n=self.n)
-                for part in (frequency_hz[low], frequency_hz[~low])
-                if part.size
-            ]
-            return np.concatenate([d.peak_to_peak if peak_to_peak else 2 * np.abs(d.fundamental) for d in driven])
+            whole, fundamental = driven_amplitudes(tactor, frequency_hz, amplitude_v, self.amplifier, on, self.n)
+            return whole if peak_to_peak else 2 * fundamental
 
         return curve
 

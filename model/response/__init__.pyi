@@ -9,6 +9,7 @@ from .harmonic_response import Excitation as Excitation
 from .harmonic_response import PeriodicResponse as PeriodicResponse
 from .harmonic_response import amplifier_response as amplifier_response
 from .harmonic_response import check_frequency as check_frequency
+from .harmonic_response import driven_amplitudes as driven_amplitudes
 from .harmonic_response import frequency_response as frequency_response
 from .harmonic_response import harmonic_orders as harmonic_orders
 from .harmonic_response import peak_to_peak as peak_to_peak

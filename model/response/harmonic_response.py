@@ -105,6 +105,36 @@ def amplifier_response(
     return periodic_response(tactor_modal_form(tactor, skin, n, x), f, V)
 
 
+SEPARATE_HZ = (20.0, 40.0, 80.0, 160.0)
+"""Bounds between which the frequencies of a curve are computed separately: harmonics are needed up to one frequency, the fewer
+the higher the drive's is."""
+
+
+def driven_amplitudes(
+    tactor: Tactor,
+    frequency_hz: ArrayLike,
+    amplitude_v: float,
+    amplifier: AmplifierMap,
+    skin: Skin | None = None,
+    n: int = 7,
+) -> tuple[Array, Array]:
+    """Max - min and amplitude of the fundamental, m, (F,) each, under a sine around rest at the amplifier's input.
+
+    Raises:
+        ParameterError: as `amplifier_response`.
+    """
+    f = check_frequency(frequency_hz)
+    form = tactor_modal_form(tactor, skin, n)
+    whole, fundamental = np.empty(f.size), np.empty(f.size)
+    group = np.searchsorted(SEPARATE_HZ, f, side="right")
+    for number in np.unique(group):
+        here = group == number
+        V = fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, harmonic_orders(f[here]))
+        found = periodic_response(form, f[here], V)
+        whole[here], fundamental[here] = found.peak_to_peak, np.abs(found.fundamental)
+    return whole, fundamental
+
+
 def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> PeriodicResponse:
     """Response of one `ModalForm` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
     f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from model import Array
@@ -148,10 +148,14 @@ class RunTrace:
 
     def time_s(self, start: int = 0, stop: int | None = None) -> Array:
         """Return scan times of rows start..stop, seconds since the stream began, (N,); gaps are jumps."""
-        rows = np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count))
+        return self.times_of_rows(np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count)))
+
+    def times_of_rows(self, rows: ArrayLike) -> Array:
+        """Return the scan times of these rows, seconds since the stream began, (N,)."""
+        rows = np.asarray(rows, np.int64)
         blocks = table(self._entry, "blocks", ("row", "scan"))[:]
         if not len(blocks):
-            return rows / self.rate_hz
+            return np.asarray(rows / self.rate_hz)
         at = np.searchsorted(blocks["row"], rows, side="right") - 1
         return np.asarray((blocks["scan"][at] + rows - blocks["row"][at]) / self.rate_hz)
 
