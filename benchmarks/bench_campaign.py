@@ -89,7 +89,7 @@ def campaign(only: list[str], config: BenchConfig) -> None:
         else:
             record = config.simulation_parameters.as_record()
             truth = {**record["tactor"], **record["membrane"]}
-            for estimate in found.estimates:
+            for estimate in found.identified:
                 beside = truth.get(estimate.name)
                 away = "" if beside is None else f", truth {beside:.5g}, {100 * (estimate.value / beside - 1):+.2f} %"
                 print(

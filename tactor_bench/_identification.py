@@ -107,6 +107,7 @@ def identify(
     robust: bool = False,
     shapes: int | None = None,
     sheet: str | Path | None = None,
+    plain: bool = False,
 ) -> Identification:
     """Identify the parameters of a specimen from any runs of it, as `tactor-bench identify`.
 
@@ -122,6 +123,8 @@ def identify(
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
         sheet: specimen sheet with dimensions and masses; default: the one beside the runs, or else the paper's Table I with the
             uncertainties of ruler and caliper; "none" holds them at Table I as if exact.
+        plain: the beam model alone; otherwise creep, hysteresis and the other usual nonidealities are fitted with it, and where
+            the model is not adequate the likeliest causes are added in turn (`found.steps`).
 
     Raises:
         RunReadError: a file is not a run.
@@ -153,7 +156,7 @@ def identify(
         amplifier=amplifier_of(paths),
     )
     chosen: SheetChoice = None if sheet is None else "none" if sheet == "none" else Path(sheet)
-    return Identification(identify_runs(paths, method, setting, shapes, sheet=chosen), paths)
+    return Identification(identify_runs(paths, method, setting, shapes, sheet=chosen, plain=plain), paths)
 
 
 def calibration(specimen: str, folder: str | Path = "runs", version: int | None = None) -> Calibration:

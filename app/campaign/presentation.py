@@ -216,15 +216,12 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
     return tuple(section for section in sections if section.lines)
 
 
-EXACT_DIMENSIONS = "Dimensions and masses count as exact here; Identify … has their uncertainties."
-
-
 def _estimate_lines(estimates: CampaignEstimates | None) -> tuple[str, ...]:
     if estimates is None:
         return ()
-    note = (EXACT_DIMENSIONS,) if estimates.estimates else ()
+    verdict = (f"With total uncertainties. The model is {estimates.verdict}",) if estimates.estimates else ()
     problem = (estimates.problem,) if estimates.problem else ()
-    return (*map(format_named_estimate, estimates.estimates), *note, *problem)
+    return (*map(format_named_estimate, estimates.estimates), *verdict, *problem)
 
 
 def _format_setting(value: object) -> str:

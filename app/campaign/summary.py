@@ -11,11 +11,11 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus
-from app.identification import IdentificationResult, ObservationError, SheetError, amplifier_of, identify
+from app.identification import IdentificationResult, ObservationError, SheetError, amplifier_of, identify, verdict_line
 from app.session import real_duration_s
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
-from model.identification import FitOptions, PaperChainError
+from model.identification import FitOptions, IdentificationError
 from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 from protocols.runfile.reader import RunReadError
@@ -113,6 +113,8 @@ class CampaignEstimates:
     """Parameters of the specimen from all valid runs of a campaign."""
 
     estimates: tuple[EstimatedQuantity, ...]
+    verdict: str = ""
+    """Whether the model is adequate for these runs, as text."""
     problem: str = ""
     """Why there are no estimates, or not more."""
 
@@ -160,23 +162,23 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
 
 
 def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEstimates:
-    """Fit the valid runs by the paper's chain."""
+    """Fit the valid runs jointly: the same estimates, with total uncertainties, as those of `identify`."""
     found = identify_campaign_runs(campaign, amplifier)
     if isinstance(found, str):
-        return CampaignEstimates((), found)
-    return CampaignEstimates(tuple(found.estimates), " ".join(found.notes[-1:]))
+        return CampaignEstimates((), problem=found)
+    return CampaignEstimates(found.identified, verdict_line(found), "; ".join(found.unidentified))
 
 
 def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = None) -> IdentificationResult | str:
-    """Identify parameters from the valid runs; return a message if none can be identified.
+    """Identify parameters from the valid runs by the joint fit; return a message if none can be identified.
 
-    The chain follows the order of the campaign: a later run that cannot be used does not invalidate earlier ones.
+    A later run that cannot be used does not invalidate earlier ones.
     """
     runs, why = campaign.valid_runs(), "no run of this campaign counts yet"
     for last in range(len(runs), 0, -1):
         try:
-            found = identify(runs[:last], "chain", FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
-        except (RunReadError, ObservationError, PaperChainError, ParameterError, SheetError) as error:
+            found = identify(runs[:last], options=FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
+        except (RunReadError, ObservationError, IdentificationError, ParameterError, SheetError) as error:
             why = str(error)
         else:
             return found if last == len(runs) else replace(found, notes=(*found.notes, why))

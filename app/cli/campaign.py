@@ -22,6 +22,7 @@ from app.cli.headless import headless_session, refuse_unreachable_operator, sele
 from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
 from app.cli.output import print_json
 from app.common import ExitCode, format_bytes, format_duration, print_line, print_message, usage_errors
+from app.identification import verdict_line
 from drivers import BenchError
 from protocols.base import format_with_uncertainty
 from protocols.runfile.reader import RunReadError
@@ -155,13 +156,15 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     from app.campaign import identify_campaign_runs
 
     lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
-    estimates = () if isinstance(found, str) else found.estimates
+    estimates = () if isinstance(found, str) else found.identified
+    verdict = "" if isinstance(found, str) else verdict_line(found)
     if as_json:
         record = {
             "specimen": campaign_.specimen,
             "simulated": campaign_.simulated,
             "path": str(campaign_.path),
             "identified": [asdict(estimate) for estimate in estimates],
+            "verdict": verdict,
             "items": [_item_record(line) for line in lines],
         }
         print_json(record)
@@ -172,10 +175,12 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     for line in lines:
         print_line(_item_text(line))
     if estimates:
-        print_line("identified so far, by the paper's chain ('tactor-bench identify' for more):")
+        print_line("identified from these runs, with total uncertainties ('tactor-bench identify' for more):")
     for estimate in estimates:
         value = format_with_uncertainty(estimate.value, estimate.standard_error, estimate.unit)
         print_line(f"    {estimate.name}: {value}")
+    if verdict:
+        print_line(f"    the model is {verdict}")
     return ExitCode.DONE
 
 

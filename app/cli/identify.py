@@ -1,6 +1,7 @@
 """The commands `identify` and `calibration`: parameters of a specimen from its runs, and their accepted versions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,19 @@ from app.cli.identify_tables import (
 )
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common import Column, Table, UnitError, UsageError, path_argument, read_stated, to_number, track, usage_errors
+from app.common import (
+    Column,
+    Progress,
+    Table,
+    UnitError,
+    UsageError,
+    path_argument,
+    read_stated,
+    terminal_progress,
+    to_number,
+    track,
+    usage_errors,
+)
 from app.config import SIMULATED_BENCHES, ConfigError
 from app.identification import (
     CalibrationError,
@@ -37,6 +50,8 @@ from protocols.runfile.reader import Run, RunReadError
 INADEQUATE_MODEL_HINT = (
     "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
 )
+USUAL_EVALUATIONS = 30
+"""Evaluations at which the bar of a fit, whose number is not known, is half full."""
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
@@ -58,10 +73,10 @@ class AcceptCommand:
         metavar="NAMES",
         help="parameters that are free in addition, e.g. mass_fraction, the share of the added masses that acts",
     )
-    stepwise: bool = switch(
-        "--stepwise",
-        "add the nonidealities that the test of the model proposes, one after the other, until the model is adequate; every step "
-        "is listed with chi-square and what it moves. Proposes only: --also NAMES --accept accepts",
+    plain: bool = switch(
+        "--plain",
+        "the beam model alone: creep, hysteresis and the other usual nonidealities are held at none, and no cause is added where the "
+        "model is not adequate",
     )
     fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a fixed value, in SI units or with a unit")
     priors: Sequence[str] = repeated(
@@ -75,7 +90,7 @@ class AcceptCommand:
         default="",
         metavar="FILE|none",
         help="the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
-        "ruler and caliper); 'none' holds them at Table I as if exact",
+        "ruler and caliper); 'none' holds them at Table I as if exact, as --plain does with nonidealities",
     )
     profile: Sequence[str] = repeated(
         "--profile",
@@ -123,12 +138,8 @@ class AcceptCommand:
             )
         if self.method == "chain" and (self.profile or self.next is not None):
             raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
-        if self.stepwise and self.method == "chain":
-            raise UsageError("--stepwise is for the joint fit: the chain has no nonidealities")
-        if self.stepwise and self.accept:
-            raise UsageError(
-                "--stepwise only proposes: look at its steps, then accept those you agree with by --also NAMES --accept"
-            )
+        if self.plain and self.method == "chain":
+            raise UsageError("--plain is for the joint fit: the chain has no nonidealities")
         if not 0 < self.coverage < 1:
             raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
         free = tuple(name.strip() for name in self.free.split(",") if name.strip())
@@ -146,16 +157,18 @@ class AcceptCommand:
             if corrected and corrected.amplifier
             else amplifier_of(self.runs),
         )
-        found = identify(
-            self.runs,
-            self.method,
-            setting,
-            self.shapes,
-            open_run=corrected.open if corrected else Run,
-            track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
-            sheet="none" if self.sheet == "none" else Path(self.sheet) if self.sheet else None,
-            stepwise=self.stepwise,
-        )
+        with ExitStack() as bars:
+            found = identify(
+                self.runs,
+                self.method,
+                setting,
+                self.shapes,
+                open_run=corrected.open if corrected else Run,
+                track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
+                sheet="none" if self.sheet == "none" else Path(self.sheet) if self.sheet else None,
+                plain=self.plain,
+                progress=_show_progress(bars, self.json),
+            )
         result = identification_command_result(found)
         if found.joint_fit is not None:
             result = _add_proposals(result, found, found.joint_fit, self)
@@ -173,6 +186,19 @@ class IdentifyCommand(AcceptCommand):
     """Identify the parameters of a specimen from its runs, and accept them if requested."""
 
     accept: bool = switch("--accept", "store the result as the specimen's calibration")
+
+
+def _show_progress(bars: ExitStack, quiet: bool) -> Callable[[int, float], None]:
+    """Return what shows the progress of a fit on a terminal, from its first evaluation until `bars` is closed."""
+    bar: Progress | None = None
+
+    def show(evaluations: int, chi_square: float) -> None:
+        nonlocal bar
+        bar = bar or bars.enter_context(terminal_progress("fitting", quiet))
+        done = evaluations / (evaluations + USUAL_EVALUATIONS)
+        bar.update(done, f"fitting, {evaluations} evaluations, chi-square {chi_square:.5g}")
+
+    return show
 
 
 def _correction(options: AcceptCommand) -> Correction | None:
@@ -325,7 +351,9 @@ COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
     "identify": CommandSyntax(
         IdentifyCommand,
         "Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
-        "step by step as the paper did. Parameters that the runs do not determine are named instead of guessed.",
+        "step by step as the paper did. Creep, hysteresis and what else a real specimen does are fitted with them; where the runs "
+        "still do not follow the model, the likeliest causes are added in turn and listed. Parameters that the runs do not determine "
+        "are named instead of guessed.",
         "example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
     ),
     "calibration": CommandGroup(

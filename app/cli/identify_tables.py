@@ -16,6 +16,8 @@ from app.identification import (
     contradictions,
     dimensions_line,
     held_parameters,
+    nonideality_tables,
+    steps_line,
     unstated_errors,
 )
 from model import ParameterError
@@ -105,19 +107,6 @@ def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
             Column("moved", "", ["", *moved]),
         ),
     )
-
-
-def steps_note(identification: IdentificationResult) -> str:
-    """Return how a stepwise fit ended, and the option that repeats it, as text."""
-    steps, adequacy = identification.steps, identification.adequacy
-    adequate = adequacy is not None and adequacy.adequate
-    if not steps:
-        return "no nonideality was added: " + (
-            "the model is adequate without any" if adequate else "the test of the model proposes none"
-        )
-    names = ",".join(step.name for step in steps)
-    end = "the model is adequate with them" if adequate else "the model is not adequate with them, and none is proposed"
-    return f"proposed, not accepted: {names.replace(',', ', ')}; {end}. The same fit: identify --also {names}"
 
 
 def rank_proposals(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]:
@@ -252,6 +241,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
+    tables += nonideality_tables(identification)
     if identification.first_fit is not None and identification.steps:
         tables.append(steps_table(identification.first_fit, identification.steps))
     unstated = unstated_errors(identification)
@@ -279,8 +269,8 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         }
         if identification.adequacy.diagnosis is not None and identification.adequacy.diagnosis.likeliest:
             notes += [hint] if (hint := also_hint(identification.adequacy.diagnosis.likeliest)) else []
-        if identification.first_fit is not None:
-            notes.append(steps_note(identification))
+        if identification.steps:
+            notes.insert(1, steps_line(identification, also="identify --also", plain="--plain"))
             more["proposed"] = [step.name for step in identification.steps]
         notes += [f"{error.words}." for error in identification.adequacy.undecidable]
     notes += identification.notes

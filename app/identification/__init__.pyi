@@ -20,6 +20,8 @@ from .recalibration import Correction as Correction
 from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT
 from .result_text import dimensions_line as dimensions_line
 from .result_text import held_parameters as held_parameters
+from .result_text import steps_line as steps_line
+from .result_text import verdict_line as verdict_line
 from .sheet_checks import USUAL_RANGES as USUAL_RANGES
 from .sheet_checks import question_sheet as question_sheet
 from .sheet_draft import ENTRY_FIELDS as ENTRY_FIELDS
@@ -58,4 +60,6 @@ from .uncertainty_tables import format_relative as format_relative
 from .uncertainty_tables import format_shares as format_shares
 from .uncertainty_tables import known_tables as known_tables
 from .uncertainty_tables import largest_sources as largest_sources
+from .uncertainty_tables import nonideality_lines as nonideality_lines
+from .uncertainty_tables import nonideality_tables as nonideality_tables
 from .uncertainty_tables import unstated_errors as unstated_errors

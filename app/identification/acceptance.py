@@ -21,13 +21,21 @@ class AcceptanceError(CalibrationError):
 
 
 def doubt_about(identification: IdentificationResult) -> str:
-    """Return why the result needs a decision to be accepted; empty for a result whose model was tested and is adequate."""
+    """Return why the result needs a decision to be accepted; empty for a result whose model was tested and is adequate.
+
+    A cause that was added because the data ask for it is a proposal, to be agreed to.
+    """
     adequacy = identification.adequacy
     if adequacy is None:
         return f"unchecked: no test of the model is made by the method '{identification.method}'"
     if adequacy.adequate is None:
         return f"unchecked: {adequacy.message}"
-    return "" if adequacy.adequate else f"NOT ADEQUATE: {adequacy.message}"
+    if not adequacy.adequate:
+        return f"NOT ADEQUATE: {adequacy.message}"
+    if identification.steps:
+        names = ", ".join(step.name for step in identification.steps)
+        return f"adequate only with {names}, which the test of the model proposes: identify --also agrees to it"
+    return ""
 
 
 def is_reason(text: str) -> bool:

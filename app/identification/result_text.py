@@ -13,6 +13,35 @@ USED_PARAMETERS = tuple(q.name for q in parameter_specs(Tactor))
 SKIN_PARAMETERS = tuple(q.name for q in parameter_specs(Membrane))
 
 
+def verdict_line(identification: IdentificationResult) -> str:
+    """Return the verdict on the model in one line: `adequate`, or `NOT ADEQUATE` with the first clause of the reason."""
+    adequacy = identification.adequacy
+    if adequacy is None:
+        return "not tested"
+    added = f" with {', '.join(step.name for step in identification.steps)} added" if identification.steps else ""
+    verdict = f"{ADEQUACY_TEXT[adequacy.adequate]}{added}"
+    return verdict if adequacy.adequate else f"{verdict}: {adequacy.message.partition(' (')[0]}"
+
+
+def steps_line(identification: IdentificationResult, also: str, plain: str) -> str:
+    """Return which causes were added to a model that was not adequate, how that ended, and how to agree to it, as text.
+
+    Args:
+        identification: the fit.
+        also: what agrees to the causes.
+        plain: what fits without any.
+    """
+    if not identification.steps:
+        return ""
+    adequacy, names = identification.adequacy, [step.name for step in identification.steps]
+    end = "adequate with them" if adequacy is not None and adequacy.adequate else "not adequate with them either"
+    words = "; ".join(step.explanation.cause_words for step in identification.steps)
+    return (
+        f"the model was not adequate by itself; added in turn, as its test proposed: {words}; {end}. "
+        f"To agree to it: {also} {','.join(names)}; the model without any of them: {plain}."
+    )
+
+
 def held_parameters(identification: IdentificationResult, hint: str = "") -> str:
     """Return the parameters that the fit held, with their values, as text; an error of one is in no standard error.
 
@@ -48,7 +77,7 @@ def dimensions_line(identification: IdentificationResult, remedy: str = "") -> s
     if sheet is None:
         return ""
     stated = []
-    for name, (value, uncertainty) in identification.known.items():
+    for name, (value, uncertainty) in identification.dimensions.items():
         factor, unit = sheet_unit(name)
         stated.append(f"{name} {format_with_uncertainty(factor * value, factor * uncertainty)} {unit}".strip())
     without = f"; {remedy}" if remedy and sheet.path is None else ""

@@ -11,6 +11,7 @@ from app.identification.sheet_file import SheetError, load_sheet, read_sheet
 from app.identification.specimen_sheet import SpecimenSheet
 from model import Array, EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs
 from model.identification import (
+    NONIDEALITIES,
     Adequacy,
     CurveValidation,
     DecayPoleObservation,
@@ -29,12 +30,16 @@ from model.identification import (
     joint_fit,
     linearized_errors,
     uncertainty_budget,
+    with_model_error,
 )
 from protocols.runfile.reader import Run
 
 Method = Literal["chain", "joint"]
 SheetChoice = Path | Literal["none"] | None
 """A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as if exact."""
+
+NONIDEAL = frozenset(("asymmetry", *NONIDEALITIES))
+"""Parameters of the fit that the beam model does not have."""
 
 CHAIN_SHEET_NOTE = "the chain takes dimensions and masses as exact: their uncertainties are in none of its errors; the joint fit's have them"
 
@@ -67,14 +72,24 @@ class IdentificationResult:
     sheet: SpecimenSheet | None = None
     """What dimensions and masses are from; None where the options alone say it."""
     steps: tuple[ExtensionStep, ...] = ()
-    """Of a stepwise joint fit: the nonidealities that were added to the first fit, in turn."""
+    """Causes that were added to a first fit whose model was not adequate, in turn."""
     first_fit: JointFit | None = field(default=None, repr=False)
-    """Of a stepwise joint fit: the one without any of them."""
+    """Of a joint fit: the one without any of them."""
 
     @property
     def known(self) -> Mapping[str, tuple[float, float]]:
         """Value and standard uncertainty of the parameters that were known beforehand, such as lengths."""
         return {} if self.joint_fit is None else dict(self.joint_fit.options.priors)
+
+    @property
+    def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
+        """The estimates of what the beam model leaves out and a size was expected of, such as creep."""
+        return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
+
+    @property
+    def dimensions(self) -> Mapping[str, tuple[float, float]]:
+        """Those of `known` that are no nonideality: lengths, masses and the like."""
+        return {name: known for name, known in self.known.items() if name not in NONIDEAL}
 
     @property
     def identified(self) -> tuple[EstimatedQuantity, ...]:
@@ -110,12 +125,14 @@ def identify(
     open_run: Callable[[Path], Run] = Run,
     track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
     sheet: SheetChoice = None,
-    stepwise: bool = False,
+    plain: bool = False,
     cancelled: Callable[[], bool] | None = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> IdentificationResult:
     """Identify the specimen of these runs; `open_run` may correct them; `n` shapes, default: `shape_count_of_file`.
 
-    A `stepwise` joint fit adds the nonidealities that the adequacy tests propose, in turn, until the model is adequate.
+    A joint fit has the usual nonidealities, free within their usual sizes. Where it is not adequate the causes that its tests
+    propose are added in turn. A `plain` fit is one of the beam model alone.
 
     Raises:
         SheetError: the specimen sheet is invalid.
@@ -130,7 +147,7 @@ def identify(
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
     return identify_observations(
-        specimen, campaign, method, options, left_out, sheet=known, stepwise=stepwise, cancelled=cancelled
+        specimen, campaign, method, options, left_out, progress, sheet=known, plain=plain, cancelled=cancelled
     )
 
 
@@ -142,18 +159,20 @@ def identify_observations(
     exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
     sheet: SpecimenSheet | None = None,
-    stepwise: bool = False,
+    plain: bool = False,
     cancelled: Callable[[], bool] | None = None,
 ) -> IdentificationResult:
     """Identify from observations already read; `exclusions` are messages that are added to the notes.
 
-    With a `sheet`, dimensions and masses are those of it, free within their uncertainties; else those of the options.
+    With a `sheet`, dimensions and masses are those of it, free within their uncertainties, and so are the usual nonidealities
+    unless the fit is `plain`; else those of the options.
 
     Of the options the chain uses start values, amplifier and number of shapes only.
 
     Raises:
         SheetError: the sheet is of a simulated specimen, and a run is not.
         PaperChainError, IdentificationError, ParameterError: identification is not possible; the message gives the reason.
+        FitCancelled: `cancelled` returned true.
     """
     if sheet is not None:
         if sheet.simulated and (real := [run for run in observations.runs if not run.simulated]):
@@ -161,7 +180,7 @@ def identify_observations(
                 f"{sheet.path} describes a simulated specimen, but {pluralize(len(real), 'run')} of {specimen} "
                 "were measured on a real bench; enter the values of the real specimen there, and remove the line simulated = true"
             )
-        options = sheet.fit_options(options, observations)
+        options = sheet.fit_options(options, observations, plain or method == "chain")
     if method == "chain":
         observations, left_out = _paper_observations(observations)
         exclusions = (*exclusions, *left_out)
@@ -188,10 +207,14 @@ def identify_observations(
             sheet=sheet,
         )
     fit = first_fit = joint_fit(observations, options, progress, cancelled)
-    adequacy = assess_adequacy(fit)
-    steps = tuple(extend_stepwise(fit, adequacy)) if stepwise else ()
+    adequacy = assess_adequacy(fit, cancelled=cancelled)
+    steps = () if plain or sheet is None else tuple(extend_stepwise(fit, adequacy, cancelled))
     if steps:
         fit, adequacy = steps[-1].fit, steps[-1].adequacy
+        before = (first_fit, *(step.fit for step in steps[:-1]))
+        fit = with_model_error(fit, adequacy, before)
+    else:
+        fit = with_model_error(fit, adequacy)
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
@@ -211,7 +234,7 @@ def identify_observations(
         budget=uncertainty_budget(fit),
         sheet=sheet,
         steps=steps,
-        first_fit=first_fit if stepwise else None,
+        first_fit=first_fit,
     )
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from app.common import pluralize
 from app.identification.table_one import TABLE_ONE
+from app.identification.usual_effects import usual_effects
 from model import Membrane, Tactor, parameter_specs
 from model.identification import FitOptions, MembraneSagObservation, ObservationSet, parameter_spec
 
@@ -111,16 +112,17 @@ class SpecimenSheet:
     def _values_of(self, kind: type) -> dict[str, float]:
         return {q.name: self.entries[q.name].value for q in parameter_specs(kind) if q.name in self.entries}
 
-    def fit_options(self, options: FitOptions, observations: ObservationSet) -> FitOptions:
+    def fit_options(self, options: FitOptions, observations: ObservationSet, plain: bool = False) -> FitOptions:
         """Return the options with the sheet's values, free within their uncertainties where a run depends on them.
 
-        Values that the options fix, tie, free or know otherwise are left as they are.
+        Usual nonidealities that the sheet does not have are free within their usual sizes, unless the fit is `plain`. Values that
+        the options fix, tie, free or know otherwise are left as they are.
         """
+        usual = {} if plain else usual_effects(observations)
         names = self._names_for(observations)
         own = {*options.fixed, *options.tied, *options.priors, *(options.free or ())}
-        priors = {
-            e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names and e.name not in own
-        }
+        known = {e.name: (e.value, e.uncertainty) for e in self.values.values() if e.name in names}
+        priors = {name: prior for name, prior in {**known, **usual, **known}.items() if name not in own}
         free = None if options.free is None else (*options.free, *(name for name in priors if name not in options.free))
         return replace(
             options,

@@ -18,6 +18,8 @@ from model.identification import (
     StaticLoadingObservation,
     UncertaintyBudget,
     VoltageStepsObservation,
+    describe_cause,
+    format_size,
     observed_values,
     parameter_spec,
 )
@@ -28,6 +30,9 @@ MIN_SHARE = 0.01
 
 OTHERS = "others"
 """Sources with smaller shares, together."""
+
+SEEN_SIGMAS = 3.0
+"""Size of a nonideality, in its standard uncertainties, from which on it is described."""
 
 CONTRADICTION_SIGMAS = 3.0
 """Correction of a known value, in its standard uncertainties, from which on it is questioned."""
@@ -103,7 +108,7 @@ def largest_sources(bars: Sequence[BudgetBar]) -> tuple[str, ...]:
 
 def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
     """Yield the sources of the uncertainty of each identified parameter, and the values known beforehand."""
-    budget, known = identification.budget, identification.known
+    budget, known, dimensions = identification.budget, identification.known, identification.dimensions
     if budget is not None and len(budget.sources) > 1:
         at = [i for i, name in enumerate(budget.names) if name not in known]
         yield Table(
@@ -117,7 +122,39 @@ def budget_tables(identification: IdentificationResult) -> Iterator[Table]:
                 Column("shares", "", [format_shares(budget, i) for i in at], "sources"),
             ),
         )  # fmt: skip
-    yield from known_tables(known, identification.estimates)
+    yield from known_tables(dimensions, identification.estimates)
+
+
+def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
+    """Yield the table of nonidealities that were expected, with their meaning; none without any."""
+    found, known = identification.nonidealities, identification.known
+    if found:
+        yield Table(
+            "nonidealities",
+            "What the beam model leaves out, fitted with it",
+            (
+                Column("name", "", [e.name for e in found], "parameter"),
+                Column("expected", "", [format_size(*known[e.name], e.unit) for e in found]),
+                Column("found", "", [format_size(e.value, e.standard_error, e.unit) for e in found]),
+                Column("words", "", [_meaning(identification, e) or "not seen" for e in found], "meaning"),
+                Column("value", "", [e.value for e in found], displayed=False),
+                Column("standard_error", "", [e.standard_error for e in found], displayed=False),
+                Column("unit", "", [e.unit for e in found], displayed=False),
+            ),
+        )
+
+
+def nonideality_lines(identification: IdentificationResult) -> tuple[str, ...]:
+    """Return the nonidealities that were seen, with their meaning, as text."""
+    return tuple(filter(None, (_meaning(identification, e) for e in identification.nonidealities)))
+
+
+def _meaning(identification: IdentificationResult, found: EstimatedQuantity) -> str:
+    """Return what a nonideality means; empty if it differs from none by no more than chance."""
+    fit, expected = identification.joint_fit, identification.known[found.name][0]
+    if fit is None or abs(found.value - expected) <= SEEN_SIGMAS * found.standard_error:
+        return ""
+    return describe_cause(fit, found.name, found.value, found.standard_error)
 
 
 def known_tables(known: Mapping[str, tuple[float, float]], estimates: Sequence[EstimatedQuantity]) -> Iterator[Table]:
@@ -203,12 +240,16 @@ def unstated_errors(identification: IdentificationResult) -> tuple[str, ...]:
 
 def contradictions(identification: IdentificationResult) -> tuple[str, ...]:
     """Return the values known beforehand that the runs contradict, as text."""
-    found, texts = {e.name: e for e in identification.estimates}, []
+    found, texts, fit = {e.name: e for e in identification.estimates}, [], identification.joint_fit
     for name, (value, uncertainty) in identification.known.items():
         after = found.get(name)
-        if after is None or not after.standard_error < uncertainty:
+        if after is None or fit is None:
             continue
-        sigmas = (after.value - value) / (uncertainty**2 - after.standard_error**2) ** 0.5
+        at = fit.names.index(name)
+        error = float(fit.covariance[at, at]) ** 0.5  # of a right model
+        if not error < uncertainty:
+            continue
+        sigmas = (after.value - value) / (uncertainty**2 - error**2) ** 0.5
         if abs(sigmas) > CONTRADICTION_SIGMAS:
             texts.append(
                 f"the runs contradict {name}: {_format(name, value, uncertainty)} {sheet_unit(name)[1]} was known, "

@@ -3,8 +3,11 @@ from .adequacy import assess_adequacy as assess_adequacy
 from .attribution.diagnosis import diagnose as diagnose
 from .attribution.explanation import Diagnosis as Diagnosis
 from .attribution.explanation import Explanation as Explanation
+from .attribution.model_error import with_model_error as with_model_error
 from .attribution.stepwise import ExtensionStep as ExtensionStep
 from .attribution.stepwise import extend_stepwise as extend_stepwise
+from .attribution.words import describe_cause as describe_cause
+from .attribution.words import format_size as format_size
 from .calibration import Calibration as Calibration
 from .calibration import compare_calibrations as compare_calibrations
 from .experiment_design import ExpectedPrecision as ExpectedPrecision
@@ -19,6 +22,7 @@ from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit
+from .nonidealities import NONIDEALITIES as NONIDEALITIES
 from .observations import DecayPoleObservation as DecayPoleObservation
 from .observations import ErrorTarget as ErrorTarget
 from .observations import FrequencyResponseObservation as FrequencyResponseObservation

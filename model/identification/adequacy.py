@@ -5,7 +5,7 @@ discrepancy d is in the residuals r with the size d.r / d.(1 - H)d and the stand
 fitted as one more parameter. Patterns: the correlation of neighbouring residuals against its exact mean and variance under 1 - H.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,10 +68,13 @@ class Adequacy:
     """Scale errors that these runs cannot show, with the measurement that would."""
 
 
-def assess_adequacy(fit: JointFit, attribute: bool = True) -> Adequacy:
+def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[], bool] | None = None) -> Adequacy:
     """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit.
 
     `attribute` fits the likeliest causes where the model is not adequate, which takes some times as long as the fit.
+
+    Raises:
+        FitCancelled: `cancelled` returned true.
     """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
@@ -95,7 +98,7 @@ def assess_adequacy(fit: JointFit, attribute: bool = True) -> Adequacy:
     if left > 1 and findings:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
         findings, _ = _significant_findings(fit, Q, discrepancies, left)
-    diagnosis = diagnose(fit, known) if attribute else None
+    diagnosis = diagnose(fit, known, cancelled=cancelled) if attribute else None
     message = _verdict_message(fit, findings, tests, diagnosis, chance)
     return Adequacy(False, message, tuple(findings), tests, diagnosis, unseen)
 

@@ -91,6 +91,8 @@ class JointFit:
     message: str
     evaluations: int
     duration_s: float
+    model_shifts: tuple[tuple[float, ...], ...] = ()
+    """Of a model that is not adequate: changes of the parameters with each of its possible causes, in the order of `names`."""
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
@@ -240,11 +242,22 @@ class JointFit:
         return np.asarray(inverse @ (J.T * np.sqrt(spread)) * self.parameter_scale[:, None])
 
     @cached_property
+    def model_errors(self) -> Array:
+        """(P,): standard uncertainty of each parameter because the model is not adequate; 0 for an adequate one."""
+        shifts = np.array(self.model_shifts, float).reshape(-1, len(self.names))
+        return np.asarray(np.sqrt((shifts**2).sum(axis=0)))
+
+    @cached_property
     def enlarged_covariance(self) -> Array:
-        """(P, P) with the errors of each run enlarged by its own factor; the parameters stay where they are."""
+        """(P, P) with the errors of each run enlarged by its own factor, and the model's errors; the parameters stay where they are."""
         if self.options.loss == "linear" and self.error_scale == 1:
-            return self.covariance
-        return np.asarray(self.row_influences @ self.row_influences.T)
+            covariance = self.covariance
+        else:
+            covariance = np.asarray(self.row_influences @ self.row_influences.T)
+        if not self.model_shifts:
+            return covariance
+        shifts = np.array(self.model_shifts, float)
+        return np.asarray(covariance + shifts.T @ shifts)
 
     @property
     def prior_rows(self) -> dict[str, int]:

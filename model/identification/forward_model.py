@@ -46,7 +46,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
     if observation.elongation_m is None:
         return 0.0, 0.0
     errors = (v.get(e.name, 0.0) for e in observation.shared_errors if e.acts_on == "elongation")
-    delta = sum(errors, start=observation.elongation_m + v["elongation_offset"]) / v["L_m"]
+    delta = sum(errors, start=observation.elongation_m * (1 - v["elongation_slip"]) + v["elongation_offset"]) / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
     k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
     if k_s is None:

@@ -85,6 +85,9 @@ NONIDEALITIES = {
             "gain_drift", "1", Interval(gt=-1), "share by which the dwells grow from the first to the last", 0.0
         ),
         ParameterSpec("elongation_offset", "m", Interval(), "error common to all elongations of the membrane", 0.0),
+        ParameterSpec(
+            "elongation_slip", "1", Interval(lt=1), "share of every elongation that the membrane's clamps lose", 0.0
+        ),
     )
 }
 REFERENCE_S = 1 / (2 * np.pi * 100)

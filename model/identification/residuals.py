@@ -34,8 +34,9 @@ class LeastSquaresProblem:
         base = options.base_values()
         self.start = np.array([options.start.get(n, known.start_value(n, base)) for n in self.names])
         prior = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()} | dict(options.priors)
-        self._prior = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
-        self.prior_count = len(self._prior)
+        self.priors = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
+        """Index, value and standard uncertainty of each parameter that is known beforehand, shared errors first."""
+        self.prior_count = len(self.priors)
         """Rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]
         limits = [known.parameter_spec(n, observations).interval for n in self.names]
@@ -55,7 +56,7 @@ class LeastSquaresProblem:
         for run, y, got in zip(runs, self._data, self.forward_model.predict(theta), strict=True):
             rows.append(over_errors(run, y - got.values))
             J.append(over_errors(run, got.derivatives).T)
-        for i, value, sigma in self._prior:
+        for i, value, sigma in self.priors:
             rows.append(np.array([(value - theta[i]) / sigma]))
             one = np.zeros((1, theta.size))
             one[0, i] = 1 / sigma

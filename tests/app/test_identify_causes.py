@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from app.cli.main import main
+from app.identification import SpecimenSheet, identify_observations, nonideality_lines
+from model.identification import FitOptions
 from tests.helpers.importing import brought
 from tests.helpers.laboratory import Laboratory, measure
 
@@ -19,8 +21,12 @@ pytestmark = pytest.mark.deep
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Loads on the MFC side and nine added masses, of which 70 % act."""
-    folder = tmp_path_factory.mktemp("paper")
-    loading, _, masses, *_ = measure(Laboratory(mass_fraction=7.73 / 11), 3, small=True).runs
+    return tables(tmp_path_factory.mktemp("paper"), Laboratory(mass_fraction=7.73 / 11))
+
+
+def tables(folder: Path, laboratory: Laboratory) -> list[str]:
+    """Import the tables of loads and masses of a laboratory."""
+    loading, _, masses, *_ = measure(laboratory, 3, small=True).runs
     rows: Any = zip(loading.load_n, 1e6 * loading.deflection_m, 1e6 * loading.errors_m, strict=True)  # type: ignore[union-attr]
     (folder / "s.csv").write_text(
         "load [N],deflection [um],u_deflection [um]\n" + "".join(f"{a:.8g},{b:.8g},{c:.4g}\n" for a, b, c in rows)
@@ -38,15 +44,15 @@ def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 
 def test_the_mass_fraction_is_named_first_and_freed(runs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["identify", *runs, "--json"]) == 0
+    assert main(["identify", *runs, "--plain", "--json"]) == 0
     plain = answer(capsys)
     assert plain["adequate"] is False
     assert plain["causes"]["cause"][0] == "mass_fraction"
     assert "most likely because the masses put in the cylinder act as 7" in plain["adequacy"]
-    assert main(["identify", *runs]) == 0
+    assert main(["identify", *runs, "--plain"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "the fit with it: identify --also mass_fraction" in shown
-    assert main(["identify", *runs, "--also", "mass_fraction", "--json"]) == 0
+    assert main(["identify", *runs, "--plain", "--also", "mass_fraction", "--json"]) == 0
     better = answer(capsys)
     assert better["adequate"] is True, better["adequacy"]
     table = better["parameters"]
@@ -56,21 +62,55 @@ def test_the_mass_fraction_is_named_first_and_freed(runs: list[str], capsys: pyt
     assert 1.96 * found["k2"][1] < 0.15 * 7e-3  # with ruler and caliper
 
 
-def test_proposed_nonidealities_are_added_in_turn_and_none_is_accepted(
-    runs: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["identify", *runs, "--stepwise", "--json"]) == 0
+def test_the_mass_fraction_is_found_without_asking(runs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Creep and clamp are as uncertain as those of any specimen."""
+    assert main(["identify", *runs, "--json"]) == 0
     found = answer(capsys)
     assert found["adequate"] is True, found["adequacy"]
-    steps = found["steps"]
-    assert steps["added"] == ["", "mass_fraction"]
-    assert steps["chi_square"][1] < steps["chi_square"][0] / 2
-    assert found["proposed"] == ["mass_fraction"]
-    assert "mass_fraction" in found["parameters"]["name"]
-    assert main(["identify", *runs, "--stepwise", "--accept", "--by", "me"]) == 2
-    assert "--stepwise only proposes" in capsys.readouterr().err
-    assert main(["identify", *runs, "--stepwise", "--method", "chain"]) == 2
-    assert "--stepwise is for the joint fit" in capsys.readouterr().err
+    beyond = dict(zip(found["nonidealities"]["name"], found["nonidealities"]["words"], strict=True))
+    assert beyond.pop("mass_fraction").startswith("the masses put in the cylinder act as 7")
+    assert set(beyond.values()) == {"not seen"}
+    table = found["parameters"]
+    k2 = dict(zip(table["name"], zip(table["value"], table["standard_error"], strict=True), strict=True))["k2"]
+    assert abs(k2[0] - 7e-3) < 1.96 * k2[1] < 0.3 * 7e-3
+
+
+def test_the_paper_s_case_has_k2_within_fifteen_percent() -> None:
+    """11 g put in, 7.73 g act: loads on both sides, nine masses and a free dwell, with dimensions by ruler and caliper."""
+    runs = measure(Laboratory(mass_fraction=7.73 / 11), 3, small=True)
+    found = identify_observations("T1", runs, "joint", FitOptions(n=20), sheet=SpecimenSheet("T1"))
+    assert found.adequacy is not None
+    assert found.adequacy.adequate is True
+    assert found.steps == ()
+    k2 = next(e for e in found.identified if e.name == "k2")
+    assert abs(k2.value - 7e-3) < 1.96 * k2.standard_error < 0.15 * 7e-3
+    fraction = next(e for e in found.nonidealities if e.name == "mass_fraction")
+    assert abs(fraction.value - 7.73 / 11) < 1.96 * fraction.standard_error
+    assert nonideality_lines(found)[0].startswith("the masses put in the cylinder act as 7")
+
+
+@pytest.fixture(scope="module")
+def tared(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Loads with a pan of 5 g that was not stated."""
+    folder = tmp_path_factory.mktemp("pan")
+    return tables(folder, Laboratory(load_offset_kg=5e-3))
+
+
+def test_a_cause_that_is_not_expected_is_added_and_needs_agreement(
+    tared: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["identify", *tared, "--json"]) == 0
+    found = answer(capsys)
+    assert found["adequate"] is True, found["adequacy"]
+    assert found["steps"]["added"] == ["", "load_offset"]
+    assert found["steps"]["chi_square"][1] < found["steps"]["chi_square"][0] / 2
+    assert found["proposed"] == ["load_offset"]
+    assert main(["identify", *tared, "--accept", "--by", "me"]) == 2
+    assert "adequate only with load_offset" in capsys.readouterr().err
+    assert main(["identify", *tared, "--also", "load_offset", "--accept", "--by", "me"]) == 0
+    capsys.readouterr()
+    assert main(["identify", *tared, "--plain", "--json"]) == 0
+    assert answer(capsys)["adequate"] is False
 
 
 def test_nonidealities_are_for_the_joint_fit(runs: list[str], capsys: pytest.CaptureFixture[str]) -> None:

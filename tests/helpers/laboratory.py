@@ -172,12 +172,16 @@ class Laboratory:
         """Factor of a deflection that was held for some seconds."""
         return 1 + self.creep * float(np.log10(seconds * 2 * np.pi * 100))
 
+    def late(self, f: np.ndarray) -> np.ndarray:
+        """Factor of the response to a sine by creep."""
+        return 1 - self.creep * (np.log10(f / 100) + (np.euler_gamma + 0.5j * np.pi) / np.log(10))
+
     def peak_hz(self, mass_kg: float) -> float:
         """Frequency of the largest response, by ever finer scans and a last parabola."""
         low, high = 60.0, 500.0
         for _ in range(4):
             f = np.linspace(low, high, 13)
-            y = abs(self.response(f, mass_kg))
+            y = abs(self.response(f, mass_kg) * self.late(f))
             top = int(np.clip(y.argmax(), 1, 11))
             low, high = f[top - 1], f[top + 1]
         a, b, c = y[top - 1 : top + 2]
@@ -328,7 +332,7 @@ def _driven(lab: Laboratory, f: np.ndarray, late: float, skin: tuple[float, floa
     volts = 2.5 * (600 + 200 * (1 + lab.gain_below)) / 2
     w = lab.vibration(tuple(f), volts, None, skin)
     errors = 0.003 * abs(w) + 2e-7
-    w = w * (1 - lab.creep * (np.log10(f / 100) + np.euler_gamma / np.log(10) + 1j * np.pi / 2 / np.log(10)))
+    w = w * lab.late(f)
     return w * (1 + lab.hysteresis * _loop()) * np.exp(-2j * np.pi * f * (late + lab.delay_s)), errors
 
 

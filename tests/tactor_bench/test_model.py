@@ -123,7 +123,10 @@ def test_identification_and_calibration_are_those_of_the_command_line(
 ) -> None:
     found = tb.identify(tb.runs(dwell.parent, specimen="T1"))
     answer = told(capsys, "identify", str(dwell), "--accept", "--by", "K. Tanaka")
-    listed = {name: answer["parameters"][name] + answer["known"][name] for name in ("name", "value", "standard_error")}
+    tables = ("parameters", "known", "nonidealities")
+    listed = {
+        name: [each for table in tables for each in answer[table][name]] for name in ("name", "value", "standard_error")
+    }
     assert list(found.names) == listed["name"] == answer["covariance_names"]
     np.testing.assert_allclose([e.value for e in found.estimates.values()], listed["value"], rtol=1e-9)
     np.testing.assert_allclose(

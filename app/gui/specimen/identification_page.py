@@ -40,6 +40,8 @@ from app.identification import (
     held_parameters,
     identify,
     is_reason,
+    nonideality_lines,
+    steps_line,
     unstated_errors,
 )
 from model import EstimatedQuantity
@@ -71,6 +73,8 @@ class IdentificationPage(QWidget):
     title = "Identification"
     closed = Signal()
     accepted = Signal()
+    progressed = Signal(int, float)
+    """Evaluations and chi-square of a fit that is running; from its thread."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -78,6 +82,7 @@ class IdentificationPage(QWidget):
         self._worker = BackgroundWorker("identification", self)
         self._cancelled = threading.Event()
         self._also: tuple[str, ...] = ()
+        self._plain = False
         self._fitted_runs: tuple[Path, ...] = ()
         self._outdated = False
         self.subject = IdentificationSubject(Path(), "")
@@ -119,6 +124,7 @@ class IdentificationPage(QWidget):
         )
         self.accept_message = configure(StatusLine(), "identification.accept-message")
         self._build()
+        self.progressed.connect(self._show_progress)
         self.run_list.itemChanged.connect(lambda _: self._update_runs_button())
         self.reason_edit.textChanged.connect(lambda _: self.accept_message.show_message(""))
         self._clear()
@@ -137,7 +143,7 @@ class IdentificationPage(QWidget):
             self._worker.submit(lambda: subject.runs or _runs_of(subject), self._on_runs_again, self._on_error)
             return
         self._cancelled.set()  # a fit of another specimen
-        self.subject, self._also = subject, ()
+        self.subject, self._also, self._plain = subject, (), False
         self.heading.setText(f"Identification of {subject.specimen}" if subject.specimen else "No specimen")
         self._clear()
         if not subject.specimen:
@@ -148,12 +154,18 @@ class IdentificationPage(QWidget):
             lambda: subject.runs or _runs_of(subject), self._on_runs, self._on_error, latest_only="runs"
         )
 
-    def identify(self, also: Sequence[str] | None = None) -> None:
-        """Fit the model to the runs that are ticked; while a fit runs: cancel it."""
+    def identify(self, also: Sequence[str] | None = None, plain: bool | None = None) -> None:
+        """Fit the model to the runs that are ticked; while a fit runs: cancel it.
+
+        Args:
+            also: parameters that are free in addition; None: those of the last fit.
+            plain: whether the beam model is fitted alone, without usual nonidealities; None: as the last fit.
+        """
         if self._worker.pending:
             self._cancelled.set()
             return
         self._also = self._also if also is None else tuple(also)
+        self._plain = plain_fit = self._plain if plain is None else plain
         runs, options = self.chosen_runs, FitOptions(also=self._also)
         if not runs:
             self.message_label.show_message("Tick a run first.", is_error=True)
@@ -163,7 +175,13 @@ class IdentificationPage(QWidget):
         self._cancelled.clear()
         self._show_fitting(True)
         self._worker.submit(
-            lambda: identify(runs, options=options, cancelled=self._cancelled.is_set),
+            lambda: identify(
+                runs,
+                options=options,
+                plain=plain_fit,
+                cancelled=self._cancelled.is_set,
+                progress=self.progressed.emit,
+            ),
             self._on_identified,
             self._on_error,
         )
@@ -238,6 +256,9 @@ class IdentificationPage(QWidget):
             *contradictions(result),
             f"not identifiable from these runs: {'; '.join(result.unidentified)}" if result.unidentified else "",
         ]
+        if seen := nonideality_lines(result):
+            notes.append(f"beyond the beam model: {'; '.join(seen)}")
+        notes += [steps_line(result, also="the button Fit with", plain="the button Fit the beam model alone")]
         notes += [result.verdict, *result.notes]
         lines = [f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in (*heading, *notes) if text]
         self.text_label.setText("\n".join(lines))
@@ -268,6 +289,11 @@ class IdentificationPage(QWidget):
             self.message_label.show_message("The fit was cancelled.", persistent=True)
         else:
             self.message_label.show_message(_sentence(error), is_error=True)
+
+    def _show_progress(self, evaluations: int, chi_square: float) -> None:
+        if self._worker.pending and not self._cancelled.is_set():
+            text = f"fitting {pluralize(len(self._fitted_runs), 'run')}: {evaluations} evaluations, chi-square {chi_square:.5g} …"
+            self.message_label.show_message(text, persistent=True)
 
     def _show_fitting(self, fitting: bool) -> None:
         self.identify_button.setText("Cancel" if fitting else "Identify again")
@@ -300,7 +326,8 @@ class IdentificationPage(QWidget):
             if (widget := item.widget()) is not None:
                 widget.deleteLater()
         diagnosis = None if result.adequacy is None else result.adequacy.diagnosis
-        for explanation in () if diagnosis is None else diagnosis.likeliest:
+        explanations = [step.explanation for step in result.steps]
+        for explanation in (*explanations, *(() if diagnosis is None else diagnosis.likeliest)):
             self._proposal_rows.addWidget(self._make_proposal(explanation))
         if self._also:
             without = make_button(
@@ -318,7 +345,18 @@ class IdentificationPage(QWidget):
                 margins=(0, 0, 0, 0),
             )
             self._proposal_rows.addWidget(line)
-        self.proposals.setVisible(self._proposal_rows.count() > 0)
+        self._proposal_rows.addWidget(self._make_choice_of_model())
+
+    def _make_choice_of_model(self) -> QWidget:
+        """Return the button for the fit of the beam model alone, or back."""
+        text = "Fit with nonidealities" if self._plain else "Fit the beam model alone"
+        tip = "Creep, hysteresis and the other usual nonidealities are " + (
+            "fitted, each within its usual size" if self._plain else "held at none, and no cause is added"
+        )
+        button = make_button(text, lambda: self.identify((), not self._plain), "choice", tip, "identification.plain")
+        line = QWidget()
+        row(button, None, parent=line, margins=(0, 0, 0, 0))
+        return line
 
     def _make_proposal(self, explanation: Explanation) -> QWidget:
         name, fit = explanation.cause.name, explanation.fit
@@ -327,9 +365,7 @@ class IdentificationPage(QWidget):
         )
         chi = f"chi-square with it {explanation.chi_square:.5g} for {explanation.degrees_of_freedom} degrees of freedom"
         text = make_label(
-            f"May be the cause: {explanation.cause_words}. {chi}. It moves {moved}."
-            if moved
-            else f"May be the cause: {explanation.cause_words}. {chi}."
+            f"May be the cause: {explanation.cause_words}. {chi}." + (f" It moves {moved}." if moved else "")
         )
         assert fit is not None
         panel = QWidget()

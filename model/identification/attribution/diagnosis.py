@@ -4,7 +4,7 @@ Every cause is one parameter more, or one point less. The linearized fit at the 
 ranked by the probability of so large an improvement by chance, times the number of causes of the kind that were tried.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -41,7 +41,11 @@ REFIT_TOLERANCE = 1e-5
 
 
 def diagnose(
-    fit: JointFit, known: Mapping[Cause, Array] | None = None, level: float = 0.1, refitted: int = REFITTED_CAUSES
+    fit: JointFit,
+    known: Mapping[Cause, Array] | None = None,
+    level: float = 0.1,
+    refitted: int = REFITTED_CAUSES,
+    cancelled: Callable[[], bool] | None = None,
 ) -> Diagnosis:
     """Compare the possible causes of the misfit of a fit; causes whose improvement can be chance are left out.
 
@@ -50,6 +54,10 @@ def diagnose(
         known: `effects` of the fit, if they are known.
         level: probability by chance, among all causes of a kind, above which a cause is left out.
         refitted: how many of the causes are fitted, after a comparison of all in the linearized fit.
+        cancelled: asked at every evaluation of the fits.
+
+    Raises:
+        FitCancelled: `cancelled` returned true.
     """
     r = np.where(fit.used_rows, fit.weighted_residuals, 0.0)
     Q = fit_subspace(fit)
@@ -61,7 +69,7 @@ def diagnose(
     screened.sort(key=lambda s: s.log_probability + np.log(s.among))
     best = max((s.gain for s in screened), default=0.0)
     chosen = [s for s in screened if s.gain > WORTH_FITTING * best][:refitted]
-    found = [e for s in chosen if (e := _explain(fit, s, known)) is not None]
+    found = [e for s in chosen if (e := _explain(fit, s, known, cancelled)) is not None]
     found = [e for e in found if e.log_probability < np.log(level)]
     found.sort(key=lambda e: (e.log_probability, e.chi_square + e.penalty))
     return Diagnosis(tuple(with_words(fit, e) for e in found[:MAX_EXPLANATIONS]), len(screened))
@@ -119,14 +127,16 @@ def _screened_points(fit: JointFit, r: Array, Q: Array) -> Iterator[Screened]:
         yield Screened(Cause("point", label, point), gain, float(log_p_value(np.array(gain), rows.size)), len(points))
 
 
-def _explain(fit: JointFit, screened: Screened, known: Mapping[Cause, Array]) -> Explanation | None:
+def _explain(
+    fit: JointFit, screened: Screened, known: Mapping[Cause, Array], cancelled: Callable[[], bool] | None
+) -> Explanation | None:
     """Fit with the cause; None where that is not possible."""
     cause, count = screened.cause, screened.among
     observations, options = cause.extend(fit)
     if cause in known and cause.kind != "prior":
         options = replace(options, start=_linear_start(fit, cause, known[cause], options.start))
     try:
-        found = joint_fit(observations, options, max_starts=1, tolerance=REFIT_TOLERANCE)
+        found = joint_fit(observations, options, cancelled=cancelled, max_starts=1, tolerance=REFIT_TOLERANCE)
     except (ParameterError, IdentificationError):
         return None
     freedom, size, error = 1, float("nan"), float("nan")

@@ -1,6 +1,6 @@
 """Stepwise extension of a fit by the nonidealities that the adequacy tests propose, until the model is adequate."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from model import ParameterError
@@ -43,8 +43,14 @@ def proposed_parameter(fit: JointFit, adequacy: Adequacy) -> Explanation | None:
     return None
 
 
-def extend_stepwise(fit: JointFit, adequacy: Adequacy, most: int = MAX_STEPS) -> Iterator[ExtensionStep]:
-    """Yield fits with one proposed parameter more each, until one is adequate or no parameter is proposed."""
+def extend_stepwise(
+    fit: JointFit, adequacy: Adequacy, cancelled: Callable[[], bool] | None = None, most: int = MAX_STEPS
+) -> Iterator[ExtensionStep]:
+    """Yield fits with one proposed parameter more each, until one is adequate or no parameter is proposed.
+
+    Raises:
+        FitCancelled: `cancelled` returned true.
+    """
     for _ in range(most):
         proposal = proposed_parameter(fit, adequacy)
         if proposal is None:
@@ -55,8 +61,9 @@ def extend_stepwise(fit: JointFit, adequacy: Adequacy, most: int = MAX_STEPS) ->
             {**options.start, **dict(zip(proposal.fit.names, proposal.fit.theta.tolist(), strict=True))},
         )
         try:
-            fit = joint_fit(fit.observations, replace(options, also=(*options.also, name), start=start), max_starts=1)
+            extended = replace(options, also=(*options.also, name), start=start)
+            fit = joint_fit(fit.observations, extended, cancelled=cancelled, max_starts=1)
         except (ParameterError, IdentificationError):
             return
-        adequacy = assess_adequacy(fit)
+        adequacy = assess_adequacy(fit, cancelled=cancelled)
         yield ExtensionStep(proposal, fit, adequacy)

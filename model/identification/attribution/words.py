@@ -37,13 +37,14 @@ PARAMETER_WORDS = {
     "delay": "the displacement is {size} <later|earlier> than its phases were corrected for",
     "gain_drift": "the dwells <grow|shrink> by {size} from the first to the last",
     "elongation_offset": "the membrane is {size} <longer|shorter> than every elongation says",
+    "elongation_slip": "the membrane is stretched {size} <less|more> than every elongation says: it slips in its clamps",
     "h_Al": "the bare plate bends as with h_Al = {value}, not {held} (h_Al, b_Al or E_Al)",
     "contact_length": "the skin acts over a contact_length of {value}, not {held} (or b_m differs)",
 }
 """With {value}, {size} (of the difference to what was held) and {held}; <one|other> for a positive and a negative difference."""
 
 
-def number(value: float, error: float | None, unit: str, signed: bool = True) -> str:
+def format_size(value: float, error: float | None, unit: str, signed: bool = True) -> str:
     """Return a value with its error in the unit in which people say it, e.g. `70.3 +- 0.3 %`."""
     factor, shown = UNITS.get(unit, (1.0, unit))
     value = factor * (value if signed else abs(value))
@@ -59,28 +60,33 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
     """Return what a cause of this size means; the words have the sign of the difference."""
     match cause.kind:
         case "scale":
-            return f"{cause.name} reads {number(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
+            return f"{cause.name} reads {format_size(size, error, '1', False)} too {'large' if size > 0 else 'small'}"
         case "frequency":
-            return f"the frequencies of {cause.name} are {number(size, error, 'Hz', False)} too {'low' if size > 0 else 'high'}"
+            return f"the frequencies of {cause.name} are {format_size(size, error, 'Hz', False)} too {'low' if size > 0 else 'high'}"
         case "elongation":
-            return f"the elongation of {cause.name} is {number(size, error, 'm', False)} {'more' if size > 0 else 'less'} than stated"
+            return f"the elongation of {cause.name} is {format_size(size, error, 'm', False)} {'more' if size > 0 else 'less'} than stated"
         case "point":
             return _point_words(fit, cause)
     spec = known.parameter_spec(cause.name)
     if cause.kind == "prior":
         stated, uncertainty = fit.options.priors[cause.name]
         return (
-            f"{cause.name} ({spec.description}) is {number(size, error, spec.unit)}, which is not what was stated beforehand, "
-            f"{number(stated, uncertainty, spec.unit)}"
+            f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}, which is not what was stated beforehand, "
+            f"{format_size(stated, uncertainty, spec.unit)}"
         )
     held = known.start_value(cause.name, fit.options.base_values())
     words = PARAMETER_WORDS.get(cause.name, f"{cause.name} ({spec.description}) is {{value}}, not {{held}}")
     words = WORD_PAIR.sub(lambda found: found[1 if size >= held else 2], words)
     return words.format(
-        value=number(size, error, spec.unit),
-        size=number(size - held, error, spec.unit, False),
-        held=number(held, None, spec.unit),
+        value=format_size(size, error, spec.unit),
+        size=format_size(size - held, error, spec.unit, False),
+        held=format_size(held, None, spec.unit),
     )
+
+
+def describe_cause(fit: JointFit, name: str, size: float, error: float) -> str:
+    """Return what a parameter of this size and standard uncertainty means, as `cause_words`."""
+    return cause_words(fit, Cause("parameter", name), size, error)
 
 
 def _point_words(fit: JointFit, cause: Cause) -> str:

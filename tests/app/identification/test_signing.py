@@ -147,7 +147,9 @@ def test_default_shape_count_is_one_constant_and_accurate_enough_to_draw() -> No
 @pytest.mark.deep
 def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: Any) -> None:
     runs = [str(path) for path in made()]
-    assert main(["identify", *runs, "--profile", "c0", "--coverage", "0.9", "--next", "m_add", "--json"]) == 0
+    assert (
+        main(["identify", *runs, "--plain", "--profile", "c0", "--coverage", "0.9", "--next", "m_add", "--json"]) == 0
+    )
     result = json.loads(capsys.readouterr().out)
     at = result["parameters"]["name"].index("c0")
     value, error = result["parameters"]["value"][at], result["parameters"]["standard_error"][at]

@@ -134,10 +134,12 @@ def test_a_linear_density_as_weighed() -> None:
 def test_a_sheet_enters_the_options_of_a_fit_as_priors() -> None:
     entry = 'L = { value = "22.4 mm", uncertainty = "0.1 mm" }'
     sheet = parse_sheet(f'specimen = "T7"\n[plate]\n{entry}\n', Path("T7.specimen.toml"))
-    options = sheet.fit_options(FitOptions(free=("k2", "h_Al"), fixed={"rho1": 1e-2}), loading())
+    options = sheet.fit_options(FitOptions(free=("k2", "h_Al"), fixed={"rho1": 1e-2}), loading(), plain=True)
     assert options.tactor.L == 22.4e-3
     assert options.priors["L"] == (22.4e-3, 0.1e-3)
     assert set(options.priors) == {"L", "L1", "L2", "b_Al", "E_Al", "rho2"}  # no membrane in a load test
+    usual = set(sheet.fit_options(FitOptions(fixed={"rho1": 1e-2}), loading()).priors) - set(options.priors)
+    assert usual == {"h_Al", "creep", "clamp_flexibility"}  # no voltage that hysteresis acts on
     assert options.free is not None
     assert set(options.free) == {"k2", "h_Al", *options.priors}
     hanging = MembraneSagObservation("sag", np.ones(1), np.ones(1), geometry=Membrane())
@@ -156,11 +158,11 @@ def test_identify_states_where_its_dimensions_are_from(
     )
     assert "'tactor-bench specimen new T7' writes one: L 22.00 ± 0.30 mm, L1 8.00 ± 0.30 mm" in first[0]
     assert first[1].startswith("held, as if exact")
-    table = answer(capsys, "identify", str(static))
+    table = answer(capsys, "identify", str(static), "--plain")
     folder = ("--folder", str(static.parent))
     given = ("L=22 mm +- 0.02 mm", "L1=8 mm +- 0.02 mm", "L2=15 mm +- 0.1 mm", "h_Al=0.2 mm +- 0.5 %")
     assert main(["specimen", "set", "T7", *given, *folder]) == 0
-    better = answer(capsys, "identify", str(static))
+    better = answer(capsys, "identify", str(static), "--plain")
     exact = answer(capsys, "identify", str(static), "--sheet", "none")
     errors = [each["parameters"]["relative"][0] for each in (table, better, exact)]
     assert 0.05 < errors[0] < 0.15
@@ -207,7 +209,7 @@ def test_a_sheet_is_the_model_of_a_specimen_without_a_calibration(tmp_path: Path
 def test_a_calibration_keeps_what_was_known_beforehand(static: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", str(static), "--accept", "--reason", "for the mount only"]) == 0
     kept = tb.calibration("T7", static.parent)
-    assert set(kept.known) == {"L", "L1", "L2", "b_Al", "h_Al", "E_Al", "rho1", "rho2"}
+    assert set(kept.known) == {"L", "L1", "L2", "b_Al", "h_Al", "E_Al", "rho1", "rho2", "creep", "clamp_flexibility"}
     assert kept.known["L"] == (22e-3, 0.3e-3)
     assert kept.statistical["k2"] < 0.1 * next(e.standard_error for e in kept.estimates if e.name == "k2")
     capsys.readouterr()
@@ -250,5 +252,5 @@ def test_a_length_that_the_runs_contradict_is_named(static: Path, capsys: pytest
     """With k2 known, a load test tells the length."""
     capsys.readouterr()
     known = ("--prior", "k2=0.007 N m^2 +- 0.1 %", "--prior", "h_Al=0.2 mm +- 0.1 %", "--prior", "L=24 mm +- 0.2 mm")
-    result = answer(capsys, "identify", str(static), *known)
+    result = answer(capsys, "identify", str(static), "--plain", *known)
     assert any(text.startswith("the runs contradict L: 24.00 ± 0.20 mm was known") for text in result["contradictions"])
