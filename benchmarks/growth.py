@@ -259,7 +259,7 @@ def row(growth: Growth) -> str:
         f"{size:,}: {each['seconds']:.3g} s, {each['memory_mb']:.0f} MB"
         for size, each in zip(growth.sizes, found, strict=True)
     )
-    verdict = "" if power <= growth.limit else f" (expected at most {growth.limit:g})"
+    verdict = "" if round(power, 1) <= growth.limit else f" (expected at most {growth.limit:g})"
     cells = " | ".join(shown.split(" | ") + [""] * (4 - len(found)))
     return f"| {growth.what} ({growth.unit}) | {cells} | {power:.2f}{verdict} |"
 
