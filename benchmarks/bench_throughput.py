@@ -3,8 +3,9 @@
     python benchmarks/bench_throughput.py [--seconds 10]
 
 A sine dwell of one long recording on the simulated bench over its real wires (the card in a process of its own, NI's gRPC
-service in between). Told per case: scans asked and scans in the file (none may be lost), how busy the bench thread's
-process was, the longest wait between two blocks over the block's own duration, and the size of the file.
+service in between). Per case: scans in the file; scans that the card counted within the recording and the file does not have; how
+busy the program's process was; the longest time between two blocks that were read, beyond the block's own duration; the time of the analysis,
+while which blocks are read and not stored; the size of the file.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from app.config.bench_file import load_bench
 from app.live.minmax_trace import MinMaxTrace
 from app.session.bench_connection import connect
 from drivers.bench.shutdown import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
-from protocols.base import BlockStored, EventBus, StreamStarted
+from protocols.base import BlockDiscarded, BlockStored, EventBus, PointMeasured, RecordingFinished, StreamStarted
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
@@ -29,7 +30,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
     seconds = parser.parse_args().seconds
-    print(f"{'scans/s x channels':>20} {'scans in file':>14} {'lost':>5} {'busy':>6} {'longest gap':>12} {'file':>9}")
+    print(
+        f"{'scans/s x channels':>20} {'scans in file':>14} {'lost':>5} {'busy':>6} {'longest gap':>12} {'analysis':>9} {'file':>9}"
+    )
     for rate_hz, max_rate_hz in ((5e3, 500e3), (250e3, 500e3), (500e3, 1e6)):
         case(rate_hz, max_rate_hz, seconds)
 
@@ -41,13 +44,17 @@ def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
     protocol = SineDwell(frequencies_hz=(160,), sample_rate_hz=rate_hz, record_s=seconds)
     traces = MinMaxTrace(1.0), MinMaxTrace(1.0)
     arrivals: list[tuple[float, int]] = []
+    moments: dict[type, float] = {}
     scales = []
 
     def preview(event: object) -> None:
         if isinstance(event, StreamStarted):
             scales.extend(event.scales)
-        if isinstance(event, BlockStored):
+        if isinstance(event, RecordingFinished | PointMeasured):
+            moments[type(event)] = time.monotonic()
+        if isinstance(event, BlockStored | BlockDiscarded):
             arrivals.append((time.monotonic(), event.block.stop - event.block.start))
+        if isinstance(event, BlockStored):
             for trace, channel in zip(traces, (DRIVE_CHANNEL, DISPLACEMENT_CHANNEL), strict=True):
                 trace.append(scales[channel].to_volts(event.block.raw[channel]))
 
@@ -59,16 +66,28 @@ def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
         took, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
         assert ended.status == "completed", ended.reason
         with Run(runner.path) as run:
-            recording = next(run.recordings())
-            lost = round(seconds * rate_hz) - len(recording.drive_v)
+            lost = lost_scans(run)
             samples = run.trace.sample_count
         size = runner.path.stat().st_size
     busy = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / took
     gap = max(b[0] - a[0] - b[1] / rate_hz for a, b in pairwise(arrivals))
+    analysis_s = moments[PointMeasured] - moments[RecordingFinished]
     print(
-        f"{rate_hz:>16.0f} x 2 {samples:>14} {max(lost, 0):>5} {100 * busy:>5.0f}% {1e3 * gap:>9.0f} ms {size / 1e6:>6.1f} MB",
+        f"{rate_hz:>16.0f} x 2 {samples:>14} {lost:>5} {100 * busy:>5.0f}% {1e3 * gap:>9.0f} ms {analysis_s:>7.2f} s "
+        f"{size / 1e6:>6.1f} MB",
         flush=True,
     )
+
+
+def lost_scans(run: Run) -> int:
+    """Return how many scans within the recordings the card counted and the file does not have."""
+    lost = 0
+    for recording in run.recordings():
+        first, last = (
+            round(t * run.trace.rate_hz) for t in run.trace.times_of_rows([recording.rows[0], recording.rows[1] - 1])
+        )
+        lost += last - first - (recording.rows[1] - 1 - recording.rows[0])
+    return lost
 
 
 if __name__ == "__main__":

@@ -305,6 +305,8 @@ class NiStream(Closeable):
         self._close_task = close_task
         self._read_ahead: deque[Block] = deque()
         self._grounded = grounded
+        self._restarted_scan = 0
+        """Scan at which the task began to count, or began again after scans were lost."""
         self.rate_hz = float(task.timing.samp_clk_rate)
         convert_s = _convert_interval_s(task)
         self.scales = tuple(
@@ -352,7 +354,12 @@ class NiStream(Closeable):
             raise AcquisitionError(f"{self._description}: the acquisition is closed")
         with translate_errors(self._description):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
-        block = Block(self._next_scan, self._raw[self._grounded :].copy())
+        start = self._next_scan
+        with contextlib.suppress(DaqError):  # then scans are counted here
+            # The task's own count: scans that another reader took, or that a lost reply held, are a gap between two blocks.
+            position = int(self._task.in_stream.curr_read_pos)
+            start = max(self._restarted_scan + position - self._raw.shape[1], start)
+        block = Block(start, self._raw[self._grounded :].copy())
         self._next_scan = block.stop
         return block
 
@@ -363,6 +370,7 @@ class NiStream(Closeable):
                 self._task.stop()
             start_s = self._start()
         self._next_scan = max(round((start_s - self.start_time_s) * self.rate_hz), self._next_scan)
+        self._restarted_scan = self._next_scan
 
     def close(self) -> None:
         """Stop the card."""

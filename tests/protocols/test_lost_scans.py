@@ -1,17 +1,22 @@
 """Scans lost by a late reader: the entry is measured again once, automatically, and the run continues to its end."""
 
+import contextlib
 import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from nidaqmx.stream_readers import AnalogUnscaledReader
 
+from drivers.nidaq.analog_input import NiStream
 from protocols.base import (
+    ChannelCalibration,
     EntryStarted,
     Event,
     LogMessage,
     PromptShown,
+    Quality,
     RecordingFinished,
     RestMeasured,
     RunStatus,
@@ -19,8 +24,10 @@ from protocols.base import (
 )
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
+from protocols.runner.recording_buffer import RecordingBuffer
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
 from tests.helpers.simulated_bench import Trigger, laboratory, run
+from tests.helpers.wired_bench import wired
 
 DWELL = SineDwell(frequencies_hz=(100, 200, 150), record_s=0.1, min_cycles=5)
 LATE_S = 15.0
@@ -88,3 +95,22 @@ def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path:
     assert (ran.status, len(messages(ran.events))) == (RunStatus.FAILED, 1)
     assert "lost samples" in ran.reason
     assert any(isinstance(event, RestMeasured) and event.confirmed for event in ran.events)
+
+
+@pytest.mark.deep
+def test_scans_that_another_reader_took_are_a_gap_by_the_cards_own_count() -> None:
+    """As after a reply that the network lost: the task has handed the scans out, and this program does not have them."""
+    taken = 100
+    with wired() as on_wires, contextlib.closing(on_wires.bench.digitizer.stream(5000.0, 250)) as stream:
+        assert isinstance(stream, NiStream)
+        channels = ChannelCalibration.pair(stream.scales, on_wires.bench.sensor)
+        first = stream.read()
+        buffer = RecordingBuffer(channels, first)
+        buffer.add(stream.read())
+        assert buffer.finish(500)[1] is Quality.GOOD
+        AnalogUnscaledReader(stream._task.in_stream).read_int16(np.zeros((len(stream._raw), taken), np.int16), taken)
+        behind = stream.read()
+        assert behind.start == first.start + 500 + taken
+        buffer.add(behind)
+        buffer.add(stream.read())
+        assert Quality.DROPPED in buffer.finish(1000)[1]
