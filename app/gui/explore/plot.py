@@ -106,7 +106,7 @@ class ExplorePlot(PlotBase):
             for curve, series in zip(self.curves, SERIES, strict=True):
                 curve.setData(line.frequency_hz, series.values_of(line))
             self.phase_curve.setData(line.frequency_hz, np.degrees(line.phase))
-        if before is None or line is not before.curve or result.felt_bands != before.felt_bands:
+        if before is None or line is not before.curve or result.threshold_m is not before.threshold_m:
             self._label_felt_bands(result)
         if result.kept_curves is not None and (
             kept_curves != self._kept_settings or before is None or result.kept_curves != before.kept_curves
