@@ -5,6 +5,7 @@
     python3 start.py test         sets up, then every check and the quick tests: two to three minutes
     python3 start.py test --all   the same with the deep tests: less than half an hour
     python3 start.py docs         sets up, then makes the handbook for the browser in build/handbook; no network is needed for that
+    python3 start.py desktop      sets up, then builds the program as one folder that needs no Python, in dist/tactor-bench
     python3 start.py ARGUMENTS    sets up, then the command `tactor-bench ARGUMENTS`
 
 Everything goes into the folder .venv beside this file; delete it to undo.
@@ -35,7 +36,7 @@ def main(arguments: list[str]) -> int:
         return fail(
             f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; install it and run this again with it"
         )
-    extra = arguments[0] if arguments[:1] in (["test"], ["docs"]) else ""
+    extra = arguments[0] if arguments[:1] in (["test"], ["docs"], ["desktop"]) else ""
     deep = extra == "test" and ALL in arguments
     try:
         set_up("test,docs" if deep else extra)
@@ -43,6 +44,8 @@ def main(arguments: list[str]) -> int:
         return fail(f"the set-up failed: {error}; the lines above say why. Mend that and run this again")
     if extra == "docs":
         return make_handbook()
+    if extra == "desktop":
+        return subprocess.call([PYTHON, "-P", HERE / "desktop" / "build.py"])
     if extra == "test":
         provide_system_libraries(always=True)
         return run_checks([each for each in arguments[1:] if each != ALL], deep)

@@ -6,6 +6,7 @@ The exit codes are in docs/reference/exit-codes.md.
 import argparse
 import functools
 import gc
+import io
 import logging
 import os
 import sys
@@ -162,9 +163,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return ExitCode.FAILED
 
 
+def prepare_console() -> None:
+    """Print `?` for what the console's encoding lacks: a pipe on Windows is cp1252, which has no check mark."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def entry() -> NoReturn:
     """Run `main` as the console script and exit."""
     os.environ["PYTHONSAFEPATH"] = "1"  # the Python processes that it starts do not import from the working directory
+    prepare_console()
     code = main()
     try:
         sys.stdout.flush()
