@@ -1,6 +1,7 @@
 from .campaign import Campaign as Campaign
 from .plan import PAPER_ITEMS as PAPER_ITEMS
 from .plan import CampaignError as CampaignError
+from .plan import CampaignItem as CampaignItem
 from .plan import campaign_path as campaign_path
 from .plan import list_campaigns as list_campaigns
 from .presentation import ACTION_LABELS as ACTION_LABELS
@@ -19,6 +20,7 @@ from .review import QualityIndicator as QualityIndicator
 from .review import ResultReview as ResultReview
 from .review import ReviewRow as ReviewRow
 from .review import review_run as review_run
+from .series import series_curves as series_curves
 from .status import ItemState as ItemState
 from .summary import CampaignEstimates as CampaignEstimates
 from .summary import CampaignSummary as CampaignSummary

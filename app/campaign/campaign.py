@@ -27,12 +27,12 @@ from app.campaign.plan import (
     read_record,
     write_record,
 )
+from app.campaign.series import evaluate_items
 from app.campaign.status import (
     HAS_VALID_RUN,
     CampaignRuns,
     ItemState,
     basis_of,
-    evaluate_items,
 )
 from app.common.audit import record_audit
 from model import AmplifierMap
@@ -175,10 +175,23 @@ class Campaign:
         return {estimate.name: estimate for line in lines for estimate in line.estimates}
 
     def valid_runs(self) -> list[Path]:
-        """Return the valid runs in the order of their items."""
-        return [line.run for line in self.item_states() if line.status in HAS_VALID_RUN and line.run is not None]
+        """Return the valid runs in the order of their items, without those of series."""
+        lines = [line for line in self.item_states() if line.status in HAS_VALID_RUN and not line.steps]
+        return [line.run for line in lines if line.run is not None]
 
     # -- changes -------------------------------------------------------------------------------------------------------
+
+    def add(self, item: CampaignItem) -> None:
+        """Add an item at the end.
+
+        Raises:
+            CampaignError: there is one of that name, it needs an unknown one, or its protocol rejects a value.
+        """
+        for each in item.steps or (item,):
+            self._make_protocol(each, {})
+        with self._lock:
+            self._plan.add(item)
+            self._save(item.name, {"added": item.protocol})
 
     def run_started(self, run: Path, name: str = "") -> None:
         """Record a run that this program is writing and that must not be opened; of an item also what it is based on."""
@@ -212,6 +225,10 @@ class Campaign:
         line = self.item_state(name)
         if run and run not in [each.name for each in line.results]:
             raise CampaignError(f"{name} has no run {run} with a result")
+        if line.steps and not run:
+            self._accept_series(line)
+            return
+        line = next((step for step in line.steps if run in [each.name for each in step.results]), line)
         if not run:
             if line.run is None or line.status not in HAS_VALID_RUN:
                 raise CampaignError(f"{name} has no run that could be accepted: it is {line.status}")
@@ -225,6 +242,21 @@ class Campaign:
             accepted=(*(each for each in line.item.accepted if each != run), run),
             rejected=(*(each for each in line.item.rejected if each != run), *passed_over),
         )
+
+    def _accept_series(self, line: ItemState) -> None:
+        """Accept the newest result of every value of a series."""
+        if line.status not in HAS_VALID_RUN:
+            raise CampaignError(
+                f"{line.item.name} cannot be accepted before all of its values are measured: {line.reason}"
+            )
+        names = [
+            step.candidate.name if step.candidate is not None else step.run.name
+            for step in line.steps
+            if step.run is not None
+        ]
+        kept = tuple(each for each in line.item.accepted if each not in names)
+        rejected = tuple(each for each in line.item.rejected if each not in names)
+        self._change(line.item.name, accepted=(*kept, *names), rejected=rejected)
 
     def reject(self, name: str, run: str = "") -> None:
         """Reject a run of an item, by default its newest; the run before it counts, or the item is missing."""
@@ -260,18 +292,39 @@ class Campaign:
     # -- private -------------------------------------------------------------------------------------------------------
 
     def _runs_of(self, item: CampaignItem, runs: Sequence[RunSummary]) -> list[RunSummary]:
-        """Return the runs of an item, oldest first."""
-        settings = json.loads(
-            json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=set(item.settings)))
-        )
-        return [
+        """Return the runs of an item, oldest first.
+
+        A run of a series is one of another item only if it has all of that item's parameters, also those that are not set.
+        """
+        every = self._parameters(item)
+        settings = {name: every[name] for name in item.settings}
+        found = [
             run
             for run in runs
             if run.protocol == item.protocol
             and run.specimen == self.specimen
             and run.simulated == self.simulated
-            and all(run.requested_parameters.get(name) == value for name, value in settings.items())
+            and _has_parameters(run, settings)
         ]
+        series = [
+            self._parameters(step, set_only=True)
+            for other in self.items
+            if other.protocol == item.protocol and other.name != item.name
+            for step in other.steps
+        ]
+        if not series:
+            return found
+        whole = {name: value for name, value in every.items() if name not in (*CARRIED_PARAMETERS, item.varied)}
+        return [
+            run
+            for run in found
+            if _has_parameters(run, whole) or not any(_has_parameters(run, step) for step in series)
+        ]
+
+    def _parameters(self, item: CampaignItem, set_only: bool = False) -> dict[str, Any]:
+        """Return the parameters of an item's protocol as a run file has them; `set_only`: those of its settings."""
+        include = set(item.settings) if set_only else None
+        return dict(json.loads(json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=include))))
 
     def _change(self, name: str, **values: Any) -> None:
         with self._lock:
@@ -289,3 +342,8 @@ class Campaign:
         write_record(self.path, record)
         record_audit("campaign", self.path, subject=self.specimen, item=item, **(changed or {}))
         return True
+
+
+def _has_parameters(run: RunSummary, parameters: Mapping[str, Any]) -> bool:
+    requested = run.requested_parameters
+    return all(requested.get(name) == value for name, value in parameters.items())

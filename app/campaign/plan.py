@@ -17,7 +17,8 @@ from protocols.base import Prompt, visible_values
 from protocols.runfile.names import folded_name, safe_name
 
 SUFFIX = ".campaign.json"
-VERSION = 1
+VERSION = 2
+"""Of a file with series; one without them is of version 1, which earlier programs read."""
 
 
 class CampaignError(Exception):
@@ -61,6 +62,8 @@ class _ItemRecord(BaseModel):
     since: StrictStr = ""
     rejected: list[StrictStr] = []
     accepted: list[StrictStr] = []
+    varied: StrictStr = ""
+    values: list[float] = []
 
 
 class _Basis(BaseModel):
@@ -109,7 +112,8 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
     Raises:
         CampaignError: it cannot be written.
     """
-    whole = {"kind": "campaign", "version": VERSION, **record}
+    has_series = any(item.get("varied") for item in record["items"])
+    whole = {"kind": "campaign", "version": VERSION if has_series else 1, **record}
     text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -132,6 +136,8 @@ class CampaignItem:
         since: when a new run was requested (ISO, UTC); earlier results count until there is one, earlier runs are not resumed.
         rejected: names of run files that do not count.
         accepted: names of run files whose results the operator has accepted; the last one counts.
+        varied: parameter that is varied, with one run for each of `values`; empty: a single run.
+        values: of the varied parameter, in the unit of its field.
     """
 
     name: str
@@ -143,15 +149,26 @@ class CampaignItem:
     since: str = ""
     rejected: tuple[str, ...] = ()
     accepted: tuple[str, ...] = ()
+    varied: str = ""
+    values: tuple[float, ...] = ()
+
+    @property
+    def steps(self) -> tuple["CampaignItem", ...]:
+        """Return the runs of a series as items of one value each; none of a single run."""
+        return tuple(
+            replace(self, settings={**self.settings, self.varied: value}, varied="", values=())
+            for value in (self.values if self.varied else ())
+        )
 
     def as_record(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {**asdict(self), "settings": dict(self.settings)}
+        record = {**asdict(self), "settings": dict(self.settings)}
+        return record if self.varied else {k: v for k, v in record.items() if k not in ("varied", "values")}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "CampaignItem":
         """Restore an item from `as_record`. Raises TypeError or KeyError for other records."""
-        lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted") if name in record}
+        lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted", "values") if name in record}
         prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
         return cls(**{**record, **lists, "prepare": prepare})
 
@@ -217,6 +234,18 @@ class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
         for need in item.needs:
             found |= {need} | self.dependencies(self.item(need))
         return found
+
+    def add(self, item: CampaignItem) -> None:
+        """Add an item at the end.
+
+        Raises:
+            CampaignError: there is one of that name, or it needs an unknown one.
+        """
+        if any(item.name == each.name for each in self.items):
+            raise CampaignError(f"the campaign has an item '{item.name}' already; choose another name")
+        for need in item.needs:
+            self.item(need)
+        self.push((*self.items, item))
 
     def change(self, name: str, **values: Any) -> None:
         """Replace fields of an item."""

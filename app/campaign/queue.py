@@ -1,7 +1,7 @@
 """Runs or rehearses a campaign on a session, independent of the front end."""
 
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,7 +48,7 @@ class CampaignRunner:
         if state.next_action is NextAction.RESUME and state.resumed_run is not None:
             request = RunRequest.resuming(state.resumed_run, folder)
         else:
-            request = RunRequest(self.campaign.protocol_for(item), folder, specimen)
+            request = RunRequest(self.campaign.protocol_for(state.step or item), folder, specimen)
         reference = reference_model(folder, specimen)
         return replace(request, specimen=specimen, prepare=item.prepare, item=item.name, reference=reference)
 
@@ -113,9 +113,14 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
 
 
 def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -> ItemState | None:
-    """Return the item after a completed run; None if it is the same again, because its checks failed."""
+    """Return the item after a completed run; None if it is the same again, because its checks failed.
+
+    A series continues with values that were never measured.
+    """
     line = campaign.next_item(hands_free)
-    return None if line is None or line.item.name == previous.item.name else line
+    if line is None or line.item.name != previous.item.name:
+        return line
+    return line if line.step is not None and line.next_action is NextAction.RUN else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,15 +152,12 @@ def rehearse_campaign(
     for line in campaign.item_states() if states is None else states:
         if line.next_action is NextAction.NONE:
             continue
-        protocol = campaign.protocol_for(line.item)
         try:
-            one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
+            one = _join([_rehearse_item(campaign, item, bench, tactor) for item in line.pending or (line.item,)])
         except BenchError as error:
             refusals.append((line.item, str(error)))
             continue
-        # High voltage is switched off and on once more around manual preparation.
-        hands = protocol.high_voltage and any(prompt.hands_on for prompt in line.item.prepare)
-        rehearsals.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
+        rehearsals.append((line.item, one))
     file_bytes = sum(one.file_bytes for _, one in rehearsals)
     check_disk_space(file_bytes, campaign.path.parent)
     return CampaignRehearsal(
@@ -167,4 +169,26 @@ def rehearse_campaign(
         lowest_specimen_v=min((one.lowest_specimen_v for _, one in rehearsals), default=0.0),
         file_bytes=file_bytes,
         cautions=tuple(dict.fromkeys(words for _, one in rehearsals for words in one.cautions)),
+    )
+
+
+def _rehearse_item(campaign: Campaign, item: CampaignItem, bench: Bench, tactor: Tactor | None) -> Rehearsal:
+    protocol = campaign.protocol_for(item)
+    one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
+    # High voltage is switched off and on once more around manual preparation.
+    hands = protocol.high_voltage and any(prompt.hands_on for prompt in item.prepare)
+    return replace(one, prompts=one.prompts + len(item.prepare) + 2 * hands)
+
+
+def _join(parts: Sequence[Rehearsal]) -> Rehearsal:
+    """Return the rehearsal of several runs as one."""
+    return replace(
+        parts[0],
+        duration_s=sum(one.duration_s for one in parts),
+        entries=sum(one.entries for one in parts),
+        prompts=sum(one.prompts for one in parts),
+        highest_specimen_v=max(one.highest_specimen_v for one in parts),
+        lowest_specimen_v=min(one.lowest_specimen_v for one in parts),
+        file_bytes=sum(one.file_bytes for one in parts),
+        cautions=tuple(dict.fromkeys(text for one in parts for text in one.cautions)),
     )

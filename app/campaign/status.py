@@ -108,6 +108,17 @@ class ItemState:
     """A later run that counts once it is accepted; until then the accepted one counts."""
     results: tuple[RunSummary, ...] = ()
     """Every run with a result, also the rejected ones, oldest first."""
+    step: CampaignItem | None = None
+    """Of a series: the item of the value that is measured next."""
+    steps: tuple["ItemState", ...] = ()
+    """States of the values of a series."""
+
+    @property
+    def pending(self) -> tuple[CampaignItem, ...]:
+        """What is left to measure: the item itself, or values of a series."""
+        if not self.steps:
+            return (self.item,) if self.next_action is not NextAction.NONE else ()
+        return tuple(step.item for step in self.steps if step.next_action is not NextAction.NONE)
 
     @property
     def is_ready(self) -> bool:
@@ -116,7 +127,9 @@ class ItemState:
 
     @property
     def accepted(self) -> bool:
-        """Whether the operator has accepted the estimates of the valid run."""
+        """Whether the operator has accepted the estimates of the valid run; of a series, those of every value."""
+        if self.steps:
+            return all(step.accepted for step in self.steps)
         return self.run is not None and self.run.name in self.item.accepted
 
     @property
@@ -137,30 +150,7 @@ class ItemState:
         return self.run.parent / self.candidate.name
 
 
-def evaluate_items(
-    folder: Path,
-    items: Sequence[CampaignItem],
-    titles: Mapping[str, str],
-    runs: Mapping[str, Sequence[RunSummary]],
-    based_on: Mapping[str, Basis],
-) -> tuple[ItemState, ...]:
-    """Return the state of every item, in order.
-
-    Args:
-        folder: of the runs.
-        items: of the campaign; each after its dependencies.
-        titles: of the protocols, by their names.
-        runs: of each item by its name, oldest first.
-        based_on: basis of each run by file name; none for runs made outside the campaign.
-    """
-    found: dict[str, ItemState] = {}
-    for item in items:
-        title = titles.get(item.protocol, item.protocol)
-        found[item.name] = _evaluate_item(folder, item, title, runs.get(item.name, ()), found, based_on)
-    return tuple(found.values())
-
-
-def _evaluate_item(
+def evaluate_item(
     folder: Path,
     item: CampaignItem,
     title: str,
@@ -168,6 +158,7 @@ def _evaluate_item(
     previous: Mapping[str, ItemState],
     based_on: Mapping[str, Basis],
 ) -> ItemState:
+    """Return the state of an item that is a single run; `previous` are the states of the items before it."""
     if item.skipped:
         return ItemState(item, title, ItemStatus.SKIPPED, item.skipped, NextAction.NONE)
     results = tuple(run for run in runs if run.has_result)

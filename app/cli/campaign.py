@@ -10,6 +10,7 @@ from app.campaign import (
     STATUS_MARKS,
     Campaign,
     CampaignError,
+    CampaignItem,
     CampaignRehearsal,
     CampaignRunner,
     ItemState,
@@ -17,14 +18,39 @@ from app.campaign import (
     first_item,
     next_item_after,
     rehearse_campaign,
+    series_curves,
 )
-from app.cli.headless import headless_session, refuse_unreachable_operator, select_bench
-from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
-from app.cli.output import print_json
-from app.common import ExitCode, format_bytes, format_duration, print_line, print_message, usage_errors
+from app.cli.headless import headless_session, make_protocol, refuse_unreachable_operator, select_bench
+from app.cli.options import (
+    BenchOptions,
+    CommandGroup,
+    CommandSyntax,
+    FileOptions,
+    faults_option,
+    group,
+    option,
+    repeated,
+    switch,
+)
+from app.cli.output import CommandResult, check_output_files, print_json, render
+from app.common import (
+    Column,
+    ExitCode,
+    Table,
+    UnitError,
+    UsageError,
+    display_unit,
+    format_bytes,
+    format_duration,
+    print_line,
+    print_message,
+    unit_of,
+    usage_errors,
+)
+from app.common.units import read_range
 from app.identification import verdict_line
 from drivers import BenchError
-from protocols.base import format_with_uncertainty
+from protocols.base import Protocol, format_with_uncertainty
 from protocols.runfile.reader import RunReadError
 
 
@@ -81,6 +107,113 @@ class MoveCommand(ItemCommand):
 
     def change(self, known: Campaign) -> None:
         known.move(self.item, self.before)
+
+
+@dataclass(frozen=True)
+class AddCommand(CampaignCommand):
+    """Add a measurement to a campaign: one run, or a series over the values of one parameter."""
+
+    item: str = option(help="name of the new item")
+    protocol: str = option("--protocol", required=True, metavar="NAME", help="protocol, as in 'protocols'")
+    vary: str = option(
+        "--vary",
+        default="",
+        metavar="NAME=VALUES",
+        help="repeat the protocol for each of these values of a parameter: 1,2,3 or '1...5 step 0.5' or '2 V, 4 V'",
+    )
+    settings: Sequence[str] = repeated("--set", "NAME=VALUE", "another parameter of the protocol; may be repeated")
+    needs: Sequence[str] = repeated("--needs", "ITEM", "item that must be done before; may be repeated")
+
+    def apply(self, known: Campaign) -> int:
+        protocol = make_protocol(self.protocol, self.settings)
+        given = {setting.partition("=")[0].strip() for setting in self.settings}
+        settings = protocol.model_dump(mode="json", include=given)
+        varied, values = _read_values(type(protocol), self.vary) if self.vary else ("", ())
+        if varied in given:
+            raise UsageError(f"{varied} is varied, and is set to one value with --set; leave one of them out")
+        known.add(CampaignItem(self.item, protocol.name, settings, tuple(self.needs), varied=varied, values=values))
+        return _print_campaign(known, self.json)
+
+
+def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...]]:
+    """Return the varied parameter and its values.
+
+    Raises:
+        UsageError: there is no such parameter, it has no single number, or the values cannot be read.
+    """
+    name, equals, values = text.partition("=")
+    name = name.strip()
+    if not equals:
+        raise UsageError(f"--vary {text}: write NAME=VALUES, for example --vary peak_to_peak_v=1,2,3,4,5")
+    if name not in kind.model_fields:
+        raise UsageError(f"{kind.name} has no parameter '{name}'; it has: {', '.join(kind.model_fields)}")
+    unit = unit_of(kind, name)
+    annotation = kind.model_fields[name].annotation
+    if unit is None or annotation not in (float, int):
+        raise UsageError(f"--vary {name}: this parameter is not a single number, so that nothing can be drawn over it")
+    try:
+        found = [value for part in values.split(",") if part.strip() for value in read_range(part, unit)]
+    except UnitError as error:
+        raise UsageError(f"--vary {text}: {error}") from None
+    if len(found) < 2 or len(set(found)) < len(found):
+        raise UsageError(f"--vary {text}: give at least two values, each once")
+    return name, tuple(int(value) if annotation is int else value for value in found)
+
+
+@dataclass(frozen=True)
+class CurveCommand(CampaignCommand):
+    """Print the results of a series over its parameter."""
+
+    item: str = option(help="name of the series, as in 'status'")
+    files: FileOptions = group(FileOptions, "the results of the series")
+
+    def apply(self, known: Campaign) -> int:
+        from model.studies.paper_figures import FigureCurve, PaperFigure
+
+        state = known.item_state(self.item)
+        if not state.steps:
+            raise UsageError(f"{self.item} is a single run; a series is added with: campaign add NAME --vary ...")
+        curves = series_curves(state)
+        if not curves:
+            raise UsageError(f"{self.item} has results of fewer than two values: {state.reason}")
+        check_output_files(self.files)
+        main = curves[-1]
+        x, factor_unit = main.columns[main.x], display_unit(main.columns[main.x].unit)[1]
+        columns = [Column(main.x, x.unit, x.values, display_unit=factor_unit if factor_unit != x.unit else "")]
+        for curve in reversed(curves):
+            if len(curve.columns[curve.x].values) == len(x.values):
+                y, errors = curve.columns[curve.y], curve.columns[f"{curve.y}_errors"]
+                unit = display_unit(y.unit)[1]
+                shown = unit if unit != y.unit else ""
+                total = curve.columns[f"{curve.y}_total_uncertainty"]
+                columns += [
+                    Column(curve.y, y.unit, y.values, display_unit=shown),
+                    Column(f"{curve.y}_errors", y.unit, errors.values, "± noise", shown, ".2g"),
+                    Column(f"{curve.y}_total_uncertainty", y.unit, total.values, "± total", shown, ".2g"),
+                ]
+        table = Table("series", f"{self.item} of {known.specimen}: {state.reason}", tuple(columns))
+        figure = PaperFigure(
+            "series",
+            main.x,
+            x.unit,
+            main.y,
+            main.columns[main.y].unit,
+            (FigureCurve(self.item, x.values, main.columns[main.y].values),),
+            f"{main.y} of {known.specimen} over {main.x}.",
+        )
+        return render(
+            CommandResult(
+                "campaign curve",
+                {},
+                (table,),
+                write_csv=table.to_csv,
+                figures=(figure,),
+                heading=("SIMULATED",) if known.simulated else (),
+                extra={"simulated": known.simulated},
+            ),
+            self.json,
+            self.files,
+        )
 
 
 @dataclass(frozen=True)
@@ -222,7 +355,16 @@ VERBS: Mapping[str, tuple[type[CampaignCommand], str]] = {
     "accept": (ItemCommand, "accept the result of an item's run after reviewing it"),
     "reject": (ItemCommand, "reject the present run of an item"),
     "move": (MoveCommand, "move an item before another one"),
+    "add": (AddCommand, "add a measurement: one run, or a series over the values of one parameter"),
+    "curve": (CurveCommand, "the results of a series over its parameter: table, CSV and picture"),
 }
+
+EXAMPLES = {
+    "move": "sag --before dwell ",
+    "add": "levels --protocol sine-dwell --set frequencies_hz=140,150,160,170 --vary peak_to_peak_v=1,2,3,4,5 ",
+    "curve": "levels --picture levels.png ",
+}
+"""Arguments of subcommands in their examples, where an item's name does not suffice."""
 
 
 COMMANDS: Mapping[str, CommandGroup] = {
@@ -238,7 +380,7 @@ COMMANDS: Mapping[str, CommandGroup] = {
                 CommandSyntax(
                     command,
                     f"{text[0].upper()}{text[1:]}.",
-                    f"example: tactor-bench campaign {verb} {'' if command is CampaignCommand else 'dwell '}--specimen T7",
+                    f"example: tactor-bench campaign {verb} {EXAMPLES.get(verb, '' if command is CampaignCommand else 'dwell ')}--specimen T7",
                 ),
             )
             for verb, (command, text) in VERBS.items()

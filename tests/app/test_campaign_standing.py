@@ -8,7 +8,8 @@ import pytest
 
 from app.archive.run_summary import RunSummary
 from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
-from app.campaign.status import ItemStatus, NextAction, evaluate_items
+from app.campaign.series import evaluate_items
+from app.campaign.status import ItemStatus, NextAction
 from protocols.base import EstimatedQuantity
 
 A, B, C = CampaignItem("a", "p"), CampaignItem("b", "q", needs=("a",)), CampaignItem("c", "r", needs=("b",))

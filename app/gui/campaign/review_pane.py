@@ -12,7 +12,7 @@ from app.gui.plots import ResultPlots
 from app.gui.results.card import ResultCard
 from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
 from app.live import OverlayCurve
-from protocols.base import RunEnded, RunStatus
+from protocols.base import ResultCurve, RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ class ReviewPane(QWidget):
         super().__init__()
         self._theme = theme
         self.review: ResultReview | None = None
+        self._series: tuple[ResultCurve, ...] = ()
+        """Results of a series over its parameter, drawn in place of the curves of a run."""
         self.plots = ResultPlots(theme)
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
         self.plots.response.residual_strip.setFixedHeight(RESIDUAL_HEIGHT)  # most of the room is the response's
@@ -87,7 +89,10 @@ class ReviewPane(QWidget):
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the one that is shown."""
+        from app.campaign import series_curves  # imports HDF5, which a background thread has loaded
+
         state = item.state
+        self._series = series_curves(state)
         counting = "" if state.run is None else state.run.name
         with QSignalBlocker(self.run_box):
             self.run_box.clear()
@@ -118,7 +123,7 @@ class ReviewPane(QWidget):
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
         found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates)
-        self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
+        self.plots.show_results(kind, run.points, self._series or run.curves, found, run.simulated)
         self._fill_table(review)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:

@@ -1,0 +1,162 @@
+"""Series of a campaign: one item that repeats a protocol for each value of one of its parameters, with its results as curves."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from app.archive import RunSummary
+from app.archive.figures import RunFigure
+from app.campaign.plan import CampaignItem
+from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
+from app.common import display_unit, unit_of
+from protocols.base import CurveColumn, EstimatedQuantity, ResultCurve
+from protocols.registry import PROTOCOLS
+
+SERIES = "series"
+
+
+def evaluate_series(
+    folder: Path,
+    item: CampaignItem,
+    title: str,
+    runs: Sequence[RunSummary],
+    previous: Mapping[str, ItemState],
+    based_on: Mapping[str, Basis],
+) -> ItemState:
+    """Return the state of a series from those of its values: it is done when all of them are.
+
+    The arguments are those of `evaluate_items`, for one item.
+    """
+    steps = tuple(
+        evaluate_item(
+            folder,
+            step,
+            title,
+            [run for run in runs if run.requested_parameters.get(item.varied) == value],
+            previous,
+            based_on,
+        )
+        for step, value in zip(item.steps, item.values, strict=True)
+    )
+    measured = [step for step in steps if step.status in HAS_VALID_RUN]
+    following = next((step for step in steps if step.is_ready), None)
+    newest = max(measured, key=lambda step: step.started_at, default=None)
+    running = [run for run in runs if run.running]
+    count = f"{len(measured)} of {len(steps)} values"
+    if item.skipped:
+        status, reason, do = ItemStatus.SKIPPED, item.skipped, NextAction.NONE
+    elif running:
+        status, reason, do = ItemStatus.RUNNING, f"{running[-1].name} is being written; {count}", NextAction.WAIT
+    elif following is not None:
+        status = (
+            ItemStatus.STALE
+            if len(measured) == len(steps)
+            else ItemStatus.UNFINISHED
+            if following.next_action is NextAction.RESUME
+            else following.status
+        )
+        reason = f"{count}; next {value_text(item, _value_of(item, following))}: {following.reason}"
+        do = following.next_action
+    elif len(measured) == len(steps):
+        status, reason, do = ItemStatus.DONE, f"{count} of {item.varied}", NextAction.NONE
+    else:
+        waiting = next(step for step in steps if step.status not in HAS_VALID_RUN)
+        status, reason, do = waiting.status, f"{count}; {waiting.reason}", NextAction.WAIT
+    return ItemState(
+        item,
+        title,
+        status,
+        reason,
+        do,
+        None if newest is None else newest.run,
+        "" if newest is None else newest.started_at,
+        tuple(_named_estimates(item, measured)),
+        None if following is None else following.resumed_run,
+        next((step.candidate for step in steps if step.candidate is not None), None),
+        tuple(sorted((run for step in steps for run in step.results), key=lambda run: (run.start_time, run.name))),
+        None if following is None or do is NextAction.WAIT else following.item,
+        steps,
+    )
+
+
+def series_curves(state: ItemState) -> tuple[ResultCurve, ...]:
+    """Return each figure of the runs of a series over the varied parameter, with its standard errors; the first figure is the last curve.
+
+    A curve has columns of statistical standard errors (`_errors`) and of total standard uncertainties (`_total_uncertainty`). Values
+    without a result, and figures of fewer than two values, are left out.
+    """
+    item, found = state.item, dict[tuple[str, str], list[tuple[float, RunFigure]]]()
+    for step in state.steps:
+        summary = next((run for run in step.results if step.run is not None and run.name == step.run.name), None)
+        if step.status in HAS_VALID_RUN and summary is not None:
+            for record in json.loads(summary.figures_json):
+                figure = RunFigure(*record)
+                found.setdefault((figure.name, figure.unit), []).append((_value_of(item, step), figure))
+    curves = []
+    for (name, unit), pairs in found.items():
+        if len(pairs) < 2:
+            continue
+        pairs.sort(key=lambda pair: pair[0])
+        x, y, errors, totals = (
+            np.array(column, float)
+            for column in zip(*((value, f.value, f.statistical, f.total) for value, f in pairs), strict=True)
+        )
+        columns = {
+            item.varied: CurveColumn(x, varied_unit(item), "varied parameter"),
+            name: CurveColumn(y, unit, "figure of the run"),
+            f"{name}_errors": CurveColumn(errors, unit, "statistical standard error"),
+            f"{name}_total_uncertainty": CurveColumn(totals, unit, "total standard uncertainty"),
+        }
+        curves.append(ResultCurve(SERIES, "", item.varied, name, columns))
+    return tuple(reversed(curves))
+
+
+def varied_unit(item: CampaignItem) -> str:
+    """Return the unit of the varied parameter; `1` for none."""
+    kind = PROTOCOLS.get(item.protocol)
+    return (unit_of(kind, item.varied) if kind is not None and item.varied in kind.model_fields else None) or "1"
+
+
+def value_text(item: CampaignItem, value: float) -> str:
+    """Return a value of the varied parameter as text."""
+    factor, unit = display_unit(varied_unit(item))
+    return f"{item.varied} = {factor * value:.6g} {unit}".rstrip()
+
+
+def _value_of(item: CampaignItem, step: ItemState) -> float:
+    return float(step.item.settings[item.varied])
+
+
+def _named_estimates(item: CampaignItem, steps: Sequence[ItemState]) -> list[EstimatedQuantity]:
+    return [
+        replace(estimate, name=f"{estimate.name} at {value_text(item, _value_of(item, step))}")
+        for step in steps
+        for estimate in step.estimates
+    ]
+
+
+def evaluate_items(
+    folder: Path,
+    items: Sequence[CampaignItem],
+    titles: Mapping[str, str],
+    runs: Mapping[str, Sequence[RunSummary]],
+    based_on: Mapping[str, Basis],
+) -> tuple[ItemState, ...]:
+    """Return the state of every item, in order.
+
+    Args:
+        folder: of the runs.
+        items: of the campaign; each after its dependencies.
+        titles: of the protocols, by their names.
+        runs: of each item by its name, oldest first.
+        based_on: basis of each run by file name; none for runs made outside the campaign.
+    """
+    found: dict[str, ItemState] = {}
+    for item in items:
+        title = titles.get(item.protocol, item.protocol)
+        evaluate = evaluate_series if item.varied else evaluate_item
+        found[item.name] = evaluate(folder, item, title, runs.get(item.name, ()), found, based_on)
+    return tuple(found.values())
