@@ -119,7 +119,7 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
         outliers,
         bounds_of(selection, limits),
         _summary_table(selection, limits),
-        group_table(selection, query.group_by),
+        _without_extremes(group_table(selection, query.group_by)),
         replace(specimens, highlighted_rows=marked),
         fleet.simulated,
     )
@@ -139,6 +139,11 @@ def _plot_groups(selection: FleetSelection, group_by: str) -> list[PlotGroup]:
         values, errors = arrays(found)
         groups.append(PlotGroup(name, np.array([v.time_s for v in found]), values, errors, tuple(found)))
     return groups
+
+
+def _without_extremes(table: Table) -> Table:
+    """Return a table of groups without lowest and highest value, which the plot shows."""
+    return replace(table, columns=tuple(c for c in table.columns if c.name not in ("lowest", "highest")))
 
 
 def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Table:

@@ -13,7 +13,6 @@ from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
 from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
-from app.gui.plots.response_plot import hover_text
 from app.gui.widgets import Theme
 
 MAX_BARS = 400
@@ -68,10 +67,10 @@ class FleetPlot(PlotBase):
             color = curve_color(at, self._theme)
             there = np.isfinite(group.times_s) & np.isfinite(group.values)
             x, y = group.times_s[there], factor * group.values[there]
-            texts = [_describe(v) for v, shown in zip(group.sources, there, strict=True) if shown]
-            scatter = ScatterItem(size=7, hoverable=True, hoverSize=11, tip=hover_text, pen=pg.mkPen(color))
+            sources = np.array(group.sources, object)[there]
+            scatter = ScatterItem(size=7, hoverable=True, hoverSize=11, tip=_describe, pen=pg.mkPen(color))
             scatter.setBrush(pg.mkBrush(color))
-            scatter.setData(x=x, y=y, data=texts)
+            scatter.setData(x=x, y=y, data=sources)
             self.plot.addItem(scatter)
             self.scatters.append(scatter)
             if with_bars:
@@ -156,7 +155,8 @@ class FleetPlot(PlotBase):
         return "seconds since 1970", self.plot.getAxis("left").labelText
 
 
-def _describe(value: FleetValue) -> str:
-    """Return the text of a point."""
+def _describe(x: float, y: float, data: FleetValue) -> str:  # noqa: ARG001 - as pyqtgraph calls it
+    """Return the text of a point; only of the one at the pointer, because there may be ten thousand."""
+    value = data
     found = format_quantity(value.value, value.total, value.unit)
     return f"{value.specimen}, {value.start_time[:10]}: {found}\n{value.batch}, {value.sensor or value.protocol}"

@@ -16,6 +16,8 @@ Index = QModelIndex | QPersistentModelIndex
 AS_TEXT = " as text"
 """End of the name of a column of texts that is sorted by the column of numbers without it."""
 
+CELL_MARGIN, BOLD_SHARE = 12, 1.06
+"""Free width of a cell in pixels, and width of text with bold rows over that of the usual one."""
 LAST_COLUMN = 120
 """Width that the last column always has, in pixels."""
 
@@ -25,6 +27,7 @@ class ValueTableModel(QAbstractTableModel):
 
     Attributes:
         order: row of the table for each row that is shown.
+        longest: text of each column by which its width is chosen: a size hint of each cell would take longer than everything else.
     """
 
     def __init__(self, theme: Theme) -> None:
@@ -37,6 +40,7 @@ class ValueTableModel(QAbstractTableModel):
         self._highlighted: frozenset[int] = frozenset()
         self._sorted: tuple[int, Qt.SortOrder] | None = None
         self.order: list[int] = []
+        self.longest: list[str] = []
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -50,6 +54,7 @@ class ValueTableModel(QAbstractTableModel):
         self._keys = [by_name.get(c.name.removesuffix(AS_TEXT), c).cells for c in self._columns]
         texts = [[column.format_value(cell) for cell in column.cells] for column in self._columns]
         self._texts = list(zip(*texts, strict=True))
+        self.longest = [max((text for text in column), key=len, default="") for column in texts]
         self._severities, self._highlighted = severities, table.highlighted_rows
         self.order = list(range(len(self._texts)))
         if self._sorted is not None and self._sorted[0] < len(self._columns):
@@ -168,7 +173,9 @@ class ValueTable(QTableView):
             header.setSectionResizeMode(
                 at, QHeaderView.ResizeMode.Stretch if last else QHeaderView.ResizeMode.Interactive
             )
-        wanted = [max(self.sizeHintForColumn(at), header.sectionSizeHint(at)) + 6 for at in range(count)]
+        width_of = self.fontMetrics().horizontalAdvance
+        contents = [round(BOLD_SHARE * width_of(text)) + CELL_MARGIN for text in self._values.longest]
+        wanted = [max(contents[at], header.sectionSizeHint(at) + 6) for at in range(count)]
         least_last = min(wanted[-1], LAST_COLUMN) if wanted else 0
         free = self.viewport().width() - least_last
         shrink = min(1.0, free / max(sum(wanted[:-1]), 1))

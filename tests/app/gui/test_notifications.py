@@ -21,7 +21,7 @@ from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap
 from protocols.base import Prompt, PromptAnswered, PromptShown
-from tests.app.test_remote import NOW
+from tests.app.laboratory.test_remote import NOW
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
