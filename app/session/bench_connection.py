@@ -54,6 +54,10 @@ UNATTENDED_BLOCK_S = 0.1
 """Block duration on the virtual clock without a display: half the blocks, and an abort level is reported within 0.1 s."""
 
 
+UNATTENDED_HOLD_S = 0.05
+"""Real time for which such blocks are held and then written to the run file together; a killed program loses no more."""
+
+
 @dataclass(frozen=True, slots=True)
 class BenchConnection:
     """A connected bench. On a simulated one `operator` answers prompts and `control` injects faults."""
@@ -123,6 +127,7 @@ def connect(
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
+            bench.hold_s = UNATTENDED_HOLD_S if block_s >= UNATTENDED_BLOCK_S else 0.0
             _gate(config, bench)
             yield BenchConnection(
                 bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual

@@ -54,6 +54,8 @@ class Bench:
     sensor: LaserSensor
     clock: Clock
     block_s: float = 0.05
+    hold_s: float = 0.0
+    """Real time for which blocks may be held before they are written to the run file, on a virtual clock."""
     simulated: bool = False
     configuration: Mapping[str, Any] = field(default_factory=dict)
     meters: Mapping[str, Meter] = field(default_factory=dict)

@@ -22,7 +22,7 @@ import numpy as np
 
 from drivers import Block, Drive, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, Verdict, event_record
-from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
+from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.layout import RunMetadata, create_file
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.presence import FilePresence
@@ -53,8 +53,14 @@ _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
 class RunFileWriter:
     """Writes one run file: create, `start_stream` when the card runs, append, `finish`. Errors are StorageError."""
 
-    def __init__(self, path: Path, metadata: RunMetadata) -> None:
+    def __init__(self, path: Path, metadata: RunMetadata, hold_s: float = 0.0) -> None:
         """Create the file with all its datasets.
+
+        Args:
+            path: the run file.
+            metadata: of the run.
+            hold_s: real time for which blocks may be held and then written together; anything else that is appended, and
+                reading, writes them first. A killed program loses what it holds.
 
         Raises:
             StorageError: no permission, no space, or not a folder.
@@ -67,6 +73,9 @@ class RunFileWriter:
         self.row_count = 0
         self._columns = point_columns(metadata.point_type)
         self._point_count = 0
+        self._hold_s, self._written_s = hold_s, -math.inf
+        self._held: list[tuple[Block, int, float]] = []
+        """Blocks that are not written yet, with row and time."""
         self._closed = False
         self._open_datasets: dict[str, h5py.Dataset] = {}
         """Datasets that stay open: closing one writes to the file, and an error then cannot be reported."""
@@ -87,7 +96,7 @@ class RunFileWriter:
             ) from error
 
     @classmethod
-    def new(cls, folder: Path, metadata: RunMetadata) -> Self:
+    def new(cls, folder: Path, metadata: RunMetadata, hold_s: float = 0.0) -> Self:
         """Create a file in `folder`, named by time, specimen and protocol; numbered within the same second.
 
         Raises:
@@ -98,7 +107,7 @@ class RunFileWriter:
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
             if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
                 with contextlib.suppress(FileExistsError):  # another program's, of this moment
-                    return cls(path, metadata)
+                    return cls(path, metadata, hold_s)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
@@ -116,28 +125,41 @@ class RunFileWriter:
             self._file.flush()
 
     def append_block(self, block: Block, time_s: float) -> int:
-        """Append a block, counts of both channels, and flush it; return the row of its first scan.
+        """Append a block, counts of both channels, and flush it unless it may be held; return the row of its first scan.
 
         Raises:
             StorageError: the disk is nearly full, or the file cannot be written.
         """
         row = self.row_count
-        with self._appending():
+        self._held.append((block, row, time_s))
+        self.row_count = row + block.raw.shape[1]
+        if not self._hold_s or time.monotonic() - self._written_s >= self._hold_s:
+            self._write_held()
+        return row
+
+    def _write_held(self) -> None:
+        """Write and flush the blocks that are held, if there are any."""
+        if not self._held:
+            return
+        held, self._held = self._held, []
+        with self._checked():
             free = math.inf if self._presence.problem else shutil.disk_usage(self.path.parent).free
         if free < RESERVE_BYTES:
             raise StorageError(
                 f"the disk of {self.path.parent} is full: {free / 1e6:.0f} MB are left and {RESERVE_BYTES / 1e6:.0f} MB are "
                 "kept to close the run in order; free some space or choose another folder. Everything before is in the file"
             )
-        with self._appending():
-            for name, counts in zip(self._channels, block.raw, strict=False):
+        raw = held[0][0].raw if len(held) == 1 else np.concatenate([block.raw for block, _, _ in held], axis=1)
+        with self._checked():
+            for name, counts in zip(self._channels, raw, strict=False):
                 self._append_rows(f"trace/{name}", counts)
-            self._append_rows("blocks", np.array([(row, block.start, time_s)], BLOCK_DTYPE))
-        self.row_count = row + block.raw.shape[1]
-        return row
+            rows = [(row, block.start, time_s) for block, row, time_s in held]
+            self._append_rows("blocks", np.array(rows, BLOCK_DTYPE))
+        self._written_s = time.monotonic()
 
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
         """Return the raw counts of a channel in appended rows, (stop - start,)."""
+        self._write_held()
         with translate_write_errors("run", self.path):
             return np.asarray(self._dataset(f"trace/{channel}")[slice(*rows)])
 
@@ -207,6 +229,12 @@ class RunFileWriter:
         """
         if self._closed:
             return reason
+        try:
+            self._write_held()
+        except FileLostError:  # `problem` states it
+            pass
+        except StorageError as error:
+            reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
             return self._finish_lost(status, reason, estimates, curves, verdict)
         with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
@@ -297,6 +325,8 @@ class RunFileWriter:
     def close_after_error(self) -> None:
         """Close after a storage error, keeping what reached the disk."""
         if not self._closed:
+            with contextlib.suppress(StorageError):
+                self._write_held()
             self._close()
         self._presence.close()
 
@@ -311,6 +341,13 @@ class RunFileWriter:
 
     @contextlib.contextmanager
     def _appending(self) -> Iterator[None]:
+        """As `_checked`, with the blocks that are held written first."""
+        self._write_held()
+        with self._checked():
+            yield
+
+    @contextlib.contextmanager
+    def _checked(self) -> Iterator[None]:
         """Check the file before a write, and take its size afterwards; a lost file is reported once."""
         if not self._presence.problem:
             self._presence.check()

@@ -109,7 +109,8 @@ class Runner:
         self._resume_state = request.resume.resume_state if request.resume else ResumeState()
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
-        self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench, reference, self._adapted))
+        metadata = run_metadata(request, bench, reference, self._adapted)
+        self._run_file = RunFileWriter.new(request.folder, metadata, bench.hold_s)
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
         warnings = (bench.sensor.expiry_warning(datetime.now(UTC).date()), request.calibration_warning)

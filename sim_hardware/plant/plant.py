@@ -324,6 +324,8 @@ class Plant:
 
     def _slew_limited(self, first: int, requested: Array) -> Array:
         """What the amplifier makes of the volts it wants from grid step `first` on, stretch by stretch of its limit."""
+        if not self._faults.was_ever_active("amplifier-limited"):
+            return limit_slew(requested, self._previous_specimen_v, self._amplifier.slew_v_per_s / self._rate)
         limited = self._faults.was_active("amplifier-limited", np.arange(first, first + requested.size) / self._rate)
         edges = [0, *(np.flatnonzero(np.diff(limited)) + 1).tolist(), requested.size]
         step_v, before_v = self._amplifier.slew_v_per_s / self._rate, self._previous_specimen_v

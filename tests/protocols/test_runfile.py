@@ -29,6 +29,7 @@ from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.writer import RunFileWriter
+from tests.helpers.run_files import SCALES
 from tests.helpers.simulated_bench import laboratory, run
 from tests.helpers.texts import texts
 
@@ -409,3 +410,29 @@ def test_columns_of_a_point_that_a_kill_cut_are_of_equal_length(tmp_path: Path) 
         columns = run.points()
     assert {len(column) for column in columns.values()} == {2}
     assert (columns["frequency"].tolist(), columns["height"].tolist()) == ([0.0, 1.0], [0.0, 10.0])
+
+
+def test_blocks_that_are_held_are_written_together_before_anything_that_follows_them(tmp_path: Path) -> None:
+    file = RunFileWriter.new(tmp_path, HEADER, hold_s=1e9)
+    file.start_stream(1000.0, SCALES)
+    blocks = [np.full((2, 10), number, np.int16) for number in range(7)]
+
+    def rows() -> int:
+        with Run(file.path) as run:
+            return run.trace.sample_count
+
+    assert [file.append_block(Block(100 * i, raw), float(i)) for i, raw in enumerate(blocks[:3])] == [0, 10, 20]
+    assert rows() == 10, "the first one is written at once"
+    file.append_event(LogMessage("something"), 2.5)
+    assert rows() == 30
+    file.append_block(Block(300, blocks[3]), 3.0)
+    file.append_block(Block(400, blocks[4]), 4.0)
+    np.testing.assert_array_equal(file.read_raw("drive", (30, 50)), [3] * 10 + [4] * 10)
+    file.append_block(Block(500, blocks[5]), 5.0)
+    file.append_point(Spot(100.0, 1e-6))
+    assert rows() == 60
+    file.append_block(Block(600, blocks[6]), 6.0)
+    file.finish(RunStatus.COMPLETED, "")
+    with Run(file.path) as run:
+        np.testing.assert_array_equal(run.trace.read_raw("displacement"), np.concatenate([raw[1] for raw in blocks]))
+        np.testing.assert_allclose(run.trace.times_of_rows(range(5, 70, 10)), 0.005 + 0.1 * np.arange(7))
