@@ -20,7 +20,7 @@ from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 from app.common import NO_PROGRESS, Progress
 
-SCHEMA = 9
+SCHEMA = 10
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
 
 FIGURE_FIELDS = frozenset(

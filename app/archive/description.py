@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.archive.checking import describe_check
-from app.archive.figures import LATENCY_PROTOCOL, run_figures
+from app.archive.figures import FELT, LATENCY_PROTOCOL, run_figures
 from app.archive.notes import NotesError, notes_path, read_notes
 from app.archive.run_summary import instruments_text
 from app.common import format_bytes, format_duration, format_outcome, format_point, format_quantity
@@ -128,7 +128,7 @@ def latency_lines(run: Run) -> Iterator[str]:
     from model.response import PUBLISHED_LATENCIES  # slow to import
 
     for figure in run_figures(overview_of(run)):
-        if figure.name.startswith("time to"):
+        if figure.name.startswith(FELT):
             value = format_quantity(figure.value, figure.total, figure.unit)
             yield f"{figure.name}, with the uncertainty of the sensor's gain and delay: {value}"
     yield "published for other actuators, to nearly the full vibration:"

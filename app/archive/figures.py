@@ -14,7 +14,9 @@ LARGEST = "largest max - min"
 MARGIN = "margin at the largest"
 AMPLITUDE_PROTOCOL = "sine-dwell"
 LATENCY_PROTOCOL = "latency"
-BETWEEN = "rise, step"
+FELT = "latency to"
+"""How the names of times to the threshold begin."""
+BETWEEN = "rise, after a step"
 """How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
 
 
@@ -25,6 +27,7 @@ class RunFigure(NamedTuple):
         statistical: standard uncertainty by the scatter of the points alone.
         total: standard uncertainty with that of the sensor's gain, which is common to all runs of a calibration.
         condition: what it depends on, such as the drive; figures of different conditions are not compared.
+        frequency_hz: at which it was measured, for the margin over a threshold that depends on it; 0 for others.
     """
 
     name: str
@@ -33,6 +36,7 @@ class RunFigure(NamedTuple):
     total: float
     unit: str
     condition: str = ""
+    frequency_hz: float = 0.0
 
 
 def run_figures(run: RunOverview) -> tuple[RunFigure, ...]:
@@ -62,21 +66,22 @@ def _latency_figures(run: RunOverview, figures: list[RunFigure]) -> list[RunFigu
         name, _, onset = figure.name.partition(", ")
         from_onset = figure.unit == "s" and not figure.name.startswith(BETWEEN)
         delay_s = sensor.delay_uncertainty_s if from_onset else 0.0
-        timed = name.startswith("time to") and speeds.get(onset, 0.0) > 0
+        timed = name.startswith(FELT) and speeds.get(onset, 0.0) > 0
         moved_s = sensor.gain_relative_uncertainty * threshold_m / speeds[onset] if timed else 0.0
         total.append(figure._replace(total=math.hypot(figure.total, delay_s, moved_s)))
     return total
 
 
 def _amplitude_figures(top: LargestPoint, gain: float) -> Iterator[RunFigure]:
-    """Yield the largest max - min of the usable points, and its margin over the perception threshold."""
+    """Yield the largest max - min of the usable points, and its margin over the perception threshold of the abdomen."""
     from model.response import perception_margin  # slow to import
 
     y, error = top.peak_to_peak_m, top.error_m
     condition = f"{2 * top.median_drive_v:.2g} V"
     yield _figure(LARGEST, y, error, "m", gain, condition)
     margin = float(perception_margin(np.array([top.frequency_hz]), np.array([y]))[0])
-    yield _figure(MARGIN, margin, margin * error / y if y else math.nan, "1", gain, condition)
+    over = _figure(MARGIN, margin, margin * error / y if y else math.nan, "1", gain, condition)
+    yield over._replace(frequency_hz=top.frequency_hz)
 
 
 def _figure(name: str, value: float, error: float, unit: str, gain: float, condition: str = "") -> RunFigure:

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import Catalogue, RunSummary
-from app.archive.figures import RunFigure
+from app.archive.figures import MARGIN, RunFigure
 from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
 from app.identification.calibrations import FORMAT, SUFFIX
-from model import Array
+from model import THRESHOLD_M, Array
+from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.base import visible_text, visible_values
 from protocols.runfile.names import SHEET_SUFFIX
 
@@ -145,13 +146,19 @@ def arrays(values: Sequence[FleetValue]) -> tuple[Array, Array]:
     return np.array([v.value for v in values], float), np.array([v.total for v in values], float)
 
 
-def read_fleet(folder: Path, catalogue: Catalogue, simulated: bool | None = None) -> Fleet:
+def read_fleet(
+    folder: Path,
+    catalogue: Catalogue,
+    simulated: bool | None = None,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
+) -> Fleet:
     """Return the fleet of a folder by its catalogue, which is up to date after a scan, and its calibration files.
 
     Args:
         folder: of the runs; calibrations and sheets are in it, or in folders below that have runs.
         catalogue: of the folder.
         simulated: whether simulated runs are meant; None: real ones, and simulated ones if there are no others.
+        threshold: of perception, for the margins.
 
     Raises:
         FleetError: no run has a result.
@@ -160,7 +167,7 @@ def read_fleet(folder: Path, catalogue: Catalogue, simulated: bool | None = None
     entries = [entry for entry in catalogue.figure_entries() if entry.has_result]
     folders = sorted({str(Path(entry.path).parent) for entry in entries} | {"."})
     batches = _read_batches(folder, folders)
-    values = [*_run_values(entries, batches), *_calibration_values(folder, folders, batches)]
+    values = [*_run_values(entries, batches, threshold), *_calibration_values(folder, folders, batches)]
     values.sort(key=lambda v: (v.start_time, v.path))
     if simulated is None:
         simulated = not any(not v.simulated for v in values)
@@ -174,11 +181,21 @@ def read_fleet(folder: Path, catalogue: Catalogue, simulated: bool | None = None
     return Fleet(kept, len(values) - len(kept), simulated)
 
 
-def _run_values(entries: Iterable[RunSummary], batches: Mapping[str, str]) -> Iterator[FleetValue]:
+def _run_values(
+    entries: Iterable[RunSummary], batches: Mapping[str, str], threshold: PerceptionThreshold
+) -> Iterator[FleetValue]:
     for entry in entries:
         for record in json.loads(entry.figures_json):
+            figure = RunFigure(*record)
+            if figure.name == MARGIN and threshold is not ABDOMEN_THRESHOLD:
+                figure = _over(figure, threshold)
             yield FleetValue(
-                *RunFigure(*record),
+                figure.name,
+                figure.value,
+                figure.statistical,
+                figure.total,
+                figure.unit,
+                figure.condition,
                 entry.specimen,
                 batches.get(entry.specimen, NO_BATCH),
                 entry.start_time,
@@ -189,6 +206,17 @@ def _run_values(entries: Iterable[RunSummary], batches: Mapping[str, str]) -> It
                 entry.path,
                 bool(entry.simulated),
             )
+
+
+def _over(margin: RunFigure, threshold: PerceptionThreshold) -> RunFigure:
+    """Return a margin over the abdomen's threshold as one over another threshold."""
+    scale = THRESHOLD_M / float(threshold.amplitude_at(margin.frequency_hz))
+    return margin._replace(
+        value=scale * margin.value,
+        statistical=scale * margin.statistical,
+        total=scale * margin.total,
+        condition=f"{margin.condition}, over {threshold.label}",
+    )
 
 
 def _calibration_values(folder: Path, folders: Iterable[str], batches: Mapping[str, str]) -> Iterator[FleetValue]:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from app.archive.figures import LATENCY_PROTOCOL, RunFigure
+from app.archive.figures import FELT, LATENCY_PROTOCOL, RunFigure
 from app.common import Table
 from app.report.document import Block
 from app.report.rounding import typeset_measurement, typeset_with_error
@@ -27,10 +27,10 @@ def latency_blocks(runs: Sequence[ReportRun]) -> list[Block]:
     onsets: dict[str, dict[str, str]] = {}
     for figure in figures:
         name, _, onset = figure.name.partition(", ")
-        if onset:
+        if onset and figure.unit != "m/s":
             onsets.setdefault(onset, {})[name] = _typeset(figure)
     names = list(dict.fromkeys(name for values in onsets.values() for name in values))
-    names.sort(key=lambda name: not name.startswith("time to"))
+    names.sort(key=lambda name: not name.startswith(FELT))
     rows = [
         (onset, *(values.get(name, "–") for name in names))
         for onset, values in sorted(onsets.items(), key=_onset_order)
@@ -41,14 +41,14 @@ def latency_blocks(runs: Sequence[ReportRun]) -> list[Block]:
     ]
     title = f"Latency as measured ({measured[-1].name})"
     return [
-        Table.of_rows(title, ("after", *names), rows, TIMES_NOTE),
+        Table.of_rows(title, ("onset", *names), rows, TIMES_NOTE),
         Table.of_rows("Other actuators, published", ("actuator", "time", "what", "source"), published, PUBLISHED_NOTE),
     ]
 
 
 def _onset_order(item: tuple[str, object]) -> tuple[bool, float]:
     """Return steps before sines, each by its number."""
-    return item[0].startswith("sine"), float(next(word for word in item[0].split() if word[0].isdigit()))
+    return item[0].startswith("from"), float(next(word for word in item[0].split() if word[0].isdigit()))
 
 
 def _typeset(figure: RunFigure) -> str:

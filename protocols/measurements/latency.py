@@ -67,6 +67,9 @@ FINAL_SHARE = 0.2
 HARMONICS = 8
 """Harmonics of the steady response to a sine; the amplifier's two slopes make even ones."""
 
+SETTLED_NOISE = 1.5
+"""Uncertainty of a deviation from the steady state over that of a sample: the steady state is fitted."""
+
 RISE_LOW, RISE_HIGH = 0.1, 0.9
 DRIVE_TOLERANCE = 0.05
 EDGE_LIMIT = 1.3
@@ -112,6 +115,11 @@ class LatencyPoint:
             f"{what}, repeat {self.repeat:g}: {felt}, rise {_milliseconds(self.rise, self.rise_errors)}, overshoot "
             f"{100 * self.overshoot:.1f} %, settled after {1e3 * self.settling:.3g} ms"
         )
+
+
+def _onset_name(frequency_hz: float, level_v: float) -> str:
+    """Return the end of an estimate's name; files list estimates by name, those of steps first."""
+    return f"from the onset of {frequency_hz:g} Hz" if frequency_hz else f"after a step to {level_v:g} V"
 
 
 def _milliseconds(value_s: float, error_s: float) -> str:
@@ -188,7 +196,8 @@ class OnsetLatency(Protocol):
         felt = onset.first(self.threshold_m)
         low, high = (onset.first(share * onset.final) for share in (RISE_LOW, RISE_HIGH))
         begin_s = 0.0 if kind == SINE else low.time_s
-        settled = last_crossing(onset.time_s, np.abs(onset.deviation), self.tolerance * onset.final, onset.noise)
+        band = self.tolerance * onset.final
+        settled = last_crossing(onset.time_s, np.abs(onset.deviation), band, SETTLED_NOISE * onset.noise)
         peak = float(onset.moved.max()) / onset.final - 1
         return LatencyPoint(
             frequency=float(key[1]) if kind == SINE else 0.0,
@@ -231,7 +240,7 @@ class OnsetLatency(Protocol):
         return tuple(found for (f, level), group in groups.items() for found in self._estimates_of(f, level, group))
 
     def _estimates_of(self, frequency_hz: float, level_v: float, group: Sequence[Any]) -> Iterator[EstimatedQuantity]:
-        what = f"sine of {frequency_hz:g} Hz" if frequency_hz else f"step to {level_v:g} V"
+        what = _onset_name(frequency_hz, level_v)
         for column, name, unit in (
             ("latency", self._felt_name, "s"),
             ("rise", "rise", "s"),
@@ -244,11 +253,11 @@ class OnsetLatency(Protocol):
 
     @property
     def _felt_name(self) -> str:
-        return f"time to {1e6 * self.threshold_m:g} µm"
+        return f"latency to {1e6 * self.threshold_m:g} µm"
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
         felt = [p for p in usable_points(points) if math.isfinite(p.latency)]
-        names = (f"sine of {p.frequency:g} Hz" if p.frequency else f"step to {p.level:g} V" for p in felt)
+        names = (_onset_name(p.frequency, p.level) for p in felt)
         return tuple(dict.fromkeys(f"{self._felt_name}, {name}" for name in names))
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:

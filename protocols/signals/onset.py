@@ -96,13 +96,18 @@ def smooth(samples: Array, rate_hz: float) -> tuple[Array, float]:
     return np.asarray(savgol_filter(samples, width, POLYNOMIAL_ORDER)), left
 
 
+LEVEL_SIGMAS = 1.5
+"""Standard uncertainties of a sample by which a level is moved for the uncertainty of its crossing: noise makes a first crossing early
+and a last one late, by up to about one of them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Crossing:
     """When a response crosses a level; NaN where it never does.
 
     Attributes:
         time_s: of the crossing.
-        standard_error: half of how far it moves while the level moves by a standard uncertainty of the response to either side;
+        standard_error: half of how far it moves while the level moves by `LEVEL_SIGMAS` uncertainties of the response to either side;
             more than the noise over the slope where the response only just reaches the level.
         slope_per_s: slope of the response there, in its unit per second.
     """
@@ -123,7 +128,7 @@ def last_crossing(time_s: Array, response: Array, level: float, noise: float) ->
 
 
 def _crossing(time_s: Array, response: Array, level: float, noise: float, find: Callable[[float], float]) -> Crossing:
-    at, early, late = (find(value) for value in (level, level - noise, level + noise))
+    at, early, late = (find(value) for value in (level, level - LEVEL_SIGMAS * noise, level + LEVEL_SIGMAS * noise))
     if not math.isfinite(at):
         return Crossing(math.nan, math.nan, math.nan)
     spread = 0.5 * abs(late - early) if math.isfinite(late - early) else math.inf

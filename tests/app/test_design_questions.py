@@ -10,7 +10,7 @@ import pytest
 from app.cli.main import main
 from app.identification.calibrations import Calibrations, write_calibrations
 from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, skin
-from model.response import amplifier_response, exact_response, natural_frequencies
+from model.response import SITES, amplifier_response, exact_response, natural_frequencies
 from model.studies.design import required_drive, required_mass
 from model.studies.uncertainty import EstimateSet
 from tests.helpers.calibrations import calibration
@@ -96,3 +96,14 @@ def test_the_margin_is_over_the_threshold_that_is_chosen(
     for wrong, said in ((str(curve), "two numbers"), ("nose", "neither a site"), ("missing.csv", "cannot be read")):
         assert main([*asked, "--threshold", wrong]) == 2
         assert said in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.deep
+def test_the_fleet_compares_margins_over_the_threshold_that_is_chosen(ask: Any, tmp_path: Path) -> None:
+    dwell = ("run", "sine-dwell", "--speed", "max", "--bench", "ideal", "--specimen", "T7", "--out", str(tmp_path))
+    assert main([*dwell, "--set", "frequencies_hz=110,150"]) == 0
+    chosen = ("fleet", str(tmp_path), "--quantity", "margin at the largest")
+    paper, forearm = ask(*chosen), ask(*chosen, "--threshold", "forearm")
+    at_150_hz = float(SITES["forearm"].amplitude_at(150.0))
+    ratio = forearm["quantities"]["mean"][0] / paper["quantities"]["mean"][0]
+    assert ratio == pytest.approx(50e-6 / at_150_hz, rel=1e-3)

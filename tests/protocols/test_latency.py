@@ -22,7 +22,7 @@ from protocols.signals.onset import find_edge, first_crossing, last_crossing, sm
 from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
-COLUMNS = {"time to 50 µm": "latency", "rise": "rise", "overshoot": "overshoot", "settling": "settling"}
+COLUMNS = {"latency to 50 µm": "latency", "rise": "rise", "overshoot": "overshoot", "settling": "settling"}
 
 
 def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> None:
@@ -50,9 +50,9 @@ def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> 
         assert [curve.label for curve in file.curves()] == ["step to 5 V", "sine of 100 Hz"]
         again = [OnsetLatency().point(key, [r], True) for key, r in zip(KEYS, file.recordings(), strict=True)]
         figures = {f.name: f for f in run_figures(overview_of(file))}
-    assert "time to 50 µm, step to 5 V" in names
+    assert "latency to 50 µm, after a step to 5 V" in names
     assert again == ran.points
-    felt, rise = figures["time to 50 µm, step to 5 V"], figures["rise, step to 5 V"]
+    felt, rise = figures["latency to 50 µm, after a step to 5 V"], figures["rise, after a step to 5 V"]
     assert felt.total > felt.statistical  # the sensor's gain moves the threshold
     assert rise.total == rise.statistical
 
@@ -69,7 +69,10 @@ def test_the_total_uncertainties_hold_against_the_plant(bench: str, tmp_path: Pa
         config = seeded(bench, seed)
         if not truth:
             parameters = config.simulation_parameters
-            truth = {"step to 5 V": true_step(parameters, 5.0), "sine of 250 Hz": true_sine(parameters, 250.0)}
+            truth = {
+                "after a step to 5 V": true_step(parameters, 5.0),
+                "from the onset of 250 Hz": true_sine(parameters, 250.0),
+            }
         with laboratory(config) as lab:
             ran = run(OnsetLatency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
         with Run(ran.path) as file:
@@ -143,7 +146,7 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
         ran = run(OnsetLatency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
     with Run(ran.path) as file:
         text = "\n".join(latency_lines(file))
-    assert "time to 50 µm, step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
+    assert "latency to 50 µm, after a step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
     assert "ERM: 50 to 100 ms" in text
     assert "LRA: 10 to 20 ms" in text
     assert all(published.source for published in PUBLISHED_LATENCIES)
@@ -151,8 +154,8 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
         draw_run(file, tmp_path / "latency.svg")
     assert "<svg" in (tmp_path / "latency.svg").read_text(encoding="utf-8")
     measured, others = (asdict(block) for block in latency_blocks(read_report_runs(tmp_path, "T1")))
-    assert "step to 5 V" in str(measured)
-    assert "sine of 150 Hz" in str(measured)
+    assert "after a step to 5 V" in str(measured)
+    assert "from the onset of 150 Hz" in str(measured)
     assert all(published.source in str(others) for published in PUBLISHED_LATENCIES)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.cli.options import JSON_OBJECT, CommandSyntax, FileOptions, group, option, repeated, switch
+from app.cli.options import JSON_OBJECT, CommandSyntax, FileOptions, group, option, repeated, switch, threshold_option
 from app.cli.output import CommandResult, check_output_files, render
 from app.common import (
     ExitCode,
@@ -40,12 +40,15 @@ class _FleetOptions:
     )
     since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
     simulated: bool = switch("--simulated", "the simulated runs of a folder that has real ones")
+    threshold: str = threshold_option()
     json: bool = switch("--json", JSON_OBJECT)
 
     def read(self) -> "Fleet":
         """Return the values that the options select."""
         from app.archive import Catalogue, read_since
         from app.fleet.values import FleetError, read_fleet
+        from app.identification import read_threshold
+        from model import ParameterError
 
         if not self.folder.is_dir():
             raise UsageError(f"there is no folder {self.folder}; name the one your runs are in")
@@ -57,8 +60,10 @@ class _FleetOptions:
         try:
             with terminal_progress("reading runs", self.json) as progress:
                 scanned = catalogue.scan(progress)
-            with usage_errors(FleetError):
-                fleet = read_fleet(self.folder, catalogue, True if self.simulated else None)
+            with usage_errors(FleetError, ParameterError):
+                fleet = read_fleet(
+                    self.folder, catalogue, True if self.simulated else None, read_threshold(self.threshold)
+                )
         except (sqlite3.Error, OSError) as error:
             raise UsageError(f"the index {catalogue.index} cannot be used: {error}; remove the file") from None
         for sentence in scanned.skipped:
