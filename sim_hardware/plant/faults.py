@@ -13,7 +13,7 @@ FAULT_DESCRIPTIONS = {
     "scpi-garbled": "the generator obeys, its answers arrive as rubbish",
     "scpi-half": "the generator obeys, half of each answer arrives and no end of line",
     "scpi-previous": "the generator obeys, each answer is the one to the query before",
-    "scpi-other-model": "the wire leads to another model, which obeys and answers in place of the generator, whose output continues",
+    "scpi-other-model": "another model obeys and answers on the wire; the output of the generator continues",
     "scpi-dropped": "the generator's connection is closed and no new one accepted",
     "generator-power-off": "the generator loses mains: its output drops to the level the amplifier's input is pulled to",
     "drive-cable-off": "the cable between generator and amplifier is off: the input is pulled down, the generator continues",

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, Q
 
 from app.gui.widgets import choose_files, column, configure, make_button, make_label
 
-SIMULATED = (("sim", "Simulated bench"), ("ideal", "Simulated, ideal specimen"))
+SIMULATED = (("sim", "Simulated bench"), ("ideal", "Simulated, ideal"))
 
 
 class BenchList(QWidget):

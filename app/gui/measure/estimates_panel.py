@@ -102,7 +102,7 @@ class EstimatesPanel(QWidget):
                 format_with_uncertainty(slider.factor * e.value, slider.factor * e.standard_error, slider.unit)
             )
             history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
-        rests = f"± by noise only: everything else is as in {update.active_model.description}, and counts as exact, as does the sensor's gain."
+        rests = f"± by noise, hysteresis and creep: everything else is as in {update.active_model.description}, and counts as exact, as does the sensor's gain."
         self.note.setText(
             rests if estimates else TOO_FEW if update.message.startswith("not identifiable") else update.message
         )
