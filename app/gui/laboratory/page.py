@@ -3,7 +3,8 @@
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -36,6 +37,8 @@ from app.session import WindowState
 
 SPECIMENS, CHART, CERTIFICATES, AUDIT = range(4)
 Pane = FleetPane | ChartPane | CertificatesPane | AuditPane
+READ_DELAY_MS = 400
+"""After which a page that is shown again reads the folder: at once it would compete with its own painting."""
 VIEWS = ("Specimens", "Control chart", "Certificates", "Audit trail")
 
 
@@ -138,7 +141,10 @@ class LaboratoryPage(QWidget):
         self._records: FolderRecords | None = None
         self._excluded: tuple[Path, ...] = ()
         self._busy, self._read_due, self._reading = False, True, False
-        self._shown = dict[int, FolderRecords]()
+        self._due_timer = QTimer(self, singleShot=True, interval=READ_DELAY_MS)
+        self._due_timer.timeout.connect(self._request_reading)
+        self._messages = dict[int, tuple[str, bool]]()
+        self._shown = dict[int, tuple[FolderRecords, date]]()
         """What each view shows."""
         self.buttons = QButtonGroup(self)
         choices = []
@@ -209,7 +215,8 @@ class LaboratoryPage(QWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus; what other programs wrote meanwhile is read."""
-        self._read_due = True
+        if self._records is not None:
+            self._due_timer.start()
         self.show_view(self.view)
         self.buttons.button(self.view).setFocus()
 
@@ -242,6 +249,8 @@ class LaboratoryPage(QWidget):
         """Show one of the views."""
         self.buttons.button(view).setChecked(True)
         self.stack.setCurrentWidget(self._pane(view))
+        text, is_error = self._messages.get(view, ("", False))
+        self.message_label.show_message(text, is_error=is_error)
         self._show_records()
 
     def reload(self) -> None:
@@ -252,12 +261,18 @@ class LaboratoryPage(QWidget):
         simulated = True if self.kind_button.isChecked() else None
         self._reading, self._read_due = True, False
         self.progress_row.start("reading runs")
-        progress = self.progress_row.progress
-        self._worker.submit(
-            lambda: read_records(folder, index, simulated, progress, excluded), self._on_read, self._on_error
-        )
+        progress, before = self.progress_row.progress, self._records
+
+        def work() -> FolderRecords:
+            found = read_records(folder, index, simulated, progress, excluded)
+            return before if before is not None and found == before else found
+
+        self._worker.submit(work, self._on_read, self._on_error)
 
     # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _request_reading(self) -> None:
+        self._read_due = True
 
     def _pane(self, view: int) -> Pane:
         if view not in self._panes:
@@ -271,7 +286,7 @@ class LaboratoryPage(QWidget):
         if view == AUDIT:
             return AuditPane(self._theme, self.reload)
         kind = FleetPane if view == SPECIMENS else ChartPane
-        pane = kind(self._theme, self._worker, self._say)
+        pane = kind(self._theme, self._worker, partial(self._say, view))
         pane.run_open_requested.connect(self._open_run)
         return pane
 
@@ -279,7 +294,6 @@ class LaboratoryPage(QWidget):
         self._reading = False
         self.progress_row.finish()
         self._records = records
-        self._shown.clear()
         fleet = records.fleet
         self.simulated_mark.setVisible(fleet is not None and fleet.simulated)
         self.kind_button.setVisible(self.kind_button.isChecked() or (fleet is not None and fleet.left_out > 0))
@@ -298,31 +312,34 @@ class LaboratoryPage(QWidget):
     def _show_records(self) -> None:
         """Show in the visible view what was read, once."""
         records, view = self._records, self.view
-        if records is None or self._shown.get(view) is records:
+        today = datetime.now(UTC).date()
+        shown, day = self._shown.get(view, (None, today))
+        if records is None or (shown is records and day == today):
             return
-        self._shown[view] = records
-        self._say(records.problem if view in (SPECIMENS, CHART) else "", bool(records.problem))
+        self._shown[view] = (records, today)
+        self._say(view, "", is_error=False)
         match view:
             case 0:
                 self.fleet.show_fleet(records.folder, records.fleet, records.limits)
             case 1:
                 self.chart.show_fleet(records.folder, records.fleet, records.golden)
             case 2:
-                self.certificates.show_certificates(
-                    records.certificates, records.certificate_problems, datetime.now(UTC).date()
-                )
+                self.certificates.show_certificates(records.certificates, records.certificate_problems, today)
             case _:
                 self.audit.show_entries(records.folder, records.entries, records.audit_problems)
 
     def _on_error(self, error: Exception) -> None:
         self._reading = False
         self.progress_row.finish()
-        self._say(str(error), True)
+        self._say(self.view, str(error), is_error=True)
 
-    def _say(self, text: str, is_error: bool) -> None:
-        if not text and self._records is not None and self._records.problem and self.view in (SPECIMENS, CHART):
+    def _say(self, view: int, text: str, is_error: bool) -> None:
+        """Show a message of a view while that is visible; an empty one shows again why nothing could be read."""
+        if not text and self._records is not None and self._records.problem and view in (SPECIMENS, CHART):
             text, is_error = self._records.problem, True
-        self.message_label.show_message(text, is_error=is_error)
+        self._messages[view] = (text, is_error)
+        if view == self.view:
+            self.message_label.show_message(text, is_error=is_error)
 
     def _open_run(self, path: str) -> None:
         if self._records is not None:

@@ -201,3 +201,20 @@ def test_a_folder_without_runs_says_so(open_page: OpenPage, tmp_path: Path) -> N
         ) or page.message_label.text().startswith("No specimens: no simulated run in")
     page.show_view(AUDIT)
     assert not page.message_label.isVisible()
+
+
+def test_a_message_belongs_to_its_view_and_an_unchanged_folder_is_not_shown_again(page: LaboratoryPage) -> None:
+    page.show_view(CHART)
+    until(lambda: is_idle(page) and page.chart.view is not None)
+    page.chart.golden.setCurrentText("P0")
+    until(lambda: page.message_label.text().startswith("No control chart: P0 on"), "for the reason")
+    page.show_view(SPECIMENS)
+    assert not page.message_label.isVisible()
+    page.show_view(CHART)
+    assert page.message_label.text().startswith("No control chart: P0 on")
+    before, view = page._records, page.fleet.view
+    page.reload()
+    until(lambda: is_idle(page) and not page._reading)
+    page.show_view(SPECIMENS)
+    assert page._records is before
+    assert page.fleet.view is view
