@@ -13,13 +13,18 @@ import builtins
 import errno
 import io
 import os
+import runpy
+import shutil
 import signal
 import sys
+import tempfile
 import types
 from collections.abc import Callable
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Any
 
+CHILD = "--child"
+"""Before the arguments of Python in a process that the program starts."""
 THEN = "--then"
 """Between the arguments of one command and the next."""
 
@@ -101,6 +106,8 @@ def install() -> None:
         refuse_name(path)
         real_mkdir(path, *args, **kwargs)
 
+    vars(shutil)["_use_fd_functions"] = False  # rmtree by paths, as on Windows
+    vars(tempfile)["TemporaryFile"] = tempfile.NamedTemporaryFile  # there it has a name while it is open
     io.open = builtins.open = checked_open
     os.open, os.mkdir = checked_low, checked_mkdir
     fakes = {
@@ -147,7 +154,23 @@ def _checked(real: Callable[..., Any], paths: int) -> Callable[..., Any]:
     return call
 
 
+def run_children_here(folder: Path) -> None:
+    """Let the processes that the program starts run under the stand-in, too: `sys.executable` is a script that does."""
+    script = folder / "python-under-windows-rules"
+    script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {__spec__.name} {CHILD} "$@"\n', encoding="utf-8")
+    script.chmod(0o700)
+    sys.executable = str(script)
+
+
 if __name__ == "__main__":
+    if sys.argv[1:2] == [CHILD]:
+        install()
+        _, _, *arguments = [word for word in sys.argv if word != "-P"]
+        sys.argv = arguments[1:]
+        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
+        sys.exit(0)
+    children = tempfile.TemporaryDirectory(prefix="stand-in-")
+    run_children_here(Path(children.name))
     install()
     from app.cli.main import main, prepare_console
 

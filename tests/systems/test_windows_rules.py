@@ -70,6 +70,13 @@ def test_files_are_written_replaced_moved_and_listed_under_the_rules_of_windows(
     assert list((tmp_path / "reports").glob("*.pdf"))
 
 
+@pytest.mark.deep
+def test_watchdog_and_simulated_bench_are_processes_under_the_rules_of_windows(tmp_path: Path) -> None:
+    said = on_windows(tmp_path, ("run", "wiring-check", "--speed", "5", "--bench", "ideal", "--seed", "3"))
+    assert "at rest: the card sees 2.500 V" in said
+    assert "the watchdog takes it after 2 s" in said
+
+
 def test_the_stand_in_refuses_what_windows_refuses(tmp_path: Path) -> None:
     script = """
 import os, sys
