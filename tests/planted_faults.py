@@ -72,6 +72,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "model/identification/fit_result.py": "tests/model/identification/test_small_formulas.py tests/model/identification/test_calibration.py tests/model/identification/test_joint.py",
     },
     "campaign": {
+        "app/campaign/series.py": "tests/app/test_campaign_series.py tests/app/test_campaign_standing.py",
         "app/campaign/status.py": "tests/app/test_campaign_standing.py tests/app/test_campaign.py",
         "app/campaign/queue.py": "tests/app/test_campaign.py",
         "app/session/reducer.py": "tests/app/test_reducer_states.py tests/app/test_view.py",

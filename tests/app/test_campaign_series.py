@@ -12,7 +12,7 @@ from app.archive import RunSummary
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem, campaign_path
 from app.campaign.queue import CampaignRunner, next_item_after, rehearse_campaign
-from app.campaign.series import evaluate_items, series_curves
+from app.campaign.series import evaluate_items, series_curves, varied_unit
 from app.campaign.status import ItemState, ItemStatus, NextAction
 from app.cli.main import main
 from app.common import ExitCode
@@ -113,6 +113,7 @@ def test_a_series_is_done_when_each_value_is_and_its_curve_is_in_the_order_of_th
     one, two, three = made("a", 1.0, 1), made("b", 2.0, 3), made("c", 3.0, 2)
     assert (state().status, state().next_action) == (ItemStatus.MISSING, NextAction.RUN)
     assert [step.settings["peak_to_peak_v"] for step in state(one).pending] == [3.0, 2.0]
+    assert state(one).step == state(one).pending[0]
     stopped = state(one, made("s", 3.0, 2, "stopped"))
     assert (stopped.status, stopped.next_action) == (ItemStatus.UNFINISHED, NextAction.RESUME)
     assert stopped.resumed_run == Path("runs/s.h5")
@@ -127,6 +128,18 @@ def test_a_series_is_done_when_each_value_is_and_its_curve_is_in_the_order_of_th
         "resonance frequency_errors": [0.1] * 3,
         "resonance frequency_total_uncertainty": [0.2] * 3,
     }
+    assert curve.columns["peak_to_peak_v"].unit == "V"
+    assert varied_unit(CampaignItem("x", "unknown", varied="y", values=(1.0, 2.0))) == "1"
+    assert varied_unit(CampaignItem("x", "sine-dwell", varied="unknown", values=(1.0, 2.0))) == "1"
+    again = state(one, two, three, made("d", 3.0, 9), item=replace(SERIES, accepted=("a.h5", "b.h5", "c.h5")))
+    assert again.candidate is not None
+    assert again.candidate.name == "d.h5"
+    assert whole.candidate is None
+    first = CampaignItem("wiring", "wiring-check")
+    _, waiting = evaluate_items(Path("runs"), (first, replace(SERIES, needs=("wiring",))), {}, {"levels": (one,)}, {})
+    assert (waiting.status, waiting.next_action) == (ItemStatus.WAITING, NextAction.WAIT)
+    assert waiting.step is None
+    assert "1 of 3 values; needs wiring" in waiting.reason
     assert not whole.accepted
     assert state(one, two, three, item=replace(SERIES, accepted=("a.h5", "b.h5", "c.h5"))).accepted
     assert state(one, two, three, item=replace(SERIES, rejected=("c.h5",))).next_action is NextAction.RUN
