@@ -24,7 +24,7 @@ SETTLED_S = 0.3
 MIN_PERIODS = 3
 """Fewest periods of a piece that are used."""
 
-OUTLIER_SIGMAS = 4.0
+OUTLIER_SIGMAS = 3.0
 """Departure of a line from the smooth curve through its neighbours, in standard errors, that its error does not explain."""
 
 

@@ -61,7 +61,7 @@ class Laboratory:
         stiffening: relative increase of the stiffness at a deflection of 1 mm, with the square of it.
         delay_s: of the displacement, beyond what was corrected.
         gain_drift: share by which the dwells grow from the first to the last.
-        elongation_offset_m: added to every elongation.
+        elongation_offset_m, elongation_slip: added to every elongation, and share of it that the membrane's clamps lose.
         sensor_gain, load_gain, steps_gain: relative errors of scales, of all displacements, all weights, all steps.
         frequency_error: relative error of the frequency of the free dwell.
         membrane_gain, membrane_slip_m: of the fourth membrane dwell alone.
@@ -96,6 +96,7 @@ class Laboratory:
     delay_s: float = 0.0
     gain_drift: float = 0.0
     elongation_offset_m: float = 0.0
+    elongation_slip: float = 0.0
     sensor_gain: float = 0.0
     load_gain: float = 0.0
     steps_gain: float = 0.0
@@ -111,7 +112,7 @@ class Laboratory:
         if elongation_m is None:
             return 0.0, 0.0
         length, width = 0.17, 0.066
-        delta = (elongation_m + self.elongation_offset_m) / length
+        delta = (elongation_m * (1 - self.elongation_slip) + self.elongation_offset_m) / length
         tension = self.E_m * width * self.h_m * max(delta, 1e-9)
         u = length / 4 * np.sqrt(tension / (self.E_m * width * self.h_m**3 / 12))
         if u < 0.05:

@@ -243,9 +243,10 @@ def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Pa
 def test_a_sweep_in_pieces_is_the_models_within_its_error_bars(model: str, tmp_path: Path) -> None:
     """The steps between the points of such a generator fold onto some lines of some pieces, whose errors must say so.
 
-    Measured with seeds 2 and 3: rms z 0.91 to 1.04, 92 to 97 % within two errors; with seed 1 1.36 on a DG812.
+    On a DG812 onto 152.84 and 167.39 Hz, by 3e-4 to 5e-4 in all of six seeds: with the noise of this seed both depart from the curve through their neighbours by less than four
+    errors, and rms z was 1.36 while four was the limit. With three it is 0.82 to 1.25 (12 runs).
     """
-    with laboratory(simulated(generator={"model": model}, seed=2)) as lab:
+    with laboratory(simulated(generator={"model": model}, seed=1)) as lab:
         ran = run(Sweep(), tmp_path, lab)
     assert ran.status == "completed", ran.reason
     assert not [check.name for check in ran.verdict.checks if not check.passed]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
-LABORATORIES = 12
+LABORATORIES = 24
 
 
 @pytest.mark.deep
