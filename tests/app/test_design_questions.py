@@ -63,9 +63,11 @@ def test_the_standard_errors_are_the_scatter_of_drawn_parameters() -> None:
 def test_the_command_answers_from_the_calibration_and_says_what_cannot_be_reached(
     ask: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, ERRORS),), 1))
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, ERRORS | {"mass_fraction": (0.7, 0.01)}),), 1))
     given = ("--specimen", "T7", "--folder", str(tmp_path))
     got = ask("model", "added-mass", "--frequency", "160 Hz", *given)["added-mass"]
+    assert got["value"][2] == pytest.approx(got["value"][0] / 0.7)
+    assert got["standard_error"][2] > got["standard_error"][0] / 0.7
     assert got["value"][0] < got["value"][1] < 9e-3
     assert all(low < value < high for low, value, high in zip(got["low"], got["value"], got["high"], strict=True))
     drive = ask("model", "drive", "--amplitude", "100 um", "--frequency", "200 Hz", *given)["drive"]

@@ -1,5 +1,6 @@
 """Design topics of the command `model`: the added mass for a resonance, and the drive for an amplitude, from a calibration."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +14,16 @@ from app.cli.options import folder_option, group, option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model
-from model import AmplifierMap, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
+from app.identification.calibrations import read_calibrations
+from model import AmplifierMap, EstimatedQuantity, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
 from model.response import PERIODIC_FREQUENCY_SPEC, response_curve
 from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
 from model.studies.uncertainty import EstimateSet
 
 AMPLITUDE = ParameterSpec("amplitude", "m", Interval(gt=0), "max - min of the displacement", None)
 MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}
+MASS_SHARE = "mass_fraction"
+"""Estimate of the share of the added masses that moves with the centre."""
 COVERAGE_95 = 1.959964
 WITHOUT_ERRORS = "No --specimen with a calibration is given: the paper's values, or those of --set, whose uncertainties are not known."
 
@@ -76,18 +80,24 @@ class AddedMassTopic(DesignTopic):
         hz = read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
         peak = required_mass(specimen, hz, estimates, n=n)
         undamped = required_mass(specimen, hz, estimates, undamped=True, n=n)
-        table = _answer_table(
-            "added-mass",
-            f"Added mass for {hz:g} Hz",
-            (f"largest response at {hz:g} Hz", f"undamped natural frequency of {hz:g} Hz"),
-            (peak, undamped),
-            ("g", "kg"),
-        )
+        names = [f"largest response at {hz:g} Hz", f"undamped natural frequency of {hz:g} Hz"]
+        answers = [peak, undamped]
+        if (share := self._share_that_moves()) is not None:
+            names += [f"{name}, to put into the cylinder" for name in names]
+            answers += [_divided(answer, share) for answer in answers]
+        table = _answer_table("added-mass", f"Added mass for {hz:g} Hz", names, answers, ("g", "kg"))
         present = (
             f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: of what lies in "
             "the cylinder only a share does (the paper's 11 g moved as 7.73 g)."
         )
         return (table,), [present]
+
+    def _share_that_moves(self) -> EstimatedQuantity | None:
+        """Return the share of a mass in the cylinder that moves, where the calibration holds it."""
+        if self.specimen is None:
+            return None
+        estimates = read_calibrations(self.folder, self.specimen).get().estimates
+        return next((each for each in estimates if each.name == MASS_SHARE), None)
 
 
 @dataclass(frozen=True)
@@ -117,6 +127,15 @@ class DriveTopic(DesignTopic):
             ]
         note = f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
         return (table,), [f"{note} In proportion to the drive: the specimen's hysteresis is not in the model."]
+
+
+def _divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:
+    """Return an answer over a share, their errors taken as independent."""
+    value = answer.value / share.value
+    if answer.standard_error is None:
+        return DesignAnswer(value, None)
+    relative = math.hypot(answer.standard_error / answer.value, share.standard_error / share.value)
+    return DesignAnswer(value, abs(value) * relative)
 
 
 def _answer_table(
