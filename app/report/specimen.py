@@ -210,7 +210,8 @@ def fit_specimen(
         tactor, membrane = _fitted_parameters(found)
     except ValueError as error:  # the message names what the fit lacks
         return replace(paper_model, problem=str(error)), observations
-    damping = _damping_by_elongation(observations, sheet.fit_options(options, observations))
+    chosen = options if found.joint_fit is None else found.joint_fit.options
+    damping = _damping_by_elongation(observations, chosen)
     return SpecimenModel(
         tactor, membrane, amplifier, found, n, damping_by_elongation=damping, sheet=sheet
     ), observations

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from app.common import Table, display_unit, pluralize, typeset_unit
@@ -15,7 +15,9 @@ from app.identification import (
     format_relative,
     format_shares,
     held_parameters,
+    nonideality_tables,
     sheet_unit,
+    steps_line,
     unstated_errors,
 )
 from app.plotting.panels import PlotPanel, ReportPlot, StackedBar
@@ -88,6 +90,8 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         blocks.append(Paragraph(f"{text[:1].upper()}{text[1:]}."))
         if held := held_parameters(found):
             blocks.append(Paragraph(f"{held[:1].upper()}{held[1:]}"))
+        if added := steps_line(found, also="identify --also", plain="identify --plain"):
+            blocks.append(Paragraph(f"{added[:1].upper()}{added[1:]}", "bad"))
         blocks += [Paragraph(f"{text[:1].upper()}{text[1:]}.", "bad") for text in contradictions(found)]
         blocks += [Paragraph(_unidentified_text(each), "bad") for each in found.unidentified]
         blocks += [Paragraph(f"{note}.") for note in found.notes]
@@ -353,6 +357,8 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
     blocks: list[Block] = [Paragraph(f"{'. '.join([*remarks, sheet.description])}.")]
     if rows:
         blocks.append(Table.of_rows("Dimensions and masses", heads, rows))
+    if found is not None:
+        blocks += [replace(t, columns=tuple(c for c in t.columns if c.displayed)) for t in nonideality_tables(found)]
     if found is not None and (unstated := unstated_errors(found)):
         blocks.append(Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}."))
     if found is not None and (budget := found.budget) is not None:
