@@ -18,7 +18,7 @@ from protocols.base import RunStatus
 from protocols.measurements.latency import SINE, STEP, OnsetLatency
 from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
-from protocols.signals.onset import find_edge, first_crossing, last_crossing, smooth
+from protocols.signals.onset import edge_average, find_edge, first_crossing, last_crossing, smooth
 from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -129,6 +129,8 @@ def test_the_edge_of_a_staircase_and_crossings_of_a_noisy_line() -> None:
     assert edge.centroid_s == pytest.approx(0.030125, abs=2e-7)
     assert edge.duration_s == pytest.approx(2.5e-4, rel=0.01)
     assert edge.step_v == pytest.approx(2.5)
+    bent = edge_average(time**2, edge, rate)[3000] - time[3000] ** 2
+    assert bent == pytest.approx(2.5e-4**2 / 12, rel=0.15)
     with pytest.raises(ValueError, match="shows no step"):
         find_edge(np.full(6000, 2.5), rate, 2.5e-4, 0.02)
     noise = np.random.default_rng(1).normal(0, 0.01, time.size)
