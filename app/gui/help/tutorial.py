@@ -50,7 +50,7 @@ TUTORIALS = {
             ),
             Step(
                 "LIVE, in yellow and black: there is high voltage on the specimen. Each point falls on the model's curve. F8 pauses at rest "
-                "and resumes, Esc stops. Wait for the end, half a minute; a last prompt has you switch the high voltage off.",
+                "and resumes, Esc stops. Wait for the end, half a minute.",
                 lambda view, _: view.outcome is not None and view.outcome.verdict.outcome is Outcome.GOOD,
             ),
             Step(
@@ -65,11 +65,12 @@ TUTORIALS = {
             ),
             Step(
                 "UNSAFE: no program can bring this bench to rest, and the message says what to do by hand, now. On a real bench you switch the "
-                "high voltage off at the amplifier. Here: 'Clear all faults' (F9 shows it), F4 to acknowledge, F6 to connect again.",
-                lambda view, _: view.can_run and not view.unsafe,
+                "high voltage off at the amplifier. Here: 'Clear all faults' (Shift+F9), F4 to acknowledge. The sign stays UNSAFE until a run has measured "
+                "rest: F5, answer as before, and Esc when the sign is LIVE.",
+                lambda view, _: view.can_run and not view.unsafe and view.bench_state is not BenchState.UNSAFE,
             ),
             Step(
-                "Nothing measured was lost: press Ctrl+4. The list has both runs. Select the good one and press E: its points lie over the "
+                "Nothing measured was lost: press Ctrl+4. The list has all runs. Select a good one and press E: its points lie over the "
                 "model's curve on the page Explore.",
                 _on_page("Explore"),
             ),
@@ -187,6 +188,7 @@ class TutorialBand(QWidget):
         elif at >= 0:
             self._at, self._done = at, False
             self._show_step()
+            self._check()
 
     def _check(self) -> None:
         if not self._name or self._done or self._view is None:
