@@ -27,7 +27,11 @@ from .skin_model import Skin as Skin
 from .skin_model import point_stiffness as point_stiffness
 from .skin_model import skin as skin
 from .specimen import C_S as C_S
+from .specimen import CLAMP_FLEXIBILITY as CLAMP_FLEXIBILITY
+from .specimen import CREEP as CREEP
+from .specimen import HYSTERESIS as HYSTERESIS
 from .specimen import K_S as K_S
+from .specimen import NONIDEAL_NAMES as NONIDEAL_NAMES
 from .specimen import Specimen as Specimen
 from .specimen import replace_variables as replace_variables
 from .specimen import specimen_record as specimen_record

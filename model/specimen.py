@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
@@ -15,6 +16,26 @@ from model.skin_model import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
 K_S = parameter_specs(Skin)[0]
 C_S = parameter_specs(Skin)[1]
 SKIN_VARIABLES = (PRE_STRETCH, CONTACT_LENGTH, K_S, C_S)
+HYSTERESIS = ParameterSpec(
+    "hysteresis",
+    "1",
+    Interval(),
+    "share of the deflection at full drive that comes late, in proportion to the drive",
+    0.0,
+)
+CREEP = ParameterSpec(
+    "creep", "1", Interval(), "share of a deflection gained per decade of time, none at the time of 100 Hz", 0.0
+)
+CLAMP_FLEXIBILITY = ParameterSpec(
+    "clamp_flexibility",
+    "1",
+    Interval(gt=-1),
+    "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer",
+    0.0,
+)
+NONIDEAL_VARIABLES = (HYSTERESIS, CREEP, CLAMP_FLEXIBILITY)
+"""What the beam model of the paper leaves out. The first two act on the response to a voltage (`model.response.lag`), not on the beam."""
+NONIDEAL_NAMES = tuple(each.name for each in NONIDEAL_VARIABLES)
 
 
 class BeamCoefficients(NamedTuple):
@@ -26,15 +47,18 @@ class BeamCoefficients(NamedTuple):
 
 
 def variable_specs() -> dict[str, ParameterSpec]:
-    """Everything that can be varied, by name: fields of Tactor and Membrane, delta, contact_length, k_s and c_s."""
-    return {q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), *SKIN_VARIABLES)}
+    """Everything that can be varied, by name: fields of Tactor and Membrane, delta, contact_length, k_s, c_s, hysteresis, creep and clamp_flexibility."""
+    return {
+        q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), *SKIN_VARIABLES, *NONIDEAL_VARIABLES)
+    }
 
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
 
-    `k_s` and `c_s`, where given, replace those of the membrane; None is as described in `model.skin_model`.
+    `k_s` and `c_s`, where given, replace those of the membrane; None is as described in `model.skin_model`. `hysteresis` and
+    `creep` are those of its MFC, `clamp_flexibility` that of its clamp.
 
     Raises:
         ParameterError: a value is not physical.
@@ -46,9 +70,20 @@ class Specimen:
     contact_length: float | None = None
     k_s: float | None = None
     c_s: float | None = None
+    hysteresis: float = 0.0
+    creep: float = 0.0
+    clamp_flexibility: float = 0.0
 
     def __post_init__(self) -> None:
-        self.coefficients({})
+        self.coefficients({each.name: getattr(self, each.name) for each in NONIDEAL_VARIABLES})
+
+    @property
+    def acting_tactor(self) -> Tactor:
+        """The tactor whose bare plate is longer by what bends as far as the clamp turns."""
+        if not self.clamp_flexibility:
+            return self.tactor
+        longer = self.clamp_flexibility * self.tactor.L1
+        return replace(self.tactor, **{name: getattr(self.tactor, name) + longer for name in ("L", "L1", "L2")})
 
     @property
     def skin(self) -> Skin:
@@ -63,8 +98,8 @@ class Specimen:
         if self.membrane is not None and name in {q.name for q in parameter_specs(Membrane)}:
             return float(getattr(self.membrane, name))
         match name:
-            case "delta":
-                return self.delta
+            case "delta" | "hysteresis" | "creep" | "clamp_flexibility":
+                return float(getattr(self, name))
             case "k_s" | "c_s":
                 return float(getattr(self.skin, name))
             case "contact_length":
@@ -83,6 +118,10 @@ class Specimen:
                 raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
         v = {name: known[name].check(value) for name, value in values.items()}
         of_tactor = {q.name for q in parameter_specs(Tactor)}
+        flexibility = v.get("clamp_flexibility", np.asarray(self.clamp_flexibility))
+        if np.any(flexibility):
+            longer = flexibility * v.get("L1", np.asarray(self.tactor.L1))
+            v |= {name: v.get(name, np.asarray(getattr(self.tactor, name))) + longer for name in ("L", "L1", "L2")}
         beam = beams(self.tactor, {name: a for name, a in v.items() if name in of_tactor})
         k_s, c_s = self._membrane_skin(v, beam)
         for quantity, given in ((K_S, self.k_s), (C_S, self.c_s)):
@@ -114,13 +153,13 @@ def replace_variables(base: Specimen, values: Mapping[str, float]) -> Specimen:
         membrane = Membrane()
     if membrane is not None:
         membrane = replace(membrane, **_select_values(values, of_membrane))
-    rest: Any = _select_values(values, {"delta", "contact_length", "k_s", "c_s"})
+    rest: Any = _select_values(values, {each.name for each in (*SKIN_VARIABLES, *NONIDEAL_VARIABLES)})
     return replace(base, tactor=replace(base.tactor, **_select_values(values, of_tactor)), membrane=membrane, **rest)
 
 
 def specimen_record(specimen: Specimen) -> dict[str, float]:
     """Return every variable that the specimen has, SI, by name."""
-    free = {q.name for q in parameter_specs(Tactor)} | {"k_s", "c_s"}
+    free = {q.name for q in parameter_specs(Tactor)} | {"k_s", "c_s", *NONIDEAL_NAMES}
     return {name: specimen.value(name) for name in variable_specs() if specimen.membrane is not None or name in free}
 
 

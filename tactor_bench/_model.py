@@ -1,13 +1,24 @@
 """Frequency response of a tactor on skin or membrane, with the band of a calibration."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model import AmplifierMap, Array, Complex, Membrane, ParameterError, Skin, Specimen, Tactor
+from model import (
+    NONIDEAL_NAMES,
+    AmplifierMap,
+    Array,
+    Complex,
+    Membrane,
+    ParameterError,
+    Skin,
+    Specimen,
+    Tactor,
+    replace_variables,
+)
 from model.identification import Calibration, parse_elongation
 from model.response import (
     PeriodicResponse,
@@ -16,6 +27,7 @@ from model.response import (
     check_frequency,
     choose_shapes,
     frequency_response,
+    with_lag,
 )
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
@@ -118,6 +130,7 @@ def response(
         k_s=skin.k_s if skin else None,
         c_s=skin.c_s if skin else own_damping,
     )
+    specimen = replace_variables(specimen, known.nonideal if known else {})
     if shapes is None and known is None:
         highest_hz = float(np.max(check_frequency(frequencies_hz)))
         shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
@@ -125,9 +138,10 @@ def response(
     amplifier = amplifier or AmplifierMap()
 
     def driven(specimen: Specimen, f: ArrayLike) -> PeriodicResponse:
-        return amplifier_response(
-            specimen.tactor, f, peak_to_peak_v / 2, offset_v, amplifier, specimen.skin, waveform, n, position_m
+        beam = amplifier_response(
+            specimen.acting_tactor, f, peak_to_peak_v / 2, offset_v, amplifier, specimen.skin, waveform, n, position_m
         )
+        return with_lag(beam, specimen, peak_to_peak_v / 2, offset_v, amplifier)
 
     got = driven(specimen, frequencies_hz)
     bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
@@ -137,7 +151,7 @@ def response(
         got.frequency_hz,
         got.peak_to_peak,
         got.fundamental,
-        frequency_response(specimen.tactor, frequencies_hz, specimen.skin, n, position_m),
+        frequency_response(specimen.acting_tactor, frequencies_hz, specimen.skin, n, position_m),
         *bands,
         specimen,
     )
@@ -166,13 +180,18 @@ class _Known:
     def estimates(self, specimen: Specimen) -> EstimateSet | None:
         """Return those that the specimen's response depends on by name; None where there are none."""
         kinds = (Tactor,) if specimen.membrane is None else (Tactor, Membrane)
-        wanted = {each.name for kind in kinds for each in fields(kind)}
+        wanted = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)
         at = [i for i, name in enumerate(self.names) if name in wanted]
         if not at:
             return None
         return EstimateSet(
             tuple(self.names[i] for i in at), tuple(self.values[i] for i in at), self.covariance[np.ix_(at, at)]
         )
+
+    @property
+    def nonideal(self) -> dict[str, float]:
+        """Hysteresis, creep and flexibility of the clamp, where they were identified."""
+        return {name: v for name, v in zip(self.names, self.values, strict=True) if name in NONIDEAL_NAMES}
 
     def damping_at(self, elongation_m: float) -> float | None:
         """Return the skin's damping where it was identified for this elongation by itself."""
@@ -200,7 +219,7 @@ def _bands(
         rows = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
         both = np.empty((len(rows), 2, f.size))
         for row, given in enumerate(rows):
-            moved = _moved(specimen, given)
+            moved = replace_variables(specimen, {name: float(value) for name, value in given.items()})
             for part in parts:
                 one = driven(moved, f[part])
                 both[row, :, part] = np.stack((one.peak_to_peak, np.abs(one.fundamental)), axis=1)
@@ -213,12 +232,3 @@ def _bands(
         for centre, error, reach in zip((got.peak_to_peak, np.abs(got.fundamental)), errors, reaches, strict=True)
     )
     return first, second
-
-
-def _moved(specimen: Specimen, values: Mapping[str, float]) -> Specimen:
-    def only(kind: type) -> dict[str, Any]:
-        names = {each.name for each in fields(kind)}
-        return {name: float(value) for name, value in values.items() if name in names}
-
-    membrane = specimen.membrane and replace(specimen.membrane, **only(Membrane))
-    return replace(specimen, tactor=replace(specimen.tactor, **only(Tactor)), membrane=membrane)

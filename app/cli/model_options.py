@@ -266,7 +266,8 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: Act
         specimen = replace_variables(Specimen(base.tactor, base.membrane), values)
         values["delta"] = read_number(options.elongation, ELONGATION) / specimen.value("L_m")
     pressed = on_membrane or bool(values.keys() & MEMBRANE_VARIABLES)
-    return replace_variables(Specimen(base.tactor, base.membrane if pressed else None), values)
+    membrane = base.membrane if pressed else None
+    return replace_variables(Specimen(base.tactor, membrane), {**base.nonideal, **values})
 
 
 def describe_specimen(specimen: Specimen) -> str:

@@ -57,6 +57,7 @@ from model.response import (
     step_response,
     tactor_modal_form,
     usable_bands,
+    with_lag,
 )
 from model.response import frequency_response as receptance
 from model.studies.paper_figures import FigureCurve, PaperFigure
@@ -89,7 +90,7 @@ class FrequencyResponseTopic(Topic):
 
     def compute(self) -> CommandResult:
         specimen = read_specimen(self)
-        t, skin = specimen.tactor, specimen.skin
+        t, skin = specimen.acting_tactor, specimen.skin
         default = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
         f = np.array(read_values(default if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
         choice = self.shapes.choose(specimen, float(f.max()))
@@ -97,7 +98,8 @@ class FrequencyResponseTopic(Topic):
         amplitude, offset = self.drive.read()
         position = ParameterSpec("at", "m", Interval(ge=0, le=t.L), "distance from the clamp", None)
         at = None if self.at is None else read_number(self.at, position)
-        response = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
+        beam = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
+        response = with_lag(beam, specimen, amplitude, offset, AmplifierMap())
         twice = 2 * np.abs(response.fundamental)
         H = receptance(t, f, skin, n, at)
         felt = read_threshold(self.threshold)
@@ -148,7 +150,7 @@ class StepTopic(Topic):
     def compute(self) -> CommandResult:
         specimen = read_specimen(self)
         choice = self.shapes.choose(specimen)
-        t, skin, n = specimen.tactor, specimen.skin, choice.n
+        t, skin, n = specimen.acting_tactor, specimen.skin, choice.n
         volts, hz = read_number(self.voltage, VOLTAGE), read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
         amplitude, offset = self.drive.read()
         threshold, tolerance = (

@@ -50,28 +50,31 @@ def fit_runs(
     if elongation is not None:
         names = {elongation_parameter(letter, elongation): letter for letter in ("k_s", "c_s")}
     observed = tuple(_observation(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
+    held = {name: setting.value(name) for name in PIEZOELECTRIC_LAG}
+    if all(run.fundamental_m is not None and np.iscomplexobj(run.fundamental_m) for run in observed):
+        names |= {name: name for name in PIEZOELECTRIC_LAG}
+        held = {}
     start = {name: setting.value(letter) for name, letter in names.items()}
-    lag = (
-        PIEZOELECTRIC_LAG
-        if all(run.fundamental_m is not None and np.iscomplexobj(run.fundamental_m) for run in observed)
-        else ()
-    )
     options = FitOptions(
-        tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), also=lag, start=start
+        tactor=specimen.acting_tactor,
+        membrane=specimen.membrane or Membrane(),
+        free=tuple(names),
+        fixed=held,
+        start=start,
     )
     fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
-        if not np.isfinite(found[name]):
+        if not np.isfinite(found[name]) and name not in PIEZOELECTRIC_LAG:
             raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
-        setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
+        if np.isfinite(found[name]):
+            setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
     noise = {e.name: e.standard_error for e in fit.estimates()}
     rest = _dimension_errors(ObservationSet(observed), replace(options, start=found), setting, cancelled)
     described = [
         _format_parameter(letter, found[name], noise.get(name, np.nan), rest.get(name, 0.0))
         for name, letter in names.items()
     ]
-    described += [f"{name} {100 * found[name]:.2g} %{unit}" for name, unit in zip(lag, ("", " a decade"), strict=False)]
     return ExploreFit(setting, "; ".join((*described, ERRORS_NOTE, fit.verdict if fit.converged else fit.message)))
 
 

@@ -49,10 +49,15 @@ GROUPS: Mapping[str, Sequence[SliderSpec]] = {
         SliderSpec("k2", "stiffness k₂, with MFC", "N mm^2", 1e6, 2e-3, 3e-2, True),
         SliderSpec("mu", "moment per volt μ", "N mm/kV", 1e6, -4e-5, 0.0),
     ),
+    "Lag of the MFC": (
+        SliderSpec("hysteresis", "hysteresis", "%", 1e2, 0.0, 0.3),
+        SliderSpec("creep", "creep a decade", "%", 1e2, 0.0, 0.05),
+    ),
     "Clamp and geometry": (
         SliderSpec("L", "clamp to centre L", "mm", 1e3, 16e-3, 40e-3),
         SliderSpec("L1", "clamp to MFC L₁", "mm", 1e3, 1e-3, 14e-3),
         SliderSpec("L2", "clamp to cylinder L₂", "mm", 1e3, 9e-3, 21e-3),
+        SliderSpec("clamp_flexibility", "flexibility of the clamp", "%", 1e2, 0.0, 0.2),
         SliderSpec("b_Al", "plate width", "mm", 1e3, 5e-3, 40e-3),
         SliderSpec("h_Al", "plate thickness", "mm", 1e3, 0.05e-3, 0.6e-3),
     ),

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.explore.sliders import SLIDERS, SliderSpec
-from model import Membrane, Specimen, Tactor, parameter_specs, replace_variables, variable_specs
+from model import NONIDEAL_NAMES, Membrane, Specimen, Tactor, parameter_specs, replace_variables, variable_specs
 
 if TYPE_CHECKING:
     from model.studies.parameter_study import Study
 
-TACTOR_PARAMETERS = frozenset(q.name for q in parameter_specs(Tactor))
+TACTOR_PARAMETERS = frozenset((*(q.name for q in parameter_specs(Tactor)), *NONIDEAL_NAMES))
+"""Parameters that a free tactor has."""
 DERIVED_PARAMETERS = ("k_s", "c_s", "contact_length")
 """Parameters that follow from the membrane or the geometry unless they are set."""
 

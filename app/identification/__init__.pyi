@@ -7,6 +7,7 @@ from .active_model import PAPER_MODEL as PAPER_MODEL
 from .active_model import ActiveModel as ActiveModel
 from .active_model import load_active_model as load_active_model
 from .active_model import reference_model as reference_model
+from .active_model import same_elongation as same_elongation
 from .calibrations import CalibrationError as CalibrationError
 from .calibrations import Calibrations as Calibrations
 from .calibrations import calibrations_path as calibrations_path

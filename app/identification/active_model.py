@@ -1,12 +1,14 @@
 """Model parameters of a specimen: its active calibration, or the paper's values if it has none."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import Membrane, Tactor
+from model import NONIDEAL_NAMES, Membrane, Specimen, Tactor, replace_variables
 from protocols.base import ReferenceModel
 from protocols.runfile.names import sheet_path
 
@@ -33,6 +35,20 @@ class ActiveModel:
     """Identified parameters of tactor and membrane; None if none has a standard error."""
     damping_by_elongation: tuple[tuple[float, float], ...] = ()
     """Elongation (m) and skin damping (kg/(m s)) where it was identified for single elongations."""
+    nonideal: Mapping[str, float] = field(default_factory=dict)
+    """Hysteresis, creep and flexibility of the clamp, where they were identified."""
+
+    def specimen(self, elongation_m: float | None = None) -> Specimen:
+        """Return the specimen, free or on its membrane at an elongation (m).
+
+        Raises:
+            ParameterError: a value is not physical there.
+        """
+        if elongation_m is None:
+            return replace_variables(Specimen(self.tactor), self.nonideal)
+        alone = next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
+        stretch = elongation_m / self.membrane.L_m
+        return replace_variables(Specimen(self.tactor, self.membrane, stretch, c_s=alone), self.nonideal)
 
 
 PAPER_MODEL = ActiveModel(Tactor(), None, "the paper's values")
@@ -73,7 +89,10 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         if active.doubt:
             words = f"{words} (accepted although {active.doubt.partition(':')[0]})"
         trouble = "" if of_tactor else "nothing of it has an error"
-        return ActiveModel(active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping)
+        nonideal = {e.name: e.value for e in active.estimates if e.name in NONIDEAL_NAMES}
+        return ActiveModel(
+            active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping, nonideal
+        )
     except (CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 
@@ -106,9 +125,14 @@ def _select_estimates(estimates: "EstimateSet", *kinds: type) -> "EstimateSet | 
     """Return the estimates of the fields of some parameter classes; None if there are none."""
     from model.studies.uncertainty import EstimateSet
 
-    known = {each.name for kind in kinds for each in fields(kind)}
+    known = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)
     at = [i for i, name in enumerate(estimates.names) if name in known]
     if not at:
         return None
     names, values = tuple(estimates.names[i] for i in at), tuple(estimates.values[i] for i in at)
     return EstimateSet(names, values, estimates.covariance[np.ix_(at, at)])
+
+
+def same_elongation(one_m: float, other_m: float) -> bool:
+    """Return whether two elongations (m) are one that was set twice."""
+    return math.isclose(one_m, other_m, rel_tol=1e-5, abs_tol=1e-8)

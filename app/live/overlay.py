@@ -1,17 +1,17 @@
 """Overlay of the model's curve with its error band under measured points, computed in a background thread and cached."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.identification import PAPER_MODEL, ActiveModel, load_active_model
+from app.identification import PAPER_MODEL, ActiveModel, load_active_model, same_elongation
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import CurveCache, ModelCurve
-from model import AmplifierMap, Array, ParameterError
+from model import AmplifierMap, Array, ParameterError, replace_variables
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
@@ -78,7 +78,14 @@ class OverlayCurve(ModelCurve):
         """Return the curve at an elongation, None or NaN for the free tactor; None if there is no such curve."""
         if elongation_m is None or math.isnan(elongation_m):
             return self
-        return next((curve for curve in self.on_membrane if _same_elongation(curve.elongation_m, elongation_m)), None)
+        return next(
+            (
+                c
+                for c in self.on_membrane
+                if c.elongation_m is not None and same_elongation(c.elongation_m, elongation_m)
+            ),
+            None,
+        )
 
 
 class Overlay:
@@ -136,31 +143,32 @@ class Overlay:
         self._result = request, result
 
     def _compute_all(self, request: CurveRequest, active_model: ActiveModel) -> OverlayCurve:
-        from model import Specimen
-
-        free = self._compute_curve(request, active_model, Specimen(active_model.tactor))
+        free = self._compute_curve(request, active_model, active_model.specimen())
         on = []
         for elongation_m in request.elongations_m:
-            alone = next(
-                (c_s for at, c_s in active_model.damping_by_elongation if _same_elongation(at, elongation_m)), None
-            )
             try:
-                pressed = Specimen(
-                    active_model.tactor, active_model.membrane, elongation_m / active_model.membrane.L_m, c_s=alone
-                )
+                pressed = active_model.specimen(elongation_m)
                 on.append(replace(self._compute_curve(request, active_model, pressed), elongation_m=elongation_m))
             except ParameterError:  # for example a damping below zero: no curve at this elongation
                 continue
         return replace(free, on_membrane=tuple(on))
 
     def _compute_curve(self, request: CurveRequest, active_model: ActiveModel, specimen: "Specimen") -> OverlayCurve:
-        from model.response import amplifier_response  # lazily: scipy.linalg loads in 0.25 s
+        from model.response import amplifier_response, with_lag  # lazily: scipy.linalg loads in 0.25 s
 
         frequency = np.linspace(LOWEST_HZ, max(request.max_hz, 2 * LOWEST_HZ), FREQUENCIES)
         amplitude_v, amplifier = request.amplitude_v, self.amplifier
         # The relevant harmonics reach up to the same frequency: low ones need many, so they are computed separately.
         driven = [
-            amplifier_response(specimen.tactor, part, amplitude_v, amplifier.rest_v, amplifier, skin=specimen.skin)
+            with_lag(
+                amplifier_response(
+                    specimen.acting_tactor, part, amplitude_v, amplifier.rest_v, amplifier, skin=specimen.skin
+                ),
+                specimen,
+                amplitude_v,
+                amplifier.rest_v,
+                amplifier,
+            )
             for part in np.split(frequency, np.searchsorted(frequency, SPLIT_HZ))
             if part.size
         ]
@@ -183,7 +191,7 @@ class Overlay:
 
         def both(values: tuple[float, ...]) -> Array:
             given = dict(zip(estimates.names, values, strict=True))
-            got = response_curve(_with_parameters(specimen, given), frequency, request.amplitude_v, self.amplifier)
+            got = response_curve(replace_variables(specimen, given), frequency, request.amplitude_v, self.amplifier)
             return np.concatenate((got.peak_to_peak, np.abs(got.fundamental)))
 
         band = linear_band(
@@ -197,17 +205,3 @@ def elongations_of(points: Iterable[Any]) -> tuple[float, ...]:
     """Return the elongations of the membrane at which points were measured, rising; the free tactor has none."""
     found = {float(getattr(point, "elongation", math.nan)) for point in points}
     return tuple(sorted(elongation for elongation in found if not math.isnan(elongation)))
-
-
-def _same_elongation(one_m: float | None, other_m: float) -> bool:
-    return one_m is not None and math.isclose(one_m, other_m, rel_tol=1e-5, abs_tol=1e-8)
-
-
-def _with_parameters(specimen: "Specimen", given: Mapping[str, float]) -> "Specimen":
-    """Return a specimen with other parameters of the tactor and, if there is one, the membrane."""
-    tactor, membrane = specimen.tactor, specimen.membrane
-    names = {field.name for field in fields(tactor)}
-    tactor = replace(tactor, **{name: value for name, value in given.items() if name in names})
-    if membrane is not None:
-        membrane = replace(membrane, **{name: value for name, value in given.items() if name not in names})
-    return replace(specimen, tactor=tactor, membrane=membrane)

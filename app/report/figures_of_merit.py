@@ -12,7 +12,7 @@ from annotated_types import Interval
 from app.common import NO_PROGRESS, Progress
 from app.identification import SpecimenSheet
 from app.report.runs import ReportRun
-from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel, fit_specimen
+from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, Effects, SpecimenModel, acting_tactor, fit_specimen
 from model import Array, EstimatedQuantity, Membrane, ParameterSpec, Tactor
 from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
 from model.response import (
@@ -106,8 +106,8 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     """Compute the latency by the model; None if it cannot be evaluated."""
     volts = float(specimen.amplifier.specimen_v(specimen.amplifier.high_v))
 
-    def figures(tactor: Tactor, _: Membrane) -> Array:
-        step = step_latency(tactor, volts, THRESHOLD_M, n=specimen.n)
+    def figures(tactor: Tactor, _: Membrane, effects: Effects) -> Array:
+        step = step_latency(acting_tactor(tactor, effects), volts, THRESHOLD_M, n=specimen.n)
         return np.array([np.nan if t is None else t for t in (step.to_threshold_s, step.rise_s, step.overshoot)], float)
 
     band = specimen.curve_with_band(figures)

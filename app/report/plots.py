@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
-from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, SpecimenModel
+from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, Effects, SpecimenModel, acting_tactor
 from model import Array, Mask
 from model.identification import (
+    LOADING_TIME_S,
+    STEP_TIME_S,
     FrequencyResponseObservation,
     MassResonanceObservation,
     ObservationSet,
@@ -21,7 +23,7 @@ from model.identification import (
     VoltageStepsObservation,
     resonance_frequencies,
 )
-from model.response import THRESHOLD_M, load_compliance, voltage_gain
+from model.response import REFERENCE_S, THRESHOLD_M, load_compliance, voltage_gain
 from model.studies.uncertainty import UncertaintyBand
 
 TITLE = "Fig. 9: frequency response"
@@ -148,8 +150,12 @@ def loading_plot(specimen: SpecimenModel, runs: Sequence[StaticLoadingObservatio
     if not runs:
         return None
     load = np.linspace(0, 1.05 * max(float(run.load_n.max()) for run in runs), 40)
-    band = specimen.curve_with_band(lambda t, _: load_compliance(t) * load)
-    per_newton = load_compliance(specimen.tactor)
+    band = specimen.curve_with_band(
+        lambda t, _, effects: load_compliance(acting_tactor(t, effects)) * load * crept(effects, LOADING_TIME_S)
+    )
+    per_newton = load_compliance(acting_tactor(specimen.tactor, specimen.effects)) * crept(
+        specimen.effects, LOADING_TIME_S
+    )
     looks = {"mfc": ("o", "MFC side"), "aluminium": ("s", "aluminium side"), "both": ("D", "both sides")}
     dots = tuple(
         MeasuredPoints(
@@ -186,7 +192,11 @@ def resonance_plot(specimen: SpecimenModel, runs: Sequence[MassResonanceObservat
     grid = np.linspace(masses.min(), masses.max(), 40) if np.ptp(masses) else masses[:1] * np.array([0.95, 1, 1.05])
     damped = {run.label: np.full(run.mass_kg.size, run.meaning == "peak") for run in runs}
     peaks = np.full(grid.size, runs[0].meaning == "peak")
-    band = specimen.curve_with_band(lambda t, _: resonance_frequencies(t, grid, peaks, specimen.n)[0])
+    band = specimen.curve_with_band(
+        lambda t, _, effects: resonance_frequencies(
+            acting_tactor(t, effects), acting(effects, grid), peaks, specimen.n
+        )[0]
+    )
     dots = tuple(
         MeasuredPoints(
             "measured" if len(runs) == 1 else start_time_label(run.label),
@@ -195,7 +205,12 @@ def resonance_plot(specimen: SpecimenModel, runs: Sequence[MassResonanceObservat
             COVERAGE_FACTOR_95 * run.errors_hz,
             run.usable,
             "os^Dv"[i % 5],
-            resonance_frequencies(specimen.tactor, run.mass_kg, damped[run.label], specimen.n)[0],
+            resonance_frequencies(
+                acting_tactor(specimen.tactor, specimen.effects),
+                acting(specimen.effects, run.mass_kg),
+                damped[run.label],
+                specimen.n,
+            )[0],
         )
         for i, run in enumerate(runs)
     )
@@ -218,7 +233,11 @@ def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation])
         return None
     map_ = specimen.amplifier
     volts = np.linspace(map_.low_v, map_.high_v, 51)
-    band = specimen.curve_with_band(lambda t, _: voltage_gain(t) * map_.specimen_v(volts))
+    band = specimen.curve_with_band(
+        lambda t, _, effects: (
+            voltage_gain(acting_tactor(t, effects)) * map_.specimen_v(volts) * crept(effects, STEP_TIME_S)
+        )
+    )
 
     def chosen(pick: Callable[[VoltageStepsObservation], Mask], label: str, marker: str) -> Iterable[MeasuredPoints]:
         at = [pick(run) for run in runs]
@@ -227,7 +246,12 @@ def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation])
                 (r.input_v[a], 1e6 * r.deflection_m[a], 1e6 * COVERAGE_FACTOR_95 * r.errors_m[a])
                 for r, a in zip(runs, at, strict=True)
             )
-            model = 1e6 * voltage_gain(specimen.tactor) * map_.specimen_v(x)
+            model = (
+                1e6
+                * voltage_gain(acting_tactor(specimen.tactor, specimen.effects))
+                * map_.specimen_v(x)
+                * crept(specimen.effects, STEP_TIME_S)
+            )
             yield MeasuredPoints(
                 label, x, y, half, _concatenate(r.usable[a] for r, a in zip(runs, at, strict=True)), marker, model
             )
@@ -266,7 +290,7 @@ def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
     values, errors = np.array([specimen.damping_by_elongation[e] for e in elongation]).T
     delta = 100 * elongation / specimen.membrane.L_m
     grid = np.linspace(0.0, 1.05 * float(delta.max()), 30)
-    band = specimen.curve_with_band(lambda _, m: m.c_s_delta * grid / 100 + m.c_s_0)
+    band = specimen.curve_with_band(lambda _, m, __: m.c_s_delta * grid / 100 + m.c_s_0)
     line = specimen.membrane.c_s_delta * delta / 100 + specimen.membrane.c_s_0
     dots = MeasuredPoints(
         "each by itself", delta, values, COVERAGE_FACTOR_95 * errors, np.ones(delta.size, bool), "o", line
@@ -284,6 +308,16 @@ def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
         "intercept is free here, fixed in the paper. Bars and band: 95 %."
     )
     return ReportPlot("Fig. 8: damping by the skin", (panel,), caption)
+
+
+def crept(effects: Effects, time_s: float) -> float:
+    """Return the factor of a deflection that creeps for so long after its step."""
+    return 1 + effects["creep"] * float(np.log10(time_s / REFERENCE_S))
+
+
+def acting(effects: Effects, mass_kg: Array) -> Array:
+    """Return the masses that act at the centre, of those put in the cylinder, (F,)."""
+    return effects["mass_fraction"] * mass_kg + effects["mass_offset"]
 
 
 def _concatenate(parts: Iterable[NDArray[Scalar]]) -> NDArray[Scalar]:

@@ -14,6 +14,7 @@ from model import (
     Membrane,
     ParameterError,
     Skin,
+    Specimen,
     Tactor,
     parameter_specs,
     skin,
@@ -28,10 +29,21 @@ from model.identification import (
     parameter_spec,
     parse_elongation,
 )
-from model.response import driven_amplitudes
+from model.response import driven_amplitudes, lag_factor
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
-CurveFunction = Callable[[Tactor, Membrane], Array]
+Effects = Mapping[str, float]
+"""What the beam model leaves out, by name."""
+CurveFunction = Callable[[Tactor, Membrane, Effects], Array]
+
+NO_EFFECTS: Effects = {
+    "creep": 0.0,
+    "hysteresis": 0.0,
+    "mass_fraction": 1.0,
+    "mass_offset": 0.0,
+    "clamp_flexibility": 0.0,
+}
+"""Those that the curves have, at their values in a specimen without them."""
 
 LOW_HZ, HIGH_HZ = 5.0, 250.0
 """Frequency range in which the perception threshold is known (paper, Sec. I)."""
@@ -67,6 +79,7 @@ class SpecimenModel:
     """Elongation (m) -> c_s and its standard error, from a fit with separate damping for every elongation."""
     sheet: SpecimenSheet = field(default_factory=SpecimenSheet)
     """Dimensions and masses."""
+    effects: Effects = field(default_factory=lambda: NO_EFFECTS)
 
     @property
     def description(self) -> str:
@@ -118,7 +131,7 @@ class SpecimenModel:
         try:
             estimates = self._estimates()
             if estimates is None:
-                centre = curve(self.tactor, self.membrane)
+                centre = curve(self.tactor, self.membrane, self.effects)
                 return UncertaintyBand(centre, np.zeros_like(centre), centre, centre)
 
             def rows(varied: Mapping[str, Array]) -> Array:
@@ -142,7 +155,7 @@ class SpecimenModel:
     def curve_values(self, curve: CurveFunction) -> Array | None:
         """Return a model curve; None if the model cannot be evaluated."""
         try:
-            return curve(self.tactor, self.membrane)
+            return curve(self.tactor, self.membrane, self.effects)
         except ParameterError:
             return None
 
@@ -151,10 +164,14 @@ class SpecimenModel:
     ) -> CurveFunction:
         """Return a function for max - min (or 2 x fundamental) of the centre (m) under a sine around rest; (F,)."""
 
-        def curve(tactor: Tactor, membrane: Membrane) -> Array:
+        def curve(tactor: Tactor, membrane: Membrane, effects: Effects) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
+            tactor = acting_tactor(tactor, effects)
             whole, fundamental = driven_amplitudes(tactor, frequency_hz, amplitude_v, self.amplifier, on, self.n)
-            return whole if peak_to_peak else 2 * fundamental
+            lag = lag_factor(
+                effects["hysteresis"], effects["creep"], frequency_hz, amplitude_v, amplifier=self.amplifier
+            )
+            return np.abs(lag) * (whole if peak_to_peak else 2 * fundamental)
 
         return curve
 
@@ -167,7 +184,7 @@ class SpecimenModel:
     def _estimates(self) -> EstimateSet | None:
         if self.identification is None:
             return None
-        keep = [i for i, e in enumerate(self.estimates) if e.name in variable_specs()]
+        keep = [i for i, e in enumerate(self.estimates) if e.name in variable_specs() or e.name in NO_EFFECTS]
         if not keep:
             return None
         chosen = [self.estimates[i] for i in keep]
@@ -177,12 +194,18 @@ class SpecimenModel:
             self.identification.covariance[np.ix_(keep, keep)],
         )
 
-    def _with_values(self, names: Sequence[str], values: Sequence[float]) -> tuple[Tactor, Membrane]:
+    def _with_values(self, names: Sequence[str], values: Sequence[float]) -> tuple[Tactor, Membrane, Effects]:
         given = dict(zip(names, map(float, values), strict=True))
         return (
             replace(self.tactor, **{n: v for n, v in given.items() if n in TACTOR_NAMES}),
             replace(self.membrane, **{n: v for n, v in given.items() if n in MEMBRANE_NAMES}),
+            {**self.effects, **{n: v for n, v in given.items() if n in NO_EFFECTS}},
         )
+
+
+def acting_tactor(tactor: Tactor, effects: Effects) -> Tactor:
+    """Return the tactor whose bare plate is longer by what bends as far as the clamp turns."""
+    return Specimen(tactor, clamp_flexibility=effects["clamp_flexibility"]).acting_tactor
 
 
 def fit_specimen(
@@ -207,23 +230,24 @@ def fit_specimen(
         observations = ObservationSet(tuple(each for run in counting for each in run.observations))
         options = FitOptions(amplifier=amplifier, n=n)
         found = identify_observations(name, observations, "joint", options, progress=progress, sheet=sheet)
-        tactor, membrane = _fitted_parameters(found)
+        tactor, membrane, effects = _fitted_parameters(found)
     except ValueError as error:  # the message names what the fit lacks
         return replace(paper_model, problem=str(error)), observations
     chosen = options if found.joint_fit is None else found.joint_fit.options
     damping = _damping_by_elongation(observations, chosen)
     return SpecimenModel(
-        tactor, membrane, amplifier, found, n, damping_by_elongation=damping, sheet=sheet
+        tactor, membrane, amplifier, found, n, damping_by_elongation=damping, sheet=sheet, effects=effects
     ), observations
 
 
-def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane]:
+def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane, Effects]:
     """Return the fit's end values of all parameters, unidentified ones included: only together they fit the points."""
     if identification.joint_fit is None:
-        return identification.tactor, identification.membrane
+        return identification.tactor, identification.membrane, NO_EFFECTS
     values = identification.joint_fit.values
     pick = [{q.name: float(values[q.name] or 0.0) for q in parameter_specs(kind)} for kind in (Tactor, Membrane)]
-    return Tactor(**pick[0]), Membrane(**pick[1])
+    effects = {name: float(values.get(name) or default) for name, default in NO_EFFECTS.items()}
+    return Tactor(**pick[0]), Membrane(**pick[1]), effects
 
 
 def _damping_by_elongation(

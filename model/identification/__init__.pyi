@@ -22,7 +22,9 @@ from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit
+from .nonidealities import LOADING_TIME_S as LOADING_TIME_S
 from .nonidealities import NONIDEALITIES as NONIDEALITIES
+from .nonidealities import STEP_TIME_S as STEP_TIME_S
 from .observations import DecayPoleObservation as DecayPoleObservation
 from .observations import ErrorTarget as ErrorTarget
 from .observations import FrequencyResponseObservation as FrequencyResponseObservation

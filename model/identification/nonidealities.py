@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from model import AmplifierMap, Array, Complex, Mask, ParameterSpec
-from model.drive_history import DriveHistory, rayleigh_loop, rayleigh_response
+from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, Mask, ParameterSpec
+from model.drive_history import DriveHistory, rayleigh_response
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -20,7 +20,7 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.response import fourier_series
+from model.response import fourier_series, lag
 
 Values = Mapping[str, Any]
 
@@ -48,23 +48,9 @@ NONIDEALITIES = {
         ParameterSpec(
             "zero_drift", "m", Interval(), "drift of the sensor's zero from first to last row of a static loading", 0.0
         ),
-        ParameterSpec(
-            "clamp_flexibility",
-            "1",
-            Interval(gt=-1),
-            "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer",
-            0.0,
-        ),
-        ParameterSpec(
-            "creep", "1", Interval(), "share of a deflection gained per decade of time, none at the time of 100 Hz", 0.0
-        ),
-        ParameterSpec(
-            "hysteresis",
-            "1",
-            Interval(),
-            "share of the deflection at full drive that comes late, in proportion to the drive",
-            0.0,
-        ),
+        CLAMP_FLEXIBILITY,
+        CREEP,
+        HYSTERESIS,
         ParameterSpec(
             "stiffening",
             "1",
@@ -90,17 +76,11 @@ NONIDEALITIES = {
         ),
     )
 }
-REFERENCE_S = 1 / (2 * np.pi * 100)
-"""Time at which creep counts as none: that of 100 Hz, about the resonance."""
 LOADING_TIME_S = 10.0
 STEP_TIME_S = 1.0
 """From a weight, or a level, to its reading, where a run does not state it."""
-LOOP_SAMPLES = 2048
-"""Of a period, for the harmonics that hysteresis makes."""
 STIFFENING_M = 1e-3
 """Deflection at which the stiffness has grown by `stiffening`."""
-DIFFERENT_DRIVES = 4096
-"""Drives of which the harmonics are kept: each point of a dwell has its own, as it was measured."""
 TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
 """By unit, what one hundred percent of a nonideality means: a scale of the fit, far above its size in a laboratory."""
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
@@ -110,25 +90,20 @@ def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([_specimen_harmonic(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
+    return np.array([lag.specimen_harmonic(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
 
 
 def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([_loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
-
-
-def crept_response(creep: Any, omega: Any) -> Any:
-    """Return the factor of the response at `omega`: a compliance that grows with the logarithm of time."""
-    return 1 - creep * (np.log(1j * omega * REFERENCE_S) + np.euler_gamma) / np.log(10)
+    return np.array([lag.loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
 
 
 def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
     """Return the slope over omega of the logarithm of |`crept_response`|, s/rad, and the slope of that slope."""
     share = creep / np.log(10)
-    real = 1 - share * (np.log(omega * REFERENCE_S) + np.euler_gamma)
+    real = 1 - share * (np.log(omega * lag.REFERENCE_S) + np.euler_gamma)
     square = real**2 + (share * np.pi / 2) ** 2
     return -share * real / (omega * square), share * (share + real - 2 * real**2 * share / square) / (omega**2 * square)
 
@@ -184,16 +159,16 @@ class NonidealResponse:
             case FrequencyResponseObservation():
                 return self._dwell_factor(run, v)
             case StaticLoadingObservation():
-                decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
+                decades = np.log10(np.full(1, LOADING_TIME_S) / lag.REFERENCE_S)
                 if run.history is not None:  # what earlier loads left is part of it
                     loads = run.history.drive
-                    decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
+                    decades = (run.history.crept(loads, lag.REFERENCE_S) / run.history.steps(loads))[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
             case VoltageStepsObservation():
                 time = np.full(1, STEP_TIME_S) if run.time_s is None else run.time_s[run.usable]
-                decades = np.log10(np.maximum(time, 1e-6) / REFERENCE_S)
+                decades = np.log10(np.maximum(time, 1e-6) / lag.REFERENCE_S)
                 if run.history is not None:
-                    decades = run.history.decades(REFERENCE_S)[run.usable]
+                    decades = run.history.decades(lag.REFERENCE_S)[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
         return 1.0
 
@@ -209,7 +184,7 @@ class NonidealResponse:
         f = run.frequency_hz[run.usable]
         factor: Any = 1.0
         if np.any(v["creep"]):
-            factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
+            factor = factor * lag.crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
             late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
             factor = factor * (1 + _column(v["hysteresis"]) * late)
@@ -247,7 +222,7 @@ class NonidealResponse:
         if not np.any(v["hysteresis"]) and not np.any(v["creep"]):
             return volts
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
-        decades = history.decades(REFERENCE_S)
+        decades = history.decades(lag.REFERENCE_S)
         loop, left, late = _memory(history, self._amplifier)
         volts = volts + hysteresis * loop[run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
@@ -266,13 +241,7 @@ class NonidealResponse:
         )
 
 
-@lru_cache(maxsize=DIFFERENT_DRIVES)
-def _specimen_harmonic(amplifier: AmplifierMap, amplitude_v: float, offset_v: float, order: int) -> complex:
-    """Return V_k of the volts on the specimen under a sine at the amplifier's input."""
-    return complex(fourier_series("sine", amplitude_v, offset_v, amplifier, order)[order])
-
-
-@lru_cache(maxsize=DIFFERENT_DRIVES)
+@lru_cache(maxsize=lag.DIFFERENT_DRIVES)
 def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> float:
     """Return the share of the fundamental of the volts under a sine that the slope below rest makes."""
     low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
@@ -289,18 +258,9 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     driven = amplifier.specimen_v(history.drive)
     loop = rayleigh_response(driven, low, high) / ((high - low) / 2)
-    steps, decades = history.steps(loop), history.decades(REFERENCE_S)
-    left = history.crept(driven, REFERENCE_S) - decades * history.steps(driven)
-    return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
-
-
-@lru_cache(maxsize=DIFFERENT_DRIVES)
-def _loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
-    """Return V_k, k = 0..5, of what hysteresis adds under a sine at the amplifier's input, per unit of it."""
-    low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
-    theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
-    loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
-    return np.asarray(2 * np.fft.rfft(loop)[:6] / LOOP_SAMPLES)
+    steps, decades = history.steps(loop), history.decades(lag.REFERENCE_S)
+    left = history.crept(driven, lag.REFERENCE_S) - decades * history.steps(driven)
+    return steps, left, history.crept(loop, lag.REFERENCE_S) - decades * steps
 
 
 def _column(value: Any) -> Any:

@@ -13,6 +13,7 @@ from model import AmplifierMap, Array, Complex, Specimen
 from model.beam import ModalForm, matrices, modal_form, receptance
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
+from model.response.lag import lag_factor
 
 HARMONIC_ORDERS = 48
 SAMPLES_PER_PERIOD = 256
@@ -47,7 +48,8 @@ def response_curve(
     spectrum = np.zeros((f.size, SAMPLES_PER_PERIOD // 2 + 1), complex)
     spectrum[:, k] = W / 2
     w = np.fft.irfft(spectrum, SAMPLES_PER_PERIOD, axis=1) * SAMPLES_PER_PERIOD
-    return ResponseCurve(f, 1j * W[:, 0], interpolated_maximum(w) + interpolated_maximum(-w))
+    lag = lag_factor(specimen.hysteresis, specimen.creep, f, amplitude_v, amplifier=amplifier)
+    return ResponseCurve(f, 1j * W[:, 0] * lag, (interpolated_maximum(w) + interpolated_maximum(-w)) * np.abs(lag))
 
 
 def operating_deflection_shape(
@@ -73,7 +75,7 @@ def operating_deflection_shape(
 def _centre_modal_form(specimen: Specimen, x: Array | None, n: int) -> ModalForm:
     beam, k_s, c_s = specimen.coefficients({})
     M, C, K, B, B_F = matrices(beam, k_s, c_s, n)
-    return modal_form(M, C, K, B, 2 * B_F if x is None else output_rows(specimen.tactor, x, n))
+    return modal_form(M, C, K, B, 2 * B_F if x is None else output_rows(specimen.acting_tactor, x, n))
 
 
 def _drive_harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tuple[NDArray[np.int64], Complex]:

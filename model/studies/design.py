@@ -98,7 +98,7 @@ def _response_rises(specimen: Specimen, frequency_hz: float, n: int) -> MassFunc
 def _natural_frequency_above(specimen: Specimen, frequency_hz: float, n: int) -> MassFunction:
     def above(mass_kg: float) -> float:
         loaded = replace_variables(specimen, {"m_add": mass_kg})
-        return float(natural_frequencies(loaded.tactor, loaded.skin, n)[0]) - frequency_hz
+        return float(natural_frequencies(loaded.acting_tactor, loaded.skin, n)[0]) - frequency_hz
 
     return above
 

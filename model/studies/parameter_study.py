@@ -19,7 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, specimen_record, variable_specs
 from model.beam import check_shape_count, matrices, modal_form, receptance
-from model.response import check_frequency, fourier_series, harmonic_orders, peak_to_peak, samples_per_period
+from model.response import (
+    check_frequency,
+    fourier_series,
+    harmonic_orders,
+    lag_factor,
+    peak_to_peak,
+    samples_per_period,
+)
 
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
 MEASURE_UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
@@ -193,17 +200,20 @@ def study_responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[An
     M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n)
     sets = max((np.size(v) for v in values.values()), default=1)
     form = modal_form(M, C, K, B, 2 * B_F)
+    hysteresis, creep = (values.get(name, getattr(study.specimen, name)) for name in ("hysteresis", "creep"))
+    drive = study.amplitude_v, study.offset_v, study.amplifier
+    lag = np.abs(lag_factor(hysteresis, creep, f, *drive)) if np.any(hysteresis) or np.any(creep) else 1.0
     match study.measure:
         case "receptance":
             out: NDArray[Any] = receptance(form, 2 * np.pi * f)
         case "fundamental":
             V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
-            out = 2 * abs(V[1]) * np.abs(receptance(form, 2 * np.pi * f))
+            out = 2 * abs(V[1]) * np.abs(receptance(form, 2 * np.pi * f)) * lag
         case "peak_to_peak":
             orders = harmonic_orders(f)
             V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
             H = receptance(form, np.outer(2 * np.pi * f, np.arange(orders + 1)).ravel())
-            out = peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V)
+            out = peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V) * lag
     return np.broadcast_to(out, (sets, f.size))
 
 

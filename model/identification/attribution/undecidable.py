@@ -8,6 +8,7 @@ import numpy as np
 from model import Array
 from model.identification.attribution.causes import Cause
 from model.identification.fit_result import JointFit
+from model.identification.nonidealities import DEFAULTS as NONIDEAL_DEFAULTS
 
 UNSEEN_ERROR = 0.1
 """Standard error of a relative scale error from these runs alone beyond which they do not show it."""
@@ -65,7 +66,8 @@ def _found(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[Undecidabl
 
 
 def _undecidable(name: str, what: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
-    named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE}
+    # A share of what is about none has no meaning.
+    named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE and NONIDEAL_DEFAULTS.get(n) != 0.0}
     text = ", ".join(f"{n} by {abs(m):.2g} %" for n, m in named.items())
     moved = f": 1 % would move {text}" if text else ""
     return UndecidableError(name, named, f"these runs cannot show an error of {what}{moved}; {remedy} would")

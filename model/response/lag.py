@@ -1,0 +1,77 @@
+"""Hysteresis and creep of the MFC: what they add to the response under a sine.
+
+Creep is a compliance that grows with the logarithm of time, so that its factor of the response is complex and falls with the
+frequency. Hysteresis follows Rayleigh's law: at full drive a share `hysteresis` of the deflection comes late, in proportion to
+the drive. Both are none at the time of 100 Hz and for a small drive, to which stiffness and moment refer.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from model import AmplifierMap, Complex, Specimen
+from model.drive_history import rayleigh_loop
+from model.response.drive_spectrum import fourier_series
+from model.response.harmonic_response import PeriodicResponse
+
+REFERENCE_S = 1 / (2 * np.pi * 100)
+"""Time at which creep counts as none: that of 100 Hz, about the resonance."""
+LOOP_SAMPLES = 2048
+"""Of a period, for the harmonics that hysteresis makes."""
+DIFFERENT_DRIVES = 4096
+"""Drives of which the harmonics are kept: each point of a dwell has its own, as it was measured."""
+
+
+def crept_response(creep: Any, omega: Any) -> Any:
+    """Return the factor of the response at `omega` (rad/s): a compliance that grows with the logarithm of time."""
+    return 1 - creep * (np.log(1j * omega * REFERENCE_S) + np.euler_gamma) / np.log(10)
+
+
+@lru_cache(maxsize=DIFFERENT_DRIVES)
+def specimen_harmonic(amplifier: AmplifierMap, amplitude_v: float, offset_v: float, order: int) -> complex:
+    """Return V_k of the volts on the specimen under a sine at the amplifier's input."""
+    return complex(fourier_series("sine", amplitude_v, offset_v, amplifier, order)[order])
+
+
+@lru_cache(maxsize=DIFFERENT_DRIVES)
+def loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
+    """Return V_k, k = 0..5, of what hysteresis adds under a sine at the amplifier's input, per unit of it."""
+    low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
+    theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
+    loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
+    return np.asarray(2 * np.fft.rfft(loop)[:6] / LOOP_SAMPLES)
+
+
+def lag_factor(
+    hysteresis: ArrayLike,
+    creep: ArrayLike,
+    frequency_hz: ArrayLike,
+    amplitude_v: float = 2.5,
+    offset_v: float | None = None,
+    amplifier: AmplifierMap | None = None,
+) -> Complex:
+    """Return the complex factor of the fundamental under a sine at the amplifier's input, (..., F).
+
+    `hysteresis` and `creep` are numbers or arrays (...,) of parameter sets; the offset is rest unless it is given. Max - min is
+    larger by the magnitude of the factor, but for the third harmonic of hysteresis, a fiftieth of what it adds.
+    """
+    map_ = amplifier or AmplifierMap()
+    drive = (map_, float(amplitude_v), float(map_.rest_v if offset_v is None else offset_v))
+    late = loop_harmonics(*drive)[1] / specimen_harmonic(*drive, 1) if np.any(hysteresis) else 0.0
+    f = np.maximum(np.atleast_1d(np.asarray(frequency_hz, float)), 1e-9)
+    crept = crept_response(np.asarray(creep, float)[..., None], 2 * np.pi * f)
+    return np.asarray((1 + np.asarray(hysteresis, float)[..., None] * late) * crept, complex)
+
+
+def with_lag(
+    response: PeriodicResponse, specimen: Specimen, amplitude_v: float, offset_v: float, amplifier: AmplifierMap
+) -> PeriodicResponse:
+    """Return the response of a specimen's beam with the hysteresis and creep of its MFC, as under a sine of this drive."""
+    if not (specimen.hysteresis or specimen.creep):
+        return response
+    factor = lag_factor(specimen.hysteresis, specimen.creep, response.frequency_hz, amplitude_v, offset_v, amplifier)
+    harmonics = response.harmonics.copy()
+    harmonics[:, 1:] *= factor[:, None]
+    return PeriodicResponse(response.frequency_hz, harmonics, response.peak_to_peak * np.abs(factor))
