@@ -26,7 +26,16 @@ from app.cli.output import CommandResult
 from app.cli.specimen.design import AddedMassTopic, DriveTopic
 from app.common import Column, Table, UsageError, read_number, track
 from app.identification import TABLE_ONE, sheet_unit
-from model import Membrane, ParameterSpec, Specimen, Tactor, parameter_specs, specimen_record, variable_specs
+from model import (
+    NONIDEAL_NAMES,
+    Membrane,
+    ParameterSpec,
+    Specimen,
+    Tactor,
+    parameter_specs,
+    specimen_record,
+    variable_specs,
+)
 from model.response import (
     FREQUENCY_SPEC,
     damping_ratios,
@@ -76,6 +85,7 @@ class ParametersTopic(Topic):
             listed(
                 "skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]
             ),
+            listed("nonideal", "What the paper's beam model leaves out", list(NONIDEAL_NAMES)),
             Table("derived", "What follows", derived, vertical=True),
             Table(
                 "sources",

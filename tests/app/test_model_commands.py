@@ -161,7 +161,7 @@ def test_parameters_are_tabled_with_what_follows(ask: Any) -> None:
     assert (got["tactor"]["L"], got["tactor"]["E_Al"], got["tactor"]["c0"]) == pytest.approx((0.022, 69e9, 0.2))
     assert got["derived"]["tau"] == pytest.approx(1.696e-3, rel=1e-3)
     assert got["derived"]["c_bar"] == pytest.approx(6.66, abs=0.005)
-    assert {**got["tactor"], **got["skin"], **got["derived"]}.keys() >= variable_specs().keys()
+    assert {**got["tactor"], **got["skin"], **got["nonideal"], **got["derived"]}.keys() >= variable_specs().keys()
     assert got["units"]["k2"] == "N m^2"
 
 
