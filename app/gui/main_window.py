@@ -23,6 +23,7 @@ from app.gui.session_controller import SessionController
 from app.gui.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
 from app.gui.widgets import (
     Item,
+    KeyBurstFilter,
     Overlaid,
     Theme,
     add_actions,
@@ -345,6 +346,7 @@ class MainWindow(QMainWindow):
         parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (pages, 1))
         column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
         self.setCentralWidget(centre)
+        KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)

@@ -1,5 +1,6 @@
 from .actions import ACTIONS as ACTIONS
 from .actions import ActionInfo as ActionInfo
+from .actions import KeyBurstFilter as KeyBurstFilter
 from .actions import actions_of as actions_of
 from .actions import add_action as add_action
 from .actions import add_actions as add_actions

@@ -6,15 +6,26 @@ The shortcut sheet, tooltips and button labels all read this registry.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QAbstractButton, QWidget
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcutEvent, QWindow
+from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
+from shiboken6 import isValid
 
 from app.session import WindowState
 
 GLOBAL_GROUP = "Everywhere"
 EVERY_PAGE = "*"
 """Page of an action that each page has in its own widgets."""
+
+BURST_GAP_MS = 50
+"""Keys that follow each other faster come from a barcode scanner."""
+
+HOLD_MS = 2 * BURST_GAP_MS
+"""A single key triggers its action after this time: longer than the gap, because the next key may be delivered late."""
+
+STOP_KEYS = (Qt.Key.Key_Escape, Qt.Key.Key_F12)
+MODIFIER_KEYS = (Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr)
+NO_TEXT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
 
 
 def is_idle(state: WindowState) -> bool:
@@ -236,9 +247,93 @@ ACTIONS = {
 """Every action by its id, in the order of the shortcut sheet."""
 
 
+class KeyBurstFilter(QObject):
+    """Keeps the keys of a barcode scanner, recognized by their timestamps, from answering prompts and triggering actions.
+
+    A scanner is a keyboard that types a text within milliseconds and ends with Enter. A scan must never answer a prompt
+    ("high voltage must be ON now"), also where the cursor is in a field: its keys go to fields alone. Esc and F12, which stop the
+    run, are never delayed or ignored.
+
+    Args:
+        window: whose keys are filtered, before any of its widgets receives them.
+    """
+
+    def __init__(self, window: QWidget) -> None:
+        super().__init__(window)
+        self._window = window
+        self._last_ms = -BURST_GAP_MS
+        self._in_burst = self._may_begin_burst = False
+        self._held: QAction | None = None
+        self._hold_timer = QTimer(self, singleShot=True, interval=HOLD_MS)
+        # Keys that wait behind a long paint are delivered before the action is triggered, and may be those of a scan.
+        self._release_timer = QTimer(self, singleShot=True, interval=0)
+        self._hold_timer.timeout.connect(self._release_timer.start)
+        self._release_timer.timeout.connect(self._trigger_held)
+        window.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if isinstance(watched, QWindow):
+            return isinstance(event, QKeyEvent) and self._filter_key(event)
+        # The native window, which receives the keys first, exists once the window is shown, and may be replaced.
+        if event.type() in (QEvent.Type.Show, QEvent.Type.WinIdChange) and (native := self._window.windowHandle()):
+            native.installEventFilter(self)
+        return False
+
+    def hold(self, action: QAction) -> bool:
+        """Return whether an action waits for `HOLD_MS`, because its key may be the first one of a scan."""
+        if self._may_begin_burst:
+            self._held = action
+            self._hold_timer.start()
+        return self._may_begin_burst
+
+    def _filter_key(self, event: QKeyEvent) -> bool:
+        if event.type() == QEvent.Type.KeyRelease or event.isAutoRepeat() or event.key() in MODIFIER_KEYS:
+            return False
+        is_override = (
+            event.type() == QEvent.Type.ShortcutOverride
+        )  # precedes the shortcut, and the key if there is none
+        if is_override or event.timestamp() != self._last_ms:
+            self._in_burst = 0 <= event.timestamp() - self._last_ms < BURST_GAP_MS
+            self._last_ms = event.timestamp()
+            if self._in_burst:
+                self._held = None
+            self._trigger_held()
+        is_stop = event.key() in STOP_KEYS
+        # Scanners type text and Enter; other keys need not wait.
+        self._may_begin_burst = not is_stop and bool(event.text()) and not event.modifiers() & NO_TEXT
+        if not self._in_burst or is_stop:
+            return False
+        event.accept()  # of an override: no shortcut is triggered, the key itself follows
+        return is_override or not _takes_text(QApplication.focusWidget())
+
+    def _trigger_held(self) -> None:
+        self._hold_timer.stop()
+        self._release_timer.stop()
+        action, self._held = self._held, None
+        if action is not None and isValid(action):
+            action.trigger()
+
+
+def _takes_text(widget: QWidget | None) -> bool:
+    return widget is not None and widget.testAttribute(Qt.WidgetAttribute.WA_InputMethodEnabled)
+
+
+class _KeyAction(QAction):
+    """An action whose shortcut is ignored within a scan."""
+
+    def event(self, event: QEvent) -> bool:
+        if isinstance(event, QShortcutEvent) and not event.isAmbiguous():
+            widget = self.parent()
+            assert isinstance(widget, QWidget)
+            bursts = widget.window().findChild(KeyBurstFilter, options=Qt.FindChildOption.FindDirectChildrenOnly)
+            if bursts is not None and bursts.hold(self):
+                return True
+        return super().event(event)
+
+
 def add_action(widget: QWidget, info: ActionInfo, callback: Callable[[], object]) -> QAction:
     """Make the `QAction` of an action and add it to the widget in which its shortcuts work."""
-    action = QAction(info.text, widget)
+    action = _KeyAction(info.text, widget)
     action.setObjectName(info.id)
     action.setData(info)
     action.setShortcuts([QKeySequence(key) for key in info.shortcuts])
