@@ -48,7 +48,7 @@ def test_the_promise_of_a_candidate_is_kept_when_it_is_measured() -> None:
 @pytest.mark.deep
 def test_a_better_ruler_is_a_candidate_and_keeps_its_promise() -> None:
     """With ruler and caliper of the paper; a sweep, which takes a fifth of the time, comes second."""
-    options = SpecimenSheet().fit_options(FitOptions(), FEW)
+    options = SpecimenSheet().fit_options(FitOptions(), FEW, plain=True)
     known = dict(options.priors)
     fit = joint_fit(FEW, options)
     best, *_ = rank_candidates(fit, default_candidates(fit, ExpectedPrecision(shared_errors=SHARED)), "k2")
