@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
 from app.common.recent_errors import RecentErrors
@@ -274,6 +274,10 @@ class MainWindow(QMainWindow):
         )
         return facts, self._recent_errors
 
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._key_bursts.watch()
+
     def closeEvent(self, event: QCloseEvent) -> None:
         if self._session_closed:
             self._timer.stop()
@@ -346,7 +350,7 @@ class MainWindow(QMainWindow):
         parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (pages, 1))
         column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
         self.setCentralWidget(centre)
-        KeyBurstFilter(self)
+        self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)

@@ -5,8 +5,9 @@ frequency. Hysteresis follows Rayleigh's law: at full drive a share `hysteresis`
 the drive. Both are none at the time of 100 Hz and for a small drive, to which stiffness and moment refer.
 """
 
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,9 @@ from numpy.typing import ArrayLike
 from model import AmplifierMap, Complex, Specimen
 from model.drive_history import rayleigh_loop
 from model.response.drive_spectrum import fourier_series
-from model.response.harmonic_response import PeriodicResponse
+
+if TYPE_CHECKING:
+    from model.response.harmonic_response import PeriodicResponse  # scipy.linalg loads in 0.25 s
 
 REFERENCE_S = 1 / (2 * np.pi * 100)
 """Time at which creep counts as none: that of 100 Hz, about the resonance."""
@@ -66,12 +69,12 @@ def lag_factor(
 
 
 def with_lag(
-    response: PeriodicResponse, specimen: Specimen, amplitude_v: float, offset_v: float, amplifier: AmplifierMap
-) -> PeriodicResponse:
+    response: "PeriodicResponse", specimen: Specimen, amplitude_v: float, offset_v: float, amplifier: AmplifierMap
+) -> "PeriodicResponse":
     """Return the response of a specimen's beam with the hysteresis and creep of its MFC, as under a sine of this drive."""
     if not (specimen.hysteresis or specimen.creep):
         return response
     factor = lag_factor(specimen.hysteresis, specimen.creep, response.frequency_hz, amplitude_v, offset_v, amplifier)
     harmonics = response.harmonics.copy()
     harmonics[:, 1:] *= factor[:, None]
-    return PeriodicResponse(response.frequency_hz, harmonics, response.peak_to_peak * np.abs(factor))
+    return replace(response, harmonics=harmonics, peak_to_peak=response.peak_to_peak * np.abs(factor))

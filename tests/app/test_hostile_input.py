@@ -202,7 +202,7 @@ def scratched(data: bytes, seed: int) -> bytes:
         (lambda data: b"", "bad.h5 is empty; give a run file"),
         (lambda data: b"hello", "bad.h5 is no HDF5 file; give a run file"),
         (lambda data: cut(data, 0.5), "bytes are there; copy it again"),
-        (lambda data: cut(data, 0.99), "bytes are there; copy it again"),
+        (lambda data: cut(data, 0.9), "bytes are there; copy it again"),
         *((lambda data, seed=seed: scratched(data, seed), "bad.h5 is damaged") for seed in range(4)),
     ],
 )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
-from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcutEvent, QWindow
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcutEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
 from shiboken6 import isValid
 
@@ -23,6 +23,7 @@ BURST_GAP_MS = 50
 HOLD_MS = 2 * BURST_GAP_MS
 """A single key triggers its action after this time: longer than the gap, because the next key may be delivered late."""
 
+ENTER_KEYS = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 STOP_KEYS = (Qt.Key.Key_Escape, Qt.Key.Key_F12)
 MODIFIER_KEYS = (Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Key_Meta, Qt.Key.Key_AltGr)
 NO_TEXT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
@@ -269,15 +270,15 @@ class KeyBurstFilter(QObject):
         self._release_timer = QTimer(self, singleShot=True, interval=0)
         self._hold_timer.timeout.connect(self._release_timer.start)
         self._release_timer.timeout.connect(self._trigger_held)
-        window.installEventFilter(self)
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if isinstance(watched, QWindow):
-            return isinstance(event, QKeyEvent) and self._filter_key(event)
-        # The native window, which receives the keys first, exists once the window is shown, and may be replaced.
-        if event.type() in (QEvent.Type.Show, QEvent.Type.WinIdChange) and (native := self._window.windowHandle()):
+    def watch(self) -> None:
+        """Filter the keys of the native window, which receives them first; it exists once the window is shown."""
+        if (native := self._window.windowHandle()) is not None:
+            native.removeEventFilter(self)
             native.installEventFilter(self)
-        return False
+
+    def eventFilter(self, _watched: QObject, event: QEvent) -> bool:
+        return isinstance(event, QKeyEvent) and self._filter_key(event)
 
     def hold(self, action: QAction) -> bool:
         """Return whether an action waits for `HOLD_MS`, because its key may be the first one of a scan."""
@@ -299,8 +300,10 @@ class KeyBurstFilter(QObject):
                 self._held = None
             self._trigger_held()
         is_stop = event.key() in STOP_KEYS
-        # Scanners type text and Enter; other keys need not wait.
-        self._may_begin_burst = not is_stop and bool(event.text()) and not event.modifiers() & NO_TEXT
+        # A scan begins with text, and Enter is its end: other keys need not wait.
+        self._may_begin_burst = (
+            not is_stop and event.key() not in ENTER_KEYS and bool(event.text()) and not event.modifiers() & NO_TEXT
+        )
         if not self._in_burst or is_stop:
             return False
         event.accept()  # of an override: no shortcut is triggered, the key itself follows

@@ -200,10 +200,10 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
 
     show()
     assert opened == ["other.toml"]
-    assert seen == [("Tactor Bench – simulated bench", True), ("Tactor Bench – the other bench", False)]
+    assert seen == [("Tactor Bench – ideal simulated bench", True), ("Tactor Bench – the other bench", False)]
     assert not led
     show()
-    assert seen[2] == ("Tactor Bench – simulated bench", False)
+    assert seen[2] == ("Tactor Bench – ideal simulated bench", False)
 
 
 @pytest.mark.deep
@@ -237,4 +237,4 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
         make_session=lambda *_: ListeningSession(),
         bench_factory=lambda name: application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),
     )
-    assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – simulated bench", True)]
+    assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – ideal simulated bench", True)]
