@@ -35,6 +35,8 @@ from model import ParameterError
 from protocols.runfile.names import safe_name
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
+MAX_LOGO_BYTES = 2_000_000
+
 
 @dataclass(frozen=True)
 class ReportCommand:
@@ -63,6 +65,16 @@ class ReportCommand:
         help="only write a commented example of limits into this file",
     )
     threshold: str = threshold_option()
+    full: bool = switch("--full", "with the appendix: every figure, table, hash and run, a page each")
+    laboratory: str = option(
+        "--laboratory", default="", metavar="NAME", help="name of the laboratory, on the first page"
+    )
+    logo: Path | None = option(
+        "--logo",
+        type=path_argument,
+        metavar="FILE",
+        help="picture of the laboratory (PNG), at the top of the first page",
+    )
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
     @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
@@ -79,9 +91,10 @@ class ReportCommand:
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
                 content, specimen, runs = build_report(
-                    self.folder, self.specimen, limits, progress, read_threshold(self.threshold)
+                    self.folder, self.specimen, limits, progress, read_threshold(self.threshold), self.full
                 )
-                files = write_report(content, specimen, runs, out, progress)
+                content = replace(content, laboratory=self.laboratory, logo=_read_logo(self.logo))
+                files = write_report(content, specimen, runs if self.full else (), out, progress)
         except OSError as error:
             raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
         for path in files:
@@ -154,7 +167,7 @@ def _write_files(
         for i, each in enumerate(shown, start=1):
             progress.update(i / (len(shown) + 1), "writing")
             with Run(each.path) as run, translate_read_errors(each.path):
-                figure = lay_out_figure(run_figure(run, specimen.tactor))
+                figure = lay_out_figure(run_figure(run, specimen.specimen))
             for add in adders:
                 add(each.name, figure)
 
@@ -181,6 +194,26 @@ def _read_limits(options: ReportCommand) -> Limits | None:
             "give --golden T0"
         )
     return found
+
+
+def _read_logo(path: Path | None) -> bytes:
+    """Return the PNG picture of a file; nothing without one.
+
+    Raises:
+        UsageError: it cannot be read, or is no PNG picture of usual size.
+    """
+    if path is None:
+        return b""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_LOGO_BYTES + 1)
+    except OSError as error:
+        raise UsageError(f"--logo {path} cannot be read: {error.strerror or error}; give a PNG picture") from None
+    if not data.startswith(b"\x89PNG\r\n\x1a\n") or len(data) > MAX_LOGO_BYTES:
+        raise UsageError(
+            f"--logo {path} is no PNG picture of at most {MAX_LOGO_BYTES / 1e6:g} MB; convert it, or leave it out"
+        )
+    return data
 
 
 def _write_example_limits(path: Path) -> int:

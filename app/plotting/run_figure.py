@@ -9,8 +9,8 @@ import numpy as np
 
 from app.common import display_unit, format_estimate
 from app.plotting.panels import draw_measured, new_figure
-from model import Tactor
-from model.response import THRESHOLD_M, driven_amplitudes, fourier_series, frequency_response
+from model import AmplifierMap, Array, Specimen
+from model.response import THRESHOLD_M, driven_amplitudes, fourier_series, frequency_response, lag_factor
 from protocols import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -19,7 +19,7 @@ RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundame
 """Columns that are drawn on the model's curve."""
 
 
-def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
+def draw_run(run: Run, path: Path, specimen: Specimen | None = None) -> None:
     """Draw a run into a PNG, PDF or SVG file; pictures of simulated runs are marked SIMULATED.
 
     Raises:
@@ -27,32 +27,32 @@ def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
         OSError: the picture cannot be written.
     """
     with translate_read_errors(run.path):
-        figure = run_figure(run, tactor or Tactor())
+        figure = run_figure(run, specimen or Specimen())
     figure.savefig(path)
 
 
-def run_figure(run: Run, tactor: Tactor) -> Any:
+def run_figure(run: Run, specimen: Specimen) -> Any:
     """Return the picture of a run as a matplotlib figure."""
     panels = [*_panels(run), (_draw_trace, 1)]
     height_in = 4.2 + 2.8 * sum(height for _, height in panels[:-1]) / 3
     figure = new_figure(figsize=(10, height_in), dpi=110, layout="constrained")
     every = figure.subplots(len(panels), 1, height_ratios=[height for _, height in panels])
     for axes, (draw, _) in zip(every, panels, strict=True):
-        draw(axes, run, tactor)
+        draw(axes, run, specimen)
     figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11, parse_math=False)
     if run.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
     return figure
 
 
-def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
+def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Specimen], None], float]]:
     """Return the plots above the last recording, with their relative heights."""
     points = run.points()
     if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
         return [(_draw_series, 3)]
     if points.keys() >= RESPONSE_COLUMNS:
         return [(_draw_response, 3)]
-    panels: list[tuple[Callable[[Any, Run, Tactor], None], float]] = []
+    panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
     if points.keys() >= {"latency", "threshold_speed"}:
         return [(_draw_onsets, 3), (_draw_latencies, 3)]
     if curves := run.curves():
@@ -64,14 +64,15 @@ def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
     return panels
 
 
-def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
+def _draw_response(axes: Any, run: Run, specimen: Specimen) -> None:
     points = run.points()
     f = points["frequency"]
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
     amplifier = run.amplifier_map
-    whole, fundamental = driven_amplitudes(tactor, curve_f, amplitude_v, amplifier)
+    free = replace(specimen, membrane=None, delta=0.0)
+    whole, fundamental = _driven(free, curve_f, amplitude_v, amplifier)
     axes.plot(curve_f, 1e6 * whole, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * fundamental, "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = usable_mask(points["quality"])
@@ -90,9 +91,19 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
 
 
-def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
+def _driven(
+    specimen: Specimen, frequency_hz: Array, amplitude_v: float, amplifier: AmplifierMap
+) -> tuple[Array, Array]:
+    """Return max - min and amplitude of the fundamental, m, with the lag of the MFC."""
+    skin = specimen.skin if specimen.membrane is not None else None
+    whole, fundamental = driven_amplitudes(specimen.acting_tactor, frequency_hz, amplitude_v, amplifier, skin)
+    lag = np.abs(lag_factor(specimen.hysteresis, specimen.creep, frequency_hz, amplitude_v, amplifier=amplifier))
+    return whole * lag, fundamental * lag
+
+
+def _draw_series(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw dwells at several elongations, each in one color with its model curve."""
-    from model import Membrane, skin
+    from model import Membrane
 
     points = run.points()
     good = usable_mask(points["quality"])
@@ -103,8 +114,11 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
         of_part = points["part"] == part
         elongation = float(points["elongation"][of_part][0])
         free = np.isnan(elongation)
-        pressed = None if free else skin(Membrane(), elongation / Membrane().L_m, tactor=tactor)
-        whole, _ = driven_amplitudes(tactor, curve_f, amplitude_v, amplifier, pressed)
+        membrane = specimen.membrane or Membrane()
+        pressed = replace(
+            specimen, membrane=None if free else membrane, delta=0.0 if free else elongation / membrane.L_m
+        )
+        whole, _ = _driven(pressed, curve_f, amplitude_v, amplifier)
         axes.plot(curve_f, 1e6 * whole, "--", color=colour, lw=0.9)
         label = "free" if free else f"{1e3 * elongation:.2f} mm"
         f, moved, errors = (points[name][of_part] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
@@ -131,7 +145,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 
-def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
+def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw the curves of the entries; frequency responses with the model's."""
     curves, points = run.curves(), run.points()
     amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
@@ -144,6 +158,7 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
             axes.fill_between(x.values, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
         if y.unit == "m/V":
             mass = points["mass"][points[ENTRY_COLUMN] == curve.entry] if "mass" in points else np.empty(0)
+            tactor = specimen.acting_tactor
             loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
             f = x.values[:: max(len(x.values) // 300, 1)]
             gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
@@ -157,7 +172,7 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
         axes.set_ylim(0, None)
 
 
-def _draw_onsets(axes: Any, run: Run, _tactor: Tactor) -> None:
+def _draw_onsets(axes: Any, run: Run, _specimen: Specimen) -> None:
     """Draw the responses after an onset, with the threshold to either side."""
     curves = run.curves()
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
@@ -170,7 +185,7 @@ def _draw_onsets(axes: Any, run: Run, _tactor: Tactor) -> None:
     axes.legend(fontsize=8, loc="upper right")
 
 
-def _draw_latencies(axes: Any, run: Run, _tactor: Tactor) -> None:
+def _draw_latencies(axes: Any, run: Run, _specimen: Specimen) -> None:
     """Draw the time to the threshold and the rise against the frequency, a step at 0, beside those of other actuators."""
     from model.response import PUBLISHED_LATENCIES
 
@@ -193,7 +208,7 @@ def _draw_latencies(axes: Any, run: Run, _tactor: Tactor) -> None:
     axes.legend(fontsize=8, loc="upper left")
 
 
-def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
+def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
     curves = run.curves()
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         axes.plot(curve.columns[curve.x].values, curve.columns["coherence"].values, color=colour, lw=0.8)
@@ -201,7 +216,7 @@ def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
     axes.ticklabel_format(useOffset=False)
 
 
-def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
+def _draw_points(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw the points of any protocol over its axes in display units; points that no fit may use are hollow."""
     points, units, (x, y) = run.points(), run.units(), run.axes
     (over, over_unit), (factor, unit) = display_unit(units[x]), display_unit(units[y])
@@ -211,15 +226,15 @@ def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
         axes, over * points[x], factor * points[y], factor * errors, good, "measured", fmt="o", color="tab:red"
     )
     if (x, y) == ("mass", "frequency"):
-        _draw_peaks(axes, points["mass"], tactor)
+        _draw_peaks(axes, points["mass"], specimen)
     axes.set(xlabel=_axis_label(x, over_unit), ylabel=_axis_label(y, unit))
     axes.legend(fontsize=9)
 
 
-def _draw_peaks(axes: Any, masses: Any, tactor: Tactor) -> None:
+def _draw_peaks(axes: Any, masses: Any, specimen: Specimen) -> None:
     """Draw the model's peak frequency against mass."""
     grid, f = np.linspace(min(masses), max(masses), 30), np.linspace(60.0, 600.0, 2161)
-    peaks = [f[np.abs(frequency_response(replace(tactor, m_add=float(m)), f)).argmax()] for m in grid]
+    peaks = [f[np.abs(frequency_response(replace(specimen.acting_tactor, m_add=float(m)), f)).argmax()] for m in grid]
     axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")
 
 
@@ -233,7 +248,7 @@ def _axis_label(column: str, unit: str) -> str:
     return column.replace("_", " ") + (f" ({unit})" if unit else "")
 
 
-def _draw_trace(axes: Any, run: Run, _tactor: Tactor) -> None:
+def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:
     last = run.trace.last_recording()
     if last is None:
         text = "imported: there are no samples" if run.imported else "nothing was recorded"

@@ -7,7 +7,7 @@ from pathlib import Path
 from app.common import NO_PROGRESS, Progress, pluralize, version
 from app.common.audit_log import AuditError, read_entries
 from app.identification import load_sheet
-from app.plotting.panels import ReportPlot
+from app.plotting.panels import PlotLine, PlotPanel, ReportPlot
 from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
@@ -18,6 +18,9 @@ from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
+from model.studies.paper_figures import PaperFigure, skin_figures
+
+LINE_STYLES = ("-", "--", "-.", ":")
 
 
 class ReportError(Exception):
@@ -30,8 +33,11 @@ def build_report(
     limits: Limits | None = None,
     progress: Progress = NO_PROGRESS,
     threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
+    full: bool = True,
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
+
+    It is two pages long, or `full`, with everything it rests on in an appendix.
 
     Raises:
         ReportError: there is no run of the specimen, or of the golden unit.
@@ -58,7 +64,7 @@ def build_report(
         subtitle=_subtitle(runs),
         page_marks=page_marks(runs),
         first_page=tuple(_first_page(known, runs, limits, outcomes, drawn)),
-        appendix=tuple(_appendix(folder, known, runs, drawn)),
+        appendix=tuple(_appendix(folder, known, runs, drawn) if full else _second_page(folder, specimen, known)),
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
@@ -104,12 +110,40 @@ def _first_page(
     if summary.specimen.estimates:
         blocks.append(tables.parameter_grid(summary.specimen))
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
-        caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: appendix."
+        caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: full report."
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
         blocks.append(ReportPlot("Frequency response", (first,), caption, row_height_in=3.0))
     elif plots:
         blocks.append(plots[0])
     return blocks
+
+
+def _second_page(folder: Path, specimen: str, summary: SpecimenSummary) -> list[ReportSection]:
+    """Return what the skin makes of the response, the sources of the uncertainties, and where everything else is."""
+    figures = skin_figures(summary.specimen.specimen)
+    skin = ReportPlot(
+        "Effect of the skin, with this specimen's parameters (the paper's Figs. 10 to 12)",
+        tuple(_study_panel(figure) for figure in figures),
+        "Twice the fundamental under the full drive. Lines in order, solid, dashed, dash-dotted, dotted, solid: "
+        + "; ".join(", ".join(curve.label for curve in figure.curves) for figure in figures)
+        + ".",
+        columns=3,
+        row_height_in=2.4,
+    )
+    more = f"Every figure, table and hash, and a page for every run: 'tactor-bench report {specimen} --full'."
+    sources = tables.budget_blocks(summary.specimen)
+    return [
+        ReportSection("On skin", [skin]),
+        ReportSection("Where the uncertainties come from", [*sources, *audit_blocks(folder), Paragraph(more, "small")]),
+    ]
+
+
+def _study_panel(figure: PaperFigure) -> PlotPanel:
+    lines = tuple(
+        PlotLine("", curve.x, 1e6 * curve.y, style=LINE_STYLES[i % len(LINE_STYLES)])
+        for i, curve in enumerate(figure.curves)
+    )
+    return PlotPanel(figure.name.replace("fig", "Fig. "), "frequency (Hz)", "displacement (µm)", lines)
 
 
 def audit_blocks(folder: Path) -> list[Block]:

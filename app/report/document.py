@@ -56,6 +56,10 @@ class Report:
     fingerprint: str = ""
     """Hash of the hashes of all run files."""
     software_version: str = ""
+    laboratory: str = ""
+    """Its name, on the first page."""
+    logo: bytes = b""
+    """Its picture on the first page, PNG; empty for none."""
     record: dict[str, object] = field(default_factory=dict)
     """The content for JSON, SI units."""
 

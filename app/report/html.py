@@ -1,5 +1,6 @@
 """HTML report: texts, tables and inline SVG figures in one self-contained file."""
 
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from html import escape
@@ -26,6 +27,7 @@ td.code { font-family: monospace; overflow-wrap: anywhere; }
 .mark { position: fixed; inset: 0; display: flex; align-items: center; justify-content: center; text-align: center; pointer-events: none;
   color: red; opacity: .12; font-size: 5rem; font-weight: bold; transform: rotate(-25deg); }
 .sign { display: flex; gap: 2rem; margin: 2rem 0; } .sign span { flex: 1; border-bottom: 1px solid #111; padding-top: 2rem; }
+.logo { float: right; max-height: 4rem; max-width: 12rem; }
 svg { max-width: 100%; height: auto; }
 @media print { figure, tr { break-inside: avoid; } }
 """
@@ -43,8 +45,13 @@ def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], Non
     parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
     for section in report.appendix:
         parts += [f"<h2>{escape(section.title)}</h2>", *_html_blocks(section.blocks)]
-    parts.append("<h2>Every run</h2>")
-    yield lambda name, figure: parts.extend((f"<h3>{escape(name)}</h3>", _inline_svg(figure, f"Run {name}")))
+    heading = ["<h2>Every run</h2>"]
+
+    def add(name: str, figure: Any) -> None:
+        parts.extend((*heading, f"<h3>{escape(name)}</h3>", _inline_svg(figure, f"Run {name}")))
+        heading.clear()
+
+    yield add
     body = "\n".join(parts)
     write_atomic(
         path,
@@ -54,6 +61,10 @@ def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], Non
 
 
 def _html_head(report: Report) -> Iterable[str]:
+    if report.logo:
+        yield f"<img class='logo' alt='' src='data:image/png;base64,{b64encode(report.logo).decode()}'>"
+    if report.laboratory:
+        yield f"<p><strong>{escape(report.laboratory)}</strong></p>"
     yield f"<h1>Specimen {escape(report.specimen)}</h1>"
     if report.page_marks:
         marks = " ".join(report.page_marks)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from io import BytesIO
 from itertools import accumulate, count
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,8 @@ RED = "#C00018"
 SIGNATURE_HEIGHT_IN = 0.35
 """Height reserved at the bottom of the first page."""
 SIGNATURE_TEXT = "Measured by ________________________   Checked by ________________________   Date ______________"
+LOGO_IN = (1.6, 0.6)
+"""Largest width and height of the laboratory's picture."""
 MIN_PLOT_HEIGHT_IN = 1.9
 """Smallest height of a plot."""
 
@@ -215,6 +218,10 @@ class _PageFlow:
         """Return matplotlib figures, one per page."""
         report = self._report
         self._new_page()
+        if report.logo:
+            _draw_logo(self._pages[0], report.logo)
+        if report.laboratory:
+            self._add_text(report.laboratory, 10, "bold", gap=0.04)
         self._add_text(f"Specimen {report.specimen}", 18, "bold", gap=0.06)
         self._add_text(report.subtitle, 9, gap=0.14)
         self._bottom = BOTTOM + SIGNATURE_HEIGHT_IN
@@ -307,6 +314,20 @@ class _PageFlow:
         if block.note:
             self._add_text(block.note, 7.5, color="#444444")
         self._y -= 0.1
+
+
+def _draw_logo(page: Any, png: bytes) -> None:
+    """Draw a picture at the top right of the text, within `LOGO_IN`."""
+    from matplotlib.image import imread
+
+    picture = imread(BytesIO(png), format="png")
+    height, width = picture.shape[:2]
+    scale = min(LOGO_IN[0] / width, LOGO_IN[1] / height)
+    size = (scale * width, scale * height)
+    left, bottom = PAGE[0] - RIGHT - size[0], PAGE[1] - TOP - size[1] + 0.1
+    axes = page.add_axes((left / PAGE[0], bottom / PAGE[1], size[0] / PAGE[0], size[1] / PAGE[1]))
+    axes.imshow(picture)
+    axes.set_axis_off()
 
 
 def _draw_rule(y: float, width: float) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from app.identification import IdentificationResult, SpecimenSheet, identify_observations
 from app.report.runs import ReportRun
 from model import (
+    NONIDEAL_NAMES,
     AmplifierMap,
     Array,
     EstimatedQuantity,
@@ -17,6 +18,7 @@ from model import (
     Specimen,
     Tactor,
     parameter_specs,
+    replace_variables,
     skin,
     variable_specs,
 )
@@ -80,6 +82,12 @@ class SpecimenModel:
     sheet: SpecimenSheet = field(default_factory=SpecimenSheet)
     """Dimensions and masses."""
     effects: Effects = field(default_factory=lambda: NO_EFFECTS)
+
+    @property
+    def specimen(self) -> Specimen:
+        """The specimen on its membrane, without pre-stretch, with what the beam model leaves out."""
+        nonideal = {name: self.effects[name] for name in NONIDEAL_NAMES}
+        return replace_variables(Specimen(self.tactor, self.membrane), nonideal)
 
     @property
     def description(self) -> str:

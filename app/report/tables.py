@@ -109,9 +109,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
         blocks.append(Paragraph(text))
     blocks.append(Paragraph(_quality_text(runs)))
     if late := sum(any(map(run.uses_expired, run.instruments)) for run in runs):
-        text = (
-            f"In {pluralize(late, 'run')} the calibration of an instrument had expired: see the instruments, appendix."
-        )
+        text = f"In {pluralize(late, 'run')} the calibration of an instrument had expired: see the instruments, full report."
         blocks.append(Paragraph(text, "bad"))
     blocks += [Paragraph(f"{run.name}: {run.problem}.", "bad") for run in runs if run.problem]
     blocks += [
@@ -191,8 +189,8 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
         "determined by",
     )
     note = (
-        "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses; shares in the appendix. "
-        "What is held (appendix) counts as exact."
+        "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses. "
+        "What is held (full report) counts as exact."
     )
     fit = None if specimen.identification is None else specimen.identification.joint_fit
     if fit is not None and fit.error_scale > 1:
@@ -361,6 +359,13 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
         blocks += [replace(t, columns=tuple(c for c in t.columns if c.displayed)) for t in nonideality_tables(found)]
     if found is not None and (unstated := unstated_errors(found)):
         blocks.append(Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}."))
+    return [*blocks, *budget_blocks(specimen)]
+
+
+def budget_blocks(specimen: SpecimenModel) -> list[Block]:
+    """Return the shares of every uncertainty by source, as a table and as bars."""
+    blocks: list[Block] = []
+    found = specimen.identification
     if found is not None and (budget := found.budget) is not None:
         shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
         note = "Shares of the squared total; noise is the statistical part."

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model import GRAVITY, AmplifierMap, Array, Membrane, Specimen, Tactor, beams
+from model import GRAVITY, NONIDEAL_NAMES, AmplifierMap, Array, Membrane, Specimen, Tactor, beams, replace_variables
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 
@@ -205,6 +205,21 @@ def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None
         return drawn
     note = f"Drawn with {changed}; statements on the text and on single numbers hold for Table I."
     return tuple(replace(figure, caption=f"{figure.caption} {note}") for figure in drawn)
+
+
+def skin_figures(specimen: Specimen) -> tuple[PaperFigure, ...]:
+    """Figs. 10 to 12 of a specimen with a membrane, with what the paper's beam model leaves out."""
+    t, m = specimen.tactor, specimen.membrane or Membrane()
+    nonideal = {name: specimen.value(name) for name in NONIDEAL_NAMES}
+    drawn = (
+        ("fig10", fig10_study(t, m), "E_m {:.0e} Pa"),
+        ("fig11", fig11_study(t, m), "c_s {:.3g} kg/(m s)"),
+        ("fig12", fig12_study(t, m), "δ {:.3g}"),
+    )
+    return tuple(
+        _study_figure(name, replace(study, specimen=replace_variables(study.specimen, nonideal)), label, "")
+        for name, study, label in drawn
+    )
 
 
 def _changed_parameters(parameters: Tactor | Membrane, reference: Tactor | Membrane) -> list[str]:

@@ -20,7 +20,7 @@ from app.cli.headless import SelectedBench, headless_session
 from app.cli.prompts import KEY_HELP, ConsoleOperator
 from app.plotting.run_figure import run_figure
 from app.session.session import BenchOpened, RunRejected
-from model.parameters import Tactor
+from model import Specimen
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
@@ -269,6 +269,6 @@ def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
         with laboratory(config.model_copy(update={"amplifier": table})) as lab:
             ran = run(SHORT, tmp_path, lab)
         with Run(ran.path) as file:
-            curve = run_figure(file, Tactor()).axes[0].lines[0]
+            curve = run_figure(file, Specimen()).axes[0].lines[0]
         tops.append(curve.get_ydata().max())
     assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)

@@ -85,7 +85,19 @@ def test_a_fault_of_the_setup_is_named_in_terminal_window_list_and_report(
     case: Case, stage: Stage, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path
-    words = [*case.command, "--fault", case.fault, "--speed", "max", "--out", str(folder), "--specimen", "T1"]
+    words = [
+        "--bench",
+        "ideal",
+        *case.command,
+        "--fault",
+        case.fault,
+        "--speed",
+        "max",
+        "--out",
+        str(folder),
+        "--specimen",
+        "T1",
+    ]
     assert main(words) == EXIT_CODES[case.outcome]
     terminal = plain("".join(capsys.readouterr()))
     assert case.outcome in terminal.casefold()

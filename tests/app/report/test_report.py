@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +21,7 @@ from app.cli import report as command
 from app.cli.main import main
 from app.common import typeset
 from app.common.tables import Table
-from app.plotting.panels import ReportPlot
+from app.plotting.panels import ReportPlot, new_figure
 from app.report.content import ReportError, build_report, page_marks
 from app.report.document import Paragraph, Report
 from app.report.figures_of_merit import perception_margin_of, step_latency_of
@@ -82,7 +84,7 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Written:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PdfPages, "savefig", save)
-        assert main(["report", "T1", "--folder", str(runs), "--out", str(out)]) == 0
+        assert main(["report", "T1", "--full", "--folder", str(runs), "--out", str(out)]) == 0
     return Written(runs, out, pages)
 
 
@@ -104,7 +106,7 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
 @pytest.mark.deep
 def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_path: Path) -> None:
     """Also of a program without threads, which writes PDF and HTML in two processes."""
-    words = ["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path)]
+    words = ["report", "T1", "--full", "--folder", str(written.runs), "--out", str(tmp_path)]
     ran = subprocess.run(
         [sys.executable, "-m", "app.cli.main", *words], capture_output=True, text=True, check=False, timeout=120
     )
@@ -112,6 +114,27 @@ def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_
     assert "Traceback" not in ran.stderr
     for name in ("T1_report.pdf", "T1_report.html"):
         assert (tmp_path / name).read_bytes() == (written.out / name).read_bytes()
+
+
+def test_by_default_it_has_two_pages_with_the_laboratory_and_its_picture(
+    written: Written, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logo = tmp_path / "logo.png"
+    picture = new_figure(figsize=(1, 0.3))
+    picture.savefig(logo)
+    words = ["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path), "--laboratory", "Haptics <Lab>"]
+    assert main([*words, "--logo", str(logo)]) == 0
+    pdf, html = (tmp_path / "T1_report.pdf").read_bytes(), (tmp_path / "T1_report.html").read_text("utf-8")
+    assert len(re.findall(rb"/Type /Page\b", pdf)) == 2
+    assert "Haptics &lt;Lab&gt;" in html
+    assert f"data:image/png;base64,{b64encode(logo.read_bytes()).decode()}" in html
+    assert "Every run" not in html
+    capsys.readouterr()
+    assert main([*words, "--logo", str(written.runs)]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    logo.write_bytes(b"GIF89a")
+    assert main([*words, "--logo", str(logo)]) == 2
+    assert "is no PNG picture of at most 2 MB; convert it, or leave it out" in capsys.readouterr().err
 
 
 def test_what_the_first_page_says_is_what_the_plant_is(
@@ -335,6 +358,6 @@ def test_interrupted_it_leaves_what_was_there(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(*where, interrupted)
-    assert main(["report", "T1", "--folder", str(folder), "--out", str(tmp_path)]) == 1
+    assert main(["report", "T1", "--full", "--folder", str(folder), "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "tactor-bench: interrupted\n"
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("T1_report.pdf", "before")]
