@@ -260,7 +260,13 @@ class NiDigitizer:
                     samps_per_chan=max(round(BUFFER_S * speed * rate_hz), 4 * block_scans),
                 )
                 stream = NiStream(
-                    task, block_scans, self._clock, where, lambda: self._connection.close_task(task, INPUT), grounds
+                    task,
+                    block_scans,
+                    self._clock,
+                    where,
+                    lambda: self._connection.close_task(task, INPUT),
+                    grounds,
+                    REMOTE_COUNT_S if self._connection.is_remote else 0.0,
                 )
                 _RUNNING[self._connection.key] = stream
                 return stream
@@ -288,6 +294,10 @@ class NiDigitizer:
         self._connection.close()
 
 
+REMOTE_COUNT_S = 1.0
+"""How often the card's own count is asked for over a network: each question costs as much time as reading a block."""
+
+
 @renamed(started_s="start_time_s")
 class NiStream(Closeable):
     """A running NI task as a `Stream` (see drivers.interfaces)."""
@@ -300,11 +310,13 @@ class NiStream(Closeable):
         description: str,
         close_task: Callable[[], None],
         grounded: int = 0,
+        count_s: float = 0.0,
     ) -> None:
         self._task, self._description, self._next_scan, self._clock = task, description, 0, clock
         self._close_task = close_task
         self._read_ahead: deque[Block] = deque()
         self._grounded = grounded
+        self._count_s, self._counted_s = count_s, -math.inf
         self._restarted_scan = 0
         """Scan at which the task began to count, or began again after scans were lost."""
         self.rate_hz = float(task.timing.samp_clk_rate)
@@ -355,10 +367,12 @@ class NiStream(Closeable):
         with translate_errors(self._description):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
         start = self._next_scan
-        with contextlib.suppress(DaqError):  # then scans are counted here
-            # The task's own count: scans that another reader took, or that a lost reply held, are a gap between two blocks.
-            position = int(self._task.in_stream.curr_read_pos)
-            start = max(self._restarted_scan + position - self._raw.shape[1], start)
+        if time.monotonic() - self._counted_s >= self._count_s:
+            with contextlib.suppress(DaqError):  # then scans are counted here
+                # The task's own count: scans that another reader took, or that a lost reply held, are a gap between two blocks.
+                position = int(self._task.in_stream.curr_read_pos)
+                start = max(self._restarted_scan + position - self._raw.shape[1], start)
+            self._counted_s = time.monotonic()
         block = Block(start, self._raw[self._grounded :].copy())
         self._next_scan = block.stop
         return block

@@ -98,8 +98,9 @@ def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path:
 
 
 @pytest.mark.deep
-def test_scans_that_another_reader_took_are_a_gap_by_the_cards_own_count() -> None:
+def test_scans_that_another_reader_took_are_a_gap_by_the_cards_own_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after a reply that the network lost: the task has handed the scans out, and this program does not have them."""
+    monkeypatch.setattr("drivers.nidaq.analog_input.REMOTE_COUNT_S", 0.0)
     taken = 100
     with wired() as on_wires, contextlib.closing(on_wires.bench.digitizer.stream(5000.0, 250)) as stream:
         assert isinstance(stream, NiStream)
