@@ -17,7 +17,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 LAB = Path(__file__).parent / "data" / "lab"
 PROTOCOL = str(LAB / "lab_protocol.py")
-SIM = ("--speed", "max", "--seed", "3", "--out", "runs", "--specimen", "T1")
+SIM = ("--bench", "ideal", "--speed", "max", "--seed", "3", "--out", "runs", "--specimen", "T1")
 
 OLD_NAMES_WARN = True
 """Whether the old names give a DeprecationWarning."""
@@ -110,10 +110,10 @@ def test_a_lab_driver_drives_the_simulated_bench(driver: str, folder: Path) -> N
     )
     few = ("--set", "frequencies_hz=100,160", "--set", "record_s=0.1")
     with old_names():
-        assert program("run", "sine-dwell", "--bench", "bench.toml", *SIM, *few) == 0
+        assert program("run", "sine-dwell", "--bench", "bench.toml", *SIM[2:], *few) == 0
         dwell = the_run(folder)
         quick = ("--set", "levels_v=3,4", "--set", "repeats=1", "--set", "hold_s=2")
-        assert program("run", "voltage-steps", "--bench", "bench.toml", *SIM, *quick) == 0
+        assert program("run", "voltage-steps", "--bench", "bench.toml", *SIM[2:], *quick) == 0
     with h5py.File(dwell) as file:
         configuration = json.loads(file["entry/configuration"].asstr()[()])
         assert configuration["generator"]["driver"] == driver

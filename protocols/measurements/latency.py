@@ -142,8 +142,8 @@ class OnsetLatency(Protocol):
         float,
         Unit("V/s"),
         Interval(ge=100, le=1e6),
-        "slope of each edge at the input; the default is 1 % below the usual limit",
-    ] = 9_900.0
+        "slope of each edge at the input; the default is a tenth below the usual limit, because a source plays samples",
+    ] = 9_000.0
     dwell_s: Annotated[float, Unit("s"), Interval(ge=LEAST_DWELL_S, le=1), "before and after each edge"] = 0.1
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=10, le=500)], ...], Unit("Hz"), Len(0, 50), "of the sines that begin at rest"

@@ -73,10 +73,15 @@ def test_every_command_of_the_page_does_what_it_says(
     monkeypatch.chdir(tmp_path)
     assert main(["protocols", "./holds.py"]) == ExitCode.DONE
     assert "levels_v = 3, 4 V" in capsys.readouterr().out
-    assert main(["run", "./holds.py", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == ExitCode.DONE
+    assert (
+        main(["run", "./holds.py", "--bench", "ideal", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == ExitCode.DONE
+    )
     assert "3.500 V: +142." in capsys.readouterr().err
     (first,) = (tmp_path / "runs").glob("*_holds.h5")
     assert main(["show", str(first), "--picture", "holds.png"]) == ExitCode.DONE
     assert "displacement per volt: 142." in capsys.readouterr().out
     assert (tmp_path / "holds.png").stat().st_size > 10_000
-    assert main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--speed", "max"]) == ExitCode.DONE
+    assert (
+        main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--bench", "ideal", "--speed", "max"])
+        == ExitCode.DONE
+    )

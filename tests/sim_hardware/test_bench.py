@@ -164,7 +164,7 @@ def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
     assert bench.faults.active_faults() == tuple(FAULT_DESCRIPTIONS)
     bench.clear()
     assert bench.faults.active_faults() == ()
-    with pytest.raises(ValueError, match="choose from scpi-silent"):
+    with pytest.raises(ValueError, match="choose from drive-cable-off"):
         bench.inject("coffee")
 
 
