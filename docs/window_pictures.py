@@ -21,14 +21,16 @@ from app.archive.catalogue import Catalogue
 from app.cli.headless import make_protocol
 from app.config.bench_file import BenchConfig
 from app.gui.application import qt_application
+from app.gui.laboratory.page import CHART
 from app.gui.main_window import MainWindow
-from app.gui.tabs import CAMPAIGN, EXPLORE, MEASURE, RUNS
+from app.gui.tabs import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
 from app.session.request import choose_bench
 from app.session.session import SessionEvent
 from protocols.base import DriveStarted, PointMeasured, Protocol
+from tests.helpers.fleet_runs import GOLDEN, write_laboratory
 
 SIZES = {"": (1280, 720), "-large": (2560, 1440)}
 MANY = 10_000
@@ -37,6 +39,12 @@ SETTLE_S = 0.4
 """Time for a page to be repainted after a change of size or theme."""
 
 PATIENCE_S = 120.0
+
+LIMITS = f"""golden = "{GOLDEN}"
+[limits.amplitude_at_resonance]
+low = "900 um"
+high = "1150 um"
+"""
 
 
 def simulated_bench() -> BenchConfig:
@@ -161,6 +169,7 @@ def take(pictures: Path) -> None:
         settings = QSettings("settings.ini", QSettings.Format.IniFormat)
         run = measuring(Studio(pictures, make_protocol("sine-dwell", []), settings))
         prompt(Studio(pictures, make_protocol("static-loading", []), settings, prompts=True))
+        laboratory(Studio(pictures, make_protocol("sine-dwell", []), settings))
         fill_archive(run)
         archive(Studio(pictures, make_protocol("sine-dwell", []), settings), run)
         os.chdir(before)
@@ -209,6 +218,22 @@ def prompt(studio: Studio) -> None:
         studio.until(lambda ask=ask: window.state.prompt is not None and window.state.prompt.ask_id != ask)
     studio.settle(1.0)
     studio.take("prompt")
+    studio.close()
+
+
+def laboratory(studio: Studio) -> None:
+    """Take the pictures of fifty specimens in three batches, and of the control chart of a laser that drifts."""
+    write_laboratory(Path("laboratory"))
+    Path("laboratory/limits.toml").write_text(LIMITS, "utf-8")
+    tabs = studio.window.tabs
+    tabs.measure.run_panel.folder_edit.setText("laboratory")
+    studio.look_at(LABORATORY)
+    studio.until(lambda: tabs.laboratory.fleet.view is not None)
+    studio.take("laboratory")
+    tabs.laboratory.show_view(CHART)
+    studio.until(lambda: tabs.laboratory.chart.view is not None)
+    studio.take("laboratory-chart")
+    tabs.measure.run_panel.folder_edit.setText("runs")
     studio.close()
 
 
