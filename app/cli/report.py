@@ -30,6 +30,7 @@ from app.report.html import html_report
 from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_limits, read_limits
 from app.report.pdf import lay_out_figure, pdf_report
 from app.report.runs import ReportRun
+from app.report.signature import sign_files, verification_command
 from app.report.specimen import SpecimenModel
 from model import ParameterError
 from protocols.runfile.names import safe_name
@@ -75,6 +76,13 @@ class ReportCommand:
         metavar="FILE",
         help="picture of the laboratory (PNG), at the top of the first page",
     )
+    sign: Path | None = option(
+        "--sign",
+        type=path_argument,
+        metavar="KEY",
+        help="SSH key with which PDF and HTML are signed (FILE.sig beside each); with --by",
+    )
+    by: str = option("--by", default="", metavar="NAME", help="who signs, on the first page")
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
     @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
@@ -85,6 +93,8 @@ class ReportCommand:
             raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
         if not self.folder.is_dir():
             raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
+        if self.sign is not None and not self.by.strip():
+            raise UsageError("--sign needs the name of who signs: --by NAME")
         out = self.out
         try:
             limits = _read_limits(self)
@@ -93,12 +103,17 @@ class ReportCommand:
                 content, specimen, runs = build_report(
                     self.folder, self.specimen, limits, progress, read_threshold(self.threshold), self.full
                 )
-                content = replace(content, laboratory=self.laboratory, logo=_read_logo(self.logo))
+                content = replace(
+                    content, laboratory=self.laboratory, logo=_read_logo(self.logo), signed_by=self.by.strip()
+                )
                 files = write_report(content, specimen, runs if self.full else (), out, progress)
+            signatures = sign_files(files, self.sign) if self.sign is not None else []
         except OSError as error:
             raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
-        for path in files:
+        for path in (*files, *signatures):
             print_message(f"wrote {path}")
+        if signatures:
+            print_message(f"to verify: {verification_command(files[0], self.by.strip())}")
         if self.json:
             print_json({**content.record, "files": [str(path) for path in files]})
         for outcome in content.limit_outcomes:

@@ -60,6 +60,8 @@ class Report:
     """Its name, on the first page."""
     logo: bytes = b""
     """Its picture on the first page, PNG; empty for none."""
+    signed_by: str = ""
+    """Who signs; empty where it is written by hand."""
     record: dict[str, object] = field(default_factory=dict)
     """The content for JSON, SI units."""
 

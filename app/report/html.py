@@ -42,7 +42,8 @@ def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], Non
     """
     title = escape(f"Specimen {report.specimen}")
     parts = [*_html_head(report), *_html_blocks(report.first_page)]
-    parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
+    who = f"Signed by {escape(report.signed_by)}" if report.signed_by else "Measured by"
+    parts.append(f"<div class='sign'><span>{who}</span><span>Checked by</span><span>Date</span></div>")
     for section in report.appendix:
         parts += [f"<h2>{escape(section.title)}</h2>", *_html_blocks(section.blocks)]
     heading = ["<h2>Every run</h2>"]

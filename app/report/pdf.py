@@ -130,7 +130,6 @@ TONE_STYLES = {
 RED = "#C00018"
 SIGNATURE_HEIGHT_IN = 0.35
 """Height reserved at the bottom of the first page."""
-SIGNATURE_TEXT = "Measured by ________________________   Checked by ________________________   Date ______________"
 LOGO_IN = (1.6, 0.6)
 """Largest width and height of the laboratory's picture."""
 MIN_PLOT_HEIGHT_IN = 1.9
@@ -228,7 +227,7 @@ class _PageFlow:
         for block in report.first_page:
             self._add_block(self._fit_to_page(block))
         self._bottom = BOTTOM
-        _draw_text(self._pages[0], LEFT, BOTTOM, SIGNATURE_TEXT, size=9, va="bottom")
+        _draw_text(self._pages[0], LEFT, BOTTOM, _signature_text(report.signed_by), size=9, va="bottom")
         self._new_page()
         for section in report.appendix:
             self._require_space(4.0)
@@ -314,6 +313,11 @@ class _PageFlow:
         if block.note:
             self._add_text(block.note, 7.5, color="#444444")
         self._y -= 0.1
+
+
+def _signature_text(signed_by: str) -> str:
+    who = f"Signed by {signed_by}" if signed_by else "Measured by ________________________"
+    return f"{who}   Checked by ________________________   Date ______________"
 
 
 def _draw_logo(page: Any, png: bytes) -> None:

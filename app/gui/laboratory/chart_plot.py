@@ -41,7 +41,7 @@ class ControlChartPlot(PlotBase):
         self._unit = "1"
         self.sigma_lines = {k: pg.InfiniteLine(0.0, angle=0, label="", labelOpts=_label_at(0.995)) for k in SIGMAS}
         self.centre_line = pg.InfiniteLine(0.0, angle=0)
-        self.marks = [pg.InfiniteLine(0.0, angle=90, label="", labelOpts=_label_at(0.04, upright=True)) for _ in (0, 1)]
+        self.marks = [pg.InfiniteLine(0.0, angle=90, label="", labelOpts=_label_at(0.1, upright=True)) for _ in (0, 1)]
         """Ends of the baseline, and onset of a lasting change."""
         self.line, self.average, self.upper_limit, self.lower_limit = (CurveItem() for _ in range(4))
         self.points, self.broken, self.beyond = (

@@ -26,6 +26,7 @@ from app.report.content import ReportError, build_report, page_marks
 from app.report.document import Paragraph, Report
 from app.report.figures_of_merit import perception_margin_of, step_latency_of
 from app.report.runs import ReportRun, read_report_runs
+from app.report.signature import verification_command
 from app.report.specimen import SpecimenModel
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
@@ -116,6 +117,7 @@ def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_
         assert (tmp_path / name).read_bytes() == (written.out / name).read_bytes()
 
 
+@pytest.mark.deep
 def test_by_default_it_has_two_pages_with_the_laboratory_and_its_picture(
     written: Written, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,6 +137,34 @@ def test_by_default_it_has_two_pages_with_the_laboratory_and_its_picture(
     logo.write_bytes(b"GIF89a")
     assert main([*words, "--logo", str(logo)]) == 2
     assert "is no PNG picture of at most 2 MB; convert it, or leave it out" in capsys.readouterr().err
+
+
+@pytest.mark.deep
+@pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="OpenSSH is not installed")
+def test_a_signature_verifies_until_the_report_is_changed(
+    written: Written, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = tmp_path / "key"
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
+    words = ["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path), "--sign", str(key)]
+    assert main(words) == 2
+    assert "--sign needs the name of who signs: --by NAME" in capsys.readouterr().err
+    assert main([*words, "--by", "K. Tanaka"]) == 0
+    assert "-I 'K. Tanaka'" in capsys.readouterr().err
+    (tmp_path / "allowed_signers").write_text(f'"K. Tanaka" {key.with_suffix(".pub").read_text()}')
+    report = tmp_path / "T1_report.pdf"
+
+    def verified() -> bool:
+        command = verification_command(report, "K. Tanaka")
+        return subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+
+    assert verified()
+    assert "Signed by K. Tanaka" in (tmp_path / "T1_report.html").read_text("utf-8")
+    report.write_bytes(report.read_bytes().replace(b"/Title", b"/Titel"))
+    assert not verified()
+    key.write_text("no key")
+    assert main([*words, "--by", "K. Tanaka"]) == 2
+    assert "the report is written, but not signed" in capsys.readouterr().err
 
 
 def test_what_the_first_page_says_is_what_the_plant_is(
