@@ -20,7 +20,7 @@ from app.session import WindowState
 
 SOUND_KEY, NOTICE_KEY = "notify/sound", "notify/notice"
 PROMPT_DELAY_MS = 800
-"""A prompt that is answered sooner, as by the simulated operator, needs nobody."""
+"""A prompt that is answered sooner, as by the simulated operator, is not announced."""
 NOTICE_MS = 15_000
 RATE_HZ = 22_050
 TONES: dict[str, Sequence[tuple[float, float]]] = {

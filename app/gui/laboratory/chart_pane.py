@@ -6,12 +6,11 @@ from pathlib import Path
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
-from app.common import Table
 from app.fleet.drift import DriftCause
 from app.fleet.values import Fleet
 from app.fleet.view import ChartView, golden_candidates, view_charts
 from app.gui.laboratory.chart_plot import ControlChartPlot
-from app.gui.laboratory.value_table import ValueTable
+from app.gui.laboratory.value_table import ValueTable, write_csv
 from app.gui.widgets import (
     BackgroundWorker,
     Mode,
@@ -107,12 +106,7 @@ class ChartPane(QWidget):
         """Write the values of the charts as CSV in the background."""
         if self.view is None:
             return
-        table: Table = self.view.points
-        self._worker.submit(
-            lambda: table.to_csv(path),
-            lambda _: self._say(f"Written: {path}", False),
-            lambda error: self._say(f"{path} cannot be written: {error}", True),
-        )
+        write_csv(self._worker, self.view.points, path, self._say)
 
     def _show_view(self, view: ChartView | None) -> None:
         self.view = view

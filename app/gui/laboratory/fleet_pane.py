@@ -11,7 +11,7 @@ from app.fleet.tables import Bounds
 from app.fleet.values import CALIBRATION, GROUPS, Fleet
 from app.fleet.view import FleetQuery, FleetView, view_fleet
 from app.gui.laboratory.fleet_plot import FleetPlot
-from app.gui.laboratory.value_table import ValueTable
+from app.gui.laboratory.value_table import ValueTable, write_csv
 from app.gui.widgets import (
     BackgroundWorker,
     Mode,
@@ -140,12 +140,7 @@ class FleetPane(QWidget):
         """Write the table of the specimens as CSV in the background."""
         if self.view is None:
             return
-        table: Table = self.view.specimens
-        self._worker.submit(
-            lambda: table.to_csv(path),
-            lambda _: self._say(f"Written: {path}", False),
-            lambda error: self._say(f"{path} cannot be written: {error}", True),
-        )
+        write_csv(self._worker, self.view.specimens, path, self._say)
 
     def _show_view(self, view: FleetView | None) -> None:
         self.view = view

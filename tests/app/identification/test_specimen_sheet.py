@@ -223,7 +223,7 @@ def test_a_calibration_keeps_what_was_known_beforehand(static: Path, capsys: pyt
 def test_the_report_has_dimensions_sources_and_both_uncertainties(static: Path, tmp_path: Path) -> None:
     given = ("L=22 mm +- 0.1 mm", "serial=MFC-042")
     assert main(["specimen", "set", "T7", *given, "--instrument", "steel rule", "--folder", str(static.parent)]) == 0
-    assert main(["report", "T7", "--folder", str(static.parent), "--out", str(tmp_path)]) == 0
+    assert main(["report", "T7", "--full", "--folder", str(static.parent), "--out", str(tmp_path)]) == 0
     page = (tmp_path / "T7_report.html").read_text("utf-8")
     for text in ("steel rule", "MFC-042", "Sources of the uncertainties", "statistical", "directly measured (ruler)",
                  "identified from static deflection under a voltage", "Exact for want of a stated uncertainty",

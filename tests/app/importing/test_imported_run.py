@@ -69,7 +69,7 @@ def test_imported_runs_are_listed_drawn_exported_and_reported(
     assert main(["show", str(path), "--picture", str(tmp_path / "p.png")]) == 0
     assert main(["export", str(path), "--format", "json", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / f"{path.stem}.json").read_text("utf-8"))["imported"]["files"][0]["name"] == "t.csv"
-    assert main(["report", "T7", "--folder", str(path.parent), "--out", str(tmp_path)]) == 0
+    assert main(["report", "T7", "--full", "--folder", str(path.parent), "--out", str(tmp_path)]) == 0
     assert "imported" in next(tmp_path.glob("*T7*.html")).read_text("utf-8")
 
 
