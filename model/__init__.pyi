@@ -31,6 +31,7 @@ from .specimen import CLAMP_FLEXIBILITY as CLAMP_FLEXIBILITY
 from .specimen import CREEP as CREEP
 from .specimen import HYSTERESIS as HYSTERESIS
 from .specimen import K_S as K_S
+from .specimen import LAG_NAMES as LAG_NAMES
 from .specimen import NONIDEAL_NAMES as NONIDEAL_NAMES
 from .specimen import Specimen as Specimen
 from .specimen import replace_variables as replace_variables

@@ -33,6 +33,7 @@ CLAMP_FLEXIBILITY = ParameterSpec(
     "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer",
     0.0,
 )
+LAG_NAMES = (HYSTERESIS.name, CREEP.name)
 NONIDEAL_VARIABLES = (HYSTERESIS, CREEP, CLAMP_FLEXIBILITY)
 """What the beam model of the paper leaves out. The first two act on the response to a voltage (`model.response.lag`), not on the beam."""
 NONIDEAL_NAMES = tuple(each.name for each in NONIDEAL_VARIABLES)

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model import AmplifierMap, Membrane, ParameterError
+from model import LAG_NAMES, AmplifierMap, Membrane, ParameterError
 from protocols.base import format_with_uncertainty
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ MAX_EVALUATIONS = 60
 ERRORS_NOTE = "± has noise and dimensions by ruler and caliper; the other sliders and the sensor's gain count as exact ('Identify …' has all sources)"
 FREE_PARAMETERS = ("m_add", "c0", "mu")
 """The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
-PIEZOELECTRIC_LAG = ("hysteresis", "creep")
-"""Free besides where there are phases: every MFC has both; without them mu of the simulated bench was 7 % off, with them 3 %, by k2, which is held."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +48,10 @@ def fit_runs(
     if elongation is not None:
         names = {elongation_parameter(letter, elongation): letter for letter in ("k_s", "c_s")}
     observed = tuple(_observation(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
-    held = {name: setting.value(name) for name in PIEZOELECTRIC_LAG}
+    held = {name: setting.value(name) for name in LAG_NAMES}
+    # Every MFC has both: without them mu of the simulated bench was 7 % off, with them 3 %, by k2, which is held.
     if all(run.fundamental_m is not None and np.iscomplexobj(run.fundamental_m) for run in observed):
-        names |= {name: name for name in PIEZOELECTRIC_LAG}
+        names |= {name: name for name in LAG_NAMES}
         held = {}
     start = {name: setting.value(letter) for name, letter in names.items()}
     options = FitOptions(
@@ -65,7 +64,7 @@ def fit_runs(
     fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
-        if not np.isfinite(found[name]) and name not in PIEZOELECTRIC_LAG:
+        if not np.isfinite(found[name]) and name not in LAG_NAMES:
             raise ValueError(f"{letter} is not determined by these runs; overlay one with points around the resonance")
         if np.isfinite(found[name]):
             setting = setting.with_value(letter, float(f"{found[name]:.6g}"))

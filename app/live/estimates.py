@@ -8,7 +8,7 @@ import numpy as np
 
 from app.identification import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
-from model import AmplifierMap
+from model import LAG_NAMES, AmplifierMap
 from protocols.base import Quality
 
 if TYPE_CHECKING:
@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 
     from model import EstimatedQuantity
     from model.identification import LiveFit
-
-
-LAG = ("hysteresis", "creep")
-"""Fitted besides, within what is usual: without them the moment of an MFC is off by a tenth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +65,7 @@ class LiveEstimator:
                 point.frequency, point.fundamental * np.exp(1j * point.phase), point.fundamental_errors
             )
             errors = dict(self._update.error_history or {})
-            shown = tuple(e for e in got.estimates if e.name not in LAG)
+            shown = tuple(e for e in got.estimates if e.name not in LAG_NAMES)
             for e in shown:
                 if e.value and np.isfinite(e.standard_error):
                     errors[e.name] = (*errors.get(e.name, ()), abs(e.standard_error / e.value))
@@ -82,7 +78,8 @@ class LiveEstimator:
         from model.identification import FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
-        lag = {name: (0.0, USUAL_EFFECTS[name].standard_deviation) for name in LAG}
+        # Within what is usual: without them the moment of an MFC is off by a tenth.
+        lag = {name: (0.0, USUAL_EFFECTS[name].standard_deviation) for name in LAG_NAMES}
         setting = FitOptions(tactor=active_model.tactor, amplifier=self._amplifier, also=tuple(lag), priors=lag)
         if not points:  # the imports above are all the first point needs
             return LiveFit(setting)

@@ -1,5 +1,6 @@
 """Signature of a report's files by a person's SSH key, made and verified by OpenSSH's `ssh-keygen -Y`."""
 
+import shlex
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,4 +49,4 @@ def sign_files(files: Sequence[Path], key: Path) -> list[Path]:
 
 def verification_command(file: Path, name: str) -> str:
     """Return the command that verifies the signature of a file; `allowed_signers` lists names with their public keys."""
-    return f"ssh-keygen -Y verify -f allowed_signers -I '{name}' -n {NAMESPACE} -s {file.name}{SUFFIX} < {file.name}"
+    return f"ssh-keygen -Y verify -f allowed_signers -I {shlex.quote(name)} -n {NAMESPACE} -s {file.name}{SUFFIX} < {file.name}"

@@ -47,9 +47,8 @@ class ChannelCalibration:
 
     def quality(self, raw: NDArray[np.int16]) -> Quality:
         """Return the flags of these samples: clipped by the card, out of the sensor's range."""
-        ends = (
-            np.array([raw.min(), raw.max()], np.int16) if raw.size else raw
-        )  # a card's polynomial rises with the counts
+        # A card's polynomial rises with the counts: the ends decide for all.
+        ends = np.array([raw.min(), raw.max()], np.int16) if raw.size else raw
         quality = Quality.CLIPPED if self.scale.is_clipped(ends).any() else Quality.GOOD
         if self.sensor is not None and not self.sensor.is_valid(self.scale.to_volts(ends)).all():
             quality |= Quality.OUT_OF_RANGE

@@ -290,9 +290,8 @@ class KeyBurstFilter(QObject):
     def _filter_key(self, event: QKeyEvent) -> bool:
         if event.type() == QEvent.Type.KeyRelease or event.isAutoRepeat() or event.key() in MODIFIER_KEYS:
             return False
-        is_override = (
-            event.type() == QEvent.Type.ShortcutOverride
-        )  # precedes the shortcut, and the key if there is none
+        # It precedes the shortcut, or the key where there is no shortcut.
+        is_override = event.type() == QEvent.Type.ShortcutOverride
         if is_override or event.timestamp() != self._last_ms:
             self._in_burst = 0 <= event.timestamp() - self._last_ms < BURST_GAP_MS
             self._last_ms = event.timestamp()
