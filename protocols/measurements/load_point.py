@@ -123,7 +123,7 @@ def load_point(
     recordings: Sequence[Recording],
     measure_level: Callable[[Recording], LevelEstimate],
     load_n: tuple[float, float],
-    zero_limit_m: float,
+    zero_limit_m: Callable[[float], float],
     simulated: bool,
 ) -> LoadPoint:
     """The point of one weight; the last three recordings count.
@@ -133,7 +133,7 @@ def load_point(
         recordings: what was recorded for it.
         measure_level: the level of a recording.
         load_n: the weight's force and its standard uncertainty.
-        zero_limit_m: a zero that moved further makes the point unsettled.
+        zero_limit_m: how far the zero may move over a deflection in m; further makes the point unsettled.
         simulated: whether the bench was.
 
     Raises:
@@ -154,7 +154,7 @@ def load_point(
             isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V
             for part in parts
         ),
-        Quality.UNSETTLED: abs(drift) > zero_limit_m,
+        Quality.UNSETTLED: abs(drift) > zero_limit_m(deflection),
         Quality.NO_RESPONSE: abs(deflection) <= 5 * error,
     }
     load, load_error = load_n

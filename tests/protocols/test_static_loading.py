@@ -189,6 +189,15 @@ def test_a_clamp_that_gives_shows_in_the_zero(tmp_path: Path) -> None:
     assert all(Quality(point.quality).usable for point in ran.points)  # it has given, and the repeat is good
 
 
+def test_creep_after_a_heavy_weight_is_not_asked_about(tmp_path: Path) -> None:
+    heavy = SHORT.model_copy(update={"weights_kg": (0.5,), "settle_s": 1.0})
+    with laboratory(simulated(beyond={"creep_per_decade": 0.015})) as lab:
+        ran = run(heavy, tmp_path, lab)
+    assert ran.points[0].drift > 3e-6
+    assert not any("did the clamp give" in text for text in asked_texts(ran))
+    assert Quality(ran.points[0].quality).usable
+
+
 def test_the_wrong_way_three_times_is_a_wrong_sign_in_the_bench_file(tmp_path: Path) -> None:
     config = simulated()
     sensor = config.sensor.model_copy(update={"gain_m_per_v": -config.sensor.gain_m_per_v})
