@@ -1,7 +1,7 @@
 """A tactor, free or on a membrane, and every number of it that a study, an estimate or a command line may change."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +54,16 @@ def variable_specs() -> dict[str, ParameterSpec]:
     }
 
 
+def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -> dict[str, Any]:
+    """Return L, L1 and L2, m, of the beam whose bare plate is longer by what bends as far as the clamp turns.
+
+    Numbers or arrays that broadcast. Deflection and mass of the piece that is added are of second order: of a clamp of 5 %,
+    less than 0.05 % of the response.
+    """
+    longer = clamp_flexibility * lengths["L1"]
+    return {name: lengths[name] + longer for name in ("L", "L1", "L2")}
+
+
 @dataclass(frozen=True, slots=True)
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
@@ -83,8 +93,7 @@ class Specimen:
         """The tactor whose bare plate is longer by what bends as far as the clamp turns."""
         if not self.clamp_flexibility:
             return self.tactor
-        longer = self.clamp_flexibility * self.tactor.L1
-        return replace(self.tactor, **{name: getattr(self.tactor, name) + longer for name in ("L", "L1", "L2")})
+        return replace(self.tactor, **flexible_clamp_lengths(asdict(self.tactor), self.clamp_flexibility))
 
     @property
     def skin(self) -> Skin:

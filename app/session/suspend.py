@@ -61,6 +61,9 @@ def _inhibit_by_logind(stack: contextlib.ExitStack) -> None:
         child.stdin.write(b"\n")
         child.stdin.flush()
     if child.stdout.read(1) != b"\n":
+        child.wait(
+            START_TIMEOUT_S
+        )  # It has ended or was killed; unawaited it stays a zombie as long as the bench is open.
         raise OSError("systemd-inhibit could not ask logind")
     silent.cancel()
 

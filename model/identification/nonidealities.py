@@ -21,6 +21,7 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 from model.response import fourier_series, lag
+from model.specimen import flexible_clamp_lengths
 
 Values = Mapping[str, Any]
 
@@ -124,14 +125,9 @@ def with_acting_mass(v: Values) -> Values:
 
 
 def with_flexible_clamp(v: Values) -> Values:
-    """Return the parameters with the bare plate longer by what bends as far as the clamp turns.
-
-    Deflection and mass of the piece that is added are of second order: of a clamp of 5 %, less than 0.05 % of the response.
-    """
-    if not np.any(v["clamp_flexibility"]):
-        return v
-    longer = v["clamp_flexibility"] * v["L1"]
-    return {**v, **{name: v[name] + longer for name in ("L", "L1", "L2")}}
+    """Return the parameters with the lengths that a flexible clamp acts as."""
+    flexibility = v["clamp_flexibility"]
+    return {**v, **flexible_clamp_lengths(v, flexibility)} if np.any(flexibility) else v
 
 
 class NonidealResponse:
