@@ -5,6 +5,7 @@
 The program in it is `tactor-bench`, on Windows `tactor-bench.exe`; without arguments it opens the window.
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -21,6 +22,11 @@ BACKENDS = tuple(f"matplotlib.backends.backend_{name}" for name in ("agg", "pdf"
 EXCLUDED = ("tkinter", "IPython", "pytest", "mypy", "sphinx", "PyInstaller")
 
 
+def _is_needed(module: str) -> bool:
+    """Return whether a module belongs into the program: examples are left out, and importing them opens windows."""
+    return ".examples" not in module
+
+
 def options() -> list[str]:
     """Return the options of PyInstaller."""
     sys.path.insert(0, str(ROOT))
@@ -28,7 +34,9 @@ def options() -> list[str]:
     given += ["--distpath", str(ROOT / "dist"), "--workpath", str(ROOT / "build" / "desktop")]
     given += ["--specpath", str(ROOT / "build" / "desktop"), "--log-level", "WARN"]
     for name in (*PACKAGES, *DEPENDENCIES):
-        given += [word for module in collect_submodules(name) for word in ("--hidden-import", module)]
+        given += [
+            word for module in collect_submodules(name, filter=_is_needed) for word in ("--hidden-import", module)
+        ]
         # The stubs list the names that packages import lazily, the TOML files are the simulated benches.
         for source, target in collect_data_files(
             name, includes=["**/*.pyi", "**/*.toml", "**/*.png", "**/*.svg", "**/*.txt"]
@@ -43,4 +51,6 @@ def options() -> list[str]:
 
 
 if __name__ == "__main__":
+    # Modules are imported to be found; without a display Qt ends such a process.
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     PyInstaller.__main__.run(options())

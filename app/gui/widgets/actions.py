@@ -251,9 +251,9 @@ ACTIONS = {
 class KeyBurstFilter(QObject):
     """Keeps the keys of a barcode scanner, recognized by their timestamps, from answering prompts and triggering actions.
 
-    A scanner is a keyboard that types a text within milliseconds and ends with Enter. A scan must never answer a prompt
-    ("high voltage must be ON now"), also where the cursor is in a field: its keys go to fields alone. Esc and F12, which stop the
-    run, are never delayed or ignored.
+    A scanner is a keyboard that types a text within milliseconds and ends with Enter; some begin with Enter, too. A scan must never answer a
+    prompt ("high voltage must be ON now"), also where the cursor is in a field: its keys go to fields alone. Esc and F12, which stop
+    the run, are never delayed or ignored.
 
     Args:
         window: whose keys are filtered, before any of its widgets receives them.
@@ -264,7 +264,7 @@ class KeyBurstFilter(QObject):
         self._window = window
         self._last_ms = -BURST_GAP_MS
         self._in_burst = self._may_begin_burst = False
-        self._held: QAction | None = None
+        self._held: Callable[[], object] | None = None
         self._hold_timer = QTimer(self, singleShot=True, interval=HOLD_MS)
         # Keys that wait behind a long paint are delivered before the action is triggered, and may be those of a scan.
         self._release_timer = QTimer(self, singleShot=True, interval=0)
@@ -282,10 +282,27 @@ class KeyBurstFilter(QObject):
 
     def hold(self, action: QAction) -> bool:
         """Return whether an action waits for `HOLD_MS`, because its key may be the first one of a scan."""
+
+        def trigger() -> None:
+            if isValid(action):
+                action.trigger()
+
         if self._may_begin_burst:
-            self._held = action
-            self._hold_timer.start()
+            self._hold(trigger)
         return self._may_begin_burst
+
+    def _hold(self, effect: Callable[[], object]) -> None:
+        self._held = effect
+        self._hold_timer.start()
+
+    def _hold_enter(self, event: QKeyEvent) -> bool:
+        """Return whether Enter, which no shortcut took, waits as well: in a list it accepts or opens what is selected."""
+        widget = QApplication.focusWidget()
+        if event.key() not in ENTER_KEYS or widget is None or _takes_text(widget):
+            return False
+        press = QKeyEvent(event.type(), event.key(), event.modifiers(), event.text())
+        self._hold(lambda: isValid(widget) and QApplication.sendEvent(widget, press))
+        return True
 
     def _filter_key(self, event: QKeyEvent) -> bool:
         if event.type() == QEvent.Type.KeyRelease or event.isAutoRepeat() or event.key() in MODIFIER_KEYS:
@@ -299,21 +316,20 @@ class KeyBurstFilter(QObject):
                 self._held = None
             self._trigger_held()
         is_stop = event.key() in STOP_KEYS
-        # A scan begins with text, and Enter is its end: other keys need not wait.
-        self._may_begin_burst = (
-            not is_stop and event.key() not in ENTER_KEYS and bool(event.text()) and not event.modifiers() & NO_TEXT
-        )
+        # A scan begins with text or with Enter: other keys need not wait.
+        begins = bool(event.text()) or event.key() in ENTER_KEYS
+        self._may_begin_burst = begins and not is_stop and not event.modifiers() & NO_TEXT
         if not self._in_burst or is_stop:
-            return False
+            return not is_override and not is_stop and self._hold_enter(event)
         event.accept()  # of an override: no shortcut is triggered, the key itself follows
         return is_override or not _takes_text(QApplication.focusWidget())
 
     def _trigger_held(self) -> None:
         self._hold_timer.stop()
         self._release_timer.stop()
-        action, self._held = self._held, None
-        if action is not None and isValid(action):
-            action.trigger()
+        effect, self._held = self._held, None
+        if effect is not None:
+            effect()
 
 
 def _takes_text(widget: QWidget | None) -> bool:

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QLineEdit, QListWidget
 
 from app.gui.tabs import RUNS
 from app.gui.widgets.actions import BURST_GAP_MS, HOLD_MS, KeyBurstFilter
@@ -24,6 +24,8 @@ SCANNED = (
     Qt.Key.Key_R,
     Qt.Key.Key_Return,
 )
+WITH_PREFIX = (Qt.Key.Key_Return, *SCANNED)
+"""Of a scanner that is set up to send Enter first."""
 SCANNER_MS, PERSON_MS = 8, 120
 """Between two keys."""
 
@@ -85,24 +87,58 @@ def answer(stage: Stage) -> str | None:
 
 @pytest.mark.parametrize("prompt", [ENABLE_HIGH_VOLTAGE, ASKED], ids=["enable", "weight"])
 @pytest.mark.parametrize("in_field", [False, True], ids=["no field", "field"])
+@pytest.mark.parametrize("keys", [SCANNED, WITH_PREFIX], ids=["plain", "prefix"])
 def test_a_scan_answers_no_prompt_wherever_the_cursor_is(
-    stage: Stage, keyboard: Keyboard, prompt: Prompt, in_field: bool
+    stage: Stage, keyboard: Keyboard, prompt: Prompt, in_field: bool, keys: tuple[Qt.Key, ...]
 ) -> None:
     ask(stage, prompt)
     stage.window.tabs.select_page(RUNS)
     if in_field:
         find(stage.window, "runs.search").setFocus()
     assert isinstance(QApplication.focusWidget(), QLineEdit) == in_field
-    keyboard.scan(*SCANNED)
+    keyboard.scan(*keys)
     assert answer(stage) is None
     assert stage.window.tabs.currentIndex() == RUNS
     assert stage.session.stops == 0
 
 
-def test_a_scan_presses_no_button_that_has_the_focus(stage: Stage, keyboard: Keyboard) -> None:
+@pytest.mark.parametrize("keys", [SCANNED, WITH_PREFIX], ids=["plain", "prefix"])
+def test_a_scan_presses_no_button_that_has_the_focus(
+    stage: Stage, keyboard: Keyboard, keys: tuple[Qt.Key, ...]
+) -> None:
     ask(stage, ENABLE_HIGH_VOLTAGE)
     stage.window.notices.prompt.buttons[0].setFocus()
-    keyboard.scan(*SCANNED)
+    keyboard.scan(*keys)
+    assert answer(stage) is None
+
+
+def test_enter_opens_what_is_selected_in_a_list_and_a_scan_does_not(stage: Stage, keyboard: Keyboard) -> None:
+    stage.happen(OPENED)
+    stage.window.tabs.select_page(RUNS)
+    names = QListWidget(stage.window.tabs.runs)
+    names.addItems(["T1", "T2"])
+    names.setCurrentRow(1)
+    names.show()
+    names.setFocus()
+    opened: list[str] = []
+    names.itemActivated.connect(lambda item: opened.append(item.text()))
+    keyboard.scan(*WITH_PREFIX)
+    assert opened == []
+    names.setCurrentRow(1)
+    keyboard.press(Qt.Key.Key_Return)
+    assert opened == ["T2"]
+
+
+def test_the_keys_of_a_native_window_that_was_replaced_are_filtered(stage: Stage) -> None:
+    ask(stage, ENABLE_HIGH_VOLTAGE)
+    before = stage.window.windowHandle()
+    stage.window.destroy()
+    stage.window.create()
+    stage.window.windowHandle().setVisible(True)
+    assert stage.window.windowHandle() is not before
+    keyboard = Keyboard(stage)
+    keyboard.scan(*WITH_PREFIX)
+    keyboard.end()
     assert answer(stage) is None
 
 
