@@ -1,6 +1,7 @@
 """Topics of the command `model` under a drive: frequency response, latency, and the membrane."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from annotated_types import Interval
@@ -22,7 +23,7 @@ from app.cli.model_options import (
 from app.cli.options import FileOptions, group, option, switch, threshold_option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
-from app.identification import read_threshold
+from app.identification import chosen_threshold
 from model import LOAD_SPEC as WEIGHT
 from model import (
     PRE_STRETCH,
@@ -43,6 +44,8 @@ from model.response import (
     PERIODIC_FREQUENCY_SPEC,
     THRESHOLD_SPEC,
     TOLERANCE_SPEC,
+    UNCOMFORTABLE_HZ,
+    UNCOMFORTABLE_SOURCE,
     Latency,
     PerceptionThreshold,
     Waveform,
@@ -66,6 +69,8 @@ DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250
 """The paper's frequencies."""
 CURVE_HZ = "1:250:250"
 POINTS = 2001
+RUNS_FOLDER = Path("runs")
+"""Whose laboratory file names the threshold where `--threshold` does not."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ class FrequencyResponseTopic(Topic):
     )
     at: str | None = option("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
     exact: bool = switch("--exact", "also the closed-form solution, to compare with the n shape functions")
-    threshold: str = threshold_option()
+    threshold: str | None = threshold_option()
     files: FileOptions = group(FileOptions, "the response")
 
     def compute(self) -> CommandResult:
@@ -102,7 +107,7 @@ class FrequencyResponseTopic(Topic):
         response = with_lag(beam, specimen, amplitude, offset, AmplifierMap())
         twice = 2 * np.abs(response.fundamental)
         H = receptance(t, f, skin, n, at)
-        felt = read_threshold(self.threshold)
+        felt = chosen_threshold(RUNS_FOLDER, self.threshold)
         head = f"x {1e6 * felt.amplitude_m[0]:g} µm" if len(felt.amplitude_m) == 1 else "x threshold"
         columns = [
             Column("frequency", "Hz", f, format_spec=".6g"),
@@ -208,7 +213,10 @@ def _describe_felt_bands(
         return f"{peak}Nowhere felt: below the threshold, {threshold.description}.", bands
     listed = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in bands)
     looked_at = f"of the {rising[0]:g} to {rising[-1]:g} Hz looked at"
-    return f"{peak}Felt {listed}, {looked_at}: above the threshold, {threshold.description}.", bands
+    text = f"{peak}Felt {listed}, {looked_at}: above the threshold, {threshold.description}."
+    if bands[-1][1] > UNCOMFORTABLE_HZ[0]:
+        text += f" Above it tends to be uncomfortable ({UNCOMFORTABLE_SOURCE})."
+    return text, bands
 
 
 def _latency_table(name: str, title: str, final: str, felt: str, latency: Latency, tolerance: float) -> Table:

@@ -195,10 +195,10 @@ def threshold_option() -> Any:
     """Declare `--threshold` of the perception margin."""
     return option(
         "--threshold",
-        default="abdomen",
+        default=None,
         metavar="SITE",
         help="of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
-        "and a threshold in µm per line (default: abdomen, the paper's 50 um)",
+        "and a threshold in µm per line (default: that of laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
     )
 
 

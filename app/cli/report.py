@@ -22,9 +22,10 @@ from app.common import (
     terminal_progress,
     usage_errors,
 )
-from app.identification import SheetError, read_threshold
+from app.config import EXAMPLE_LABORATORY, read_laboratory
+from app.identification import SheetError, chosen_threshold
 from app.plotting.run_figure import run_figure
-from app.report.content import ReportError, build_report
+from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build_report
 from app.report.document import Report
 from app.report.html import html_report
 from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_limits, read_limits
@@ -33,6 +34,7 @@ from app.report.runs import ReportRun
 from app.report.signature import sign_files, verification_command
 from app.report.specimen import SpecimenModel
 from model import ParameterError
+from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.runfile.names import safe_name
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -65,16 +67,25 @@ class ReportCommand:
         metavar="FILE",
         help="only write a commented example of limits into this file",
     )
-    threshold: str = threshold_option()
+    new_laboratory: Path | None = option(
+        "--new-laboratory",
+        type=path_argument,
+        metavar="FILE",
+        help="only write a commented example of laboratory.toml into this file: name, logo, threshold and template of the reports",
+    )
+    threshold: str | None = threshold_option()
     full: bool = switch("--full", "with the appendix: every figure, table, hash and run, a page each")
     laboratory: str = option(
-        "--laboratory", default="", metavar="NAME", help="name of the laboratory, on the first page"
+        "--laboratory",
+        default="",
+        metavar="NAME",
+        help="name of the laboratory, on the first page (default: that of laboratory.toml beside the runs)",
     )
     logo: Path | None = option(
         "--logo",
         type=path_argument,
         metavar="FILE",
-        help="picture of the laboratory (PNG), at the top of the first page",
+        help="picture of the laboratory (PNG), at the top of the first page (default: that of laboratory.toml)",
     )
     sign: Path | None = option(
         "--sign",
@@ -88,7 +99,10 @@ class ReportCommand:
     @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
     def execute(self) -> int:
         if self.new_limits is not None:
-            return _write_example_limits(self.new_limits)
+            return _write_example(self.new_limits, example_limits())
+        if self.new_laboratory is not None:
+            names = ", ".join((*SHORT_SECTIONS, *FULL_SECTIONS))
+            return _write_example(self.new_laboratory, EXAMPLE_LABORATORY.format(sections=names))
         if self.specimen is None:
             raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
         if not self.folder.is_dir():
@@ -97,16 +111,18 @@ class ReportCommand:
             raise UsageError("--sign needs the name of who signs: --by NAME")
         out = self.out
         try:
-            limits = _read_limits(self)
+            limits, laboratory = _read_limits(self), read_laboratory(self.folder)
+            if self.laboratory:
+                laboratory = replace(laboratory, name=self.laboratory)
+            threshold = chosen_threshold(self.folder, self.threshold)
+            logo = _read_logo(self.logo or laboratory.logo)
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
                 content, specimen, runs = build_report(
-                    self.folder, self.specimen, limits, progress, read_threshold(self.threshold), self.full
+                    self.folder, self.specimen, limits, progress, threshold, self.full, laboratory
                 )
-                content = replace(
-                    content, laboratory=self.laboratory, logo=_read_logo(self.logo), signed_by=self.by.strip()
-                )
-                files = write_report(content, specimen, runs if self.full else (), out, progress)
+                content = replace(content, logo=logo, signed_by=self.by.strip())
+                files = write_report(content, specimen, runs if self.full else (), out, progress, threshold)
             signatures = sign_files(files, self.sign) if self.sign is not None else []
         except OSError as error:
             raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
@@ -129,6 +145,7 @@ def write_report(
     runs: tuple[ReportRun, ...],
     out: Path,
     progress: Progress = NO_PROGRESS,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> tuple[Path, Path]:
     """Write PDF and HTML, in two processes where the system can copy this one.
 
@@ -143,21 +160,23 @@ def write_report(
     progress.update(0.0, "writing")
     # A copy of a process has one thread only: a lock that another one held would stay locked.
     if not hasattr(os, "fork") or threading.active_count() > 1:
-        _write_files((add_html, add_pdf), specimen, shown, progress)
+        _write_files((add_html, add_pdf), specimen, shown, progress, threshold)
         return pdf, html
     from multiprocessing import get_context
 
-    other = get_context("fork").Process(target=_write_in_copy, args=((add_html,), specimen, shown), daemon=True)
+    other = get_context("fork").Process(
+        target=_write_in_copy, args=((add_html,), specimen, shown, threshold), daemon=True
+    )
     other.start()
     try:
-        _write_files((add_pdf,), specimen, shown, progress)
+        _write_files((add_pdf,), specimen, shown, progress, threshold)
     except BaseException:
         other.terminate()
         raise
     finally:
         other.join()
     if other.exitcode != 0:
-        _write_files((add_html,), specimen, shown)  # which raises the same error here
+        _write_files((add_html,), specimen, shown, threshold=threshold)  # which raises the same error here
     return pdf, html
 
 
@@ -165,16 +184,22 @@ Adder = Callable[[], AbstractContextManager[Callable[[str, Any], None]]]
 """Begins a file and gives the function that adds the figure of a run."""
 
 
-def _write_in_copy(begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun]) -> None:
+def _write_in_copy(
+    begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun], threshold: PerceptionThreshold
+) -> None:
     """Write files in a copy of the process; an error is an exit code, and the original raises it."""
     try:
-        _write_files(begin, specimen, shown)
+        _write_files(begin, specimen, shown, threshold=threshold)
     except BaseException:  # noqa: BLE001 - an interruption too, and without a traceback of this process
         sys.exit(1)
 
 
 def _write_files(
-    begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun], progress: Progress = NO_PROGRESS
+    begin: Sequence[Adder],
+    specimen: SpecimenModel,
+    shown: Sequence[ReportRun],
+    progress: Progress = NO_PROGRESS,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> None:
     """Write files; the figure of each run is drawn once for all of them."""
     with ExitStack() as stack:
@@ -182,7 +207,7 @@ def _write_files(
         for i, each in enumerate(shown, start=1):
             progress.update(i / (len(shown) + 1), "writing")
             with Run(each.path) as run, translate_read_errors(each.path):
-                figure = lay_out_figure(run_figure(run, specimen.specimen))
+                figure = lay_out_figure(run_figure(run, specimen.specimen, threshold))
             for add in adders:
                 add(each.name, figure)
 
@@ -231,11 +256,11 @@ def _read_logo(path: Path | None) -> bytes:
     return data
 
 
-def _write_example_limits(path: Path) -> int:
+def _write_example(path: Path, text: str) -> int:
     if path.exists():
         raise UsageError(f"{path} is there already and is not overwritten; choose another name")
     with writing_output(path):
-        path.write_text(example_limits(), "utf-8")
+        path.write_text(text, "utf-8")
     return ExitCode.DONE
 
 

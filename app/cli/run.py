@@ -202,11 +202,13 @@ def _open_window(
 
 def _draw_run(run_file: Path, picture: Path) -> int:
     from app.cli.output import PICTURE_SUFFIXES, writing_output
+    from app.identification import chosen_threshold
     from app.plotting.run_figure import draw_run
+    from model import ParameterError
     from protocols.runfile.reader import Run, RunReadError
 
-    with usage_errors(RunReadError), writing_output(picture, PICTURE_SUFFIXES), Run(run_file) as run:
-        draw_run(run, picture)
+    with usage_errors(RunReadError, ParameterError), writing_output(picture, PICTURE_SUFFIXES), Run(run_file) as run:
+        draw_run(run, picture, threshold=chosen_threshold(run_file.parent))
     return ExitCode.DONE
 
 

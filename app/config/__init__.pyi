@@ -19,6 +19,10 @@ from .driver_registry import DIGITIZERS as DIGITIZERS
 from .driver_registry import ENVIRONMENT_SENSORS as ENVIRONMENT_SENSORS
 from .driver_registry import load_driver as load_driver
 from .driver_registry import open_generator as open_generator
+from .laboratory import EXAMPLE_LABORATORY as EXAMPLE_LABORATORY
+from .laboratory import LABORATORY_FILE_NAME as LABORATORY_FILE_NAME
+from .laboratory import Laboratory as Laboratory
+from .laboratory import read_laboratory as read_laboratory
 from .level_tables import LevelsTable as LevelsTable
 from .level_tables import SpecimenTable as SpecimenTable
 from .sensor_calibration import CalibrationPoint as CalibrationPoint

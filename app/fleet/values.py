@@ -187,7 +187,7 @@ def _run_values(
     for entry in entries:
         for record in json.loads(entry.figures_json):
             figure = RunFigure(*record)
-            if figure.name == MARGIN and threshold is not ABDOMEN_THRESHOLD:
+            if figure.name == MARGIN:
                 figure = _over(figure, threshold)
             yield FleetValue(
                 figure.name,
@@ -209,13 +209,13 @@ def _run_values(
 
 
 def _over(margin: RunFigure, threshold: PerceptionThreshold) -> RunFigure:
-    """Return a margin over the abdomen's threshold as one over another threshold."""
+    """Return a margin over the abdomen's threshold as one over the threshold, which its condition names."""
     scale = THRESHOLD_M / float(threshold.amplitude_at(margin.frequency_hz))
     return margin._replace(
         value=scale * margin.value,
         statistical=scale * margin.statistical,
         total=scale * margin.total,
-        condition=f"{margin.condition}, over {threshold.label}",
+        condition=f"{margin.condition}, over {threshold.marked_label}",
     )
 
 

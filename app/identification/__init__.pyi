@@ -16,6 +16,7 @@ from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of
 from .observations import run_observations as run_observations
 from .observations import shape_count_of_run as shape_count_of_run
+from .perception_threshold import chosen_threshold as chosen_threshold
 from .perception_threshold import read_threshold as read_threshold
 from .recalibration import Correction as Correction
 from .result_text import ADEQUACY_TEXT as ADEQUACY_TEXT

@@ -1,11 +1,29 @@
-"""Perception threshold by a body site's name, an amplitude, or a CSV file of a laboratory."""
+"""Perception threshold that is chosen by a body site's name, an amplitude, a CSV file, or the laboratory file of a folder."""
 
 from pathlib import Path
 
 from app.common import UnitError, UsageError, read_number
-from model.response import SITES, THRESHOLD_SPEC, PerceptionThreshold
+from app.config import LABORATORY_FILE_NAME, read_laboratory
+from model.response import ABDOMEN_THRESHOLD, SITES, THRESHOLD_SPEC, PerceptionThreshold
 
 MAX_LINES = 10_000
+
+
+def chosen_threshold(folder: Path, text: str | None = None) -> PerceptionThreshold:
+    """Return the threshold of an option, or else of the laboratory file in the folder of the runs, or else the abdomen's 50 µm.
+
+    Raises:
+        UsageError, ParameterError: as `read_threshold` and `read_laboratory`.
+    """
+    if text is not None:
+        return read_threshold(text)
+    given = read_laboratory(folder).threshold
+    if not given:
+        return ABDOMEN_THRESHOLD
+    try:
+        return read_threshold(given)
+    except UsageError as error:
+        raise UsageError(f"{folder / LABORATORY_FILE_NAME}: {error}") from None
 
 
 def read_threshold(text: str) -> PerceptionThreshold:

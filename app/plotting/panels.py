@@ -50,6 +50,17 @@ class StackedBar:
 
 
 @dataclass(frozen=True, slots=True)
+class ReferenceLine:
+    """A line to compare with and its label; level where `x` is None. With `shaded` a band of x that begins between two values."""
+
+    x: Array | None
+    y: Array
+    label: str
+    shaded: tuple[float, float] | None = None
+    shaded_label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class PlotPanel:
     """One pair of axes in display units, with a residual strip where points have model values."""
 
@@ -58,8 +69,7 @@ class PlotPanel:
     y_label: str
     lines: tuple[PlotLine, ...] = ()
     points: tuple[MeasuredPoints, ...] = ()
-    reference_level: tuple[float, str] | None = None
-    """A horizontal line and its label."""
+    reference: ReferenceLine | None = None
     from_zero: bool = True
     unit: str = ""
     """Unit of y and of the residuals."""
@@ -82,7 +92,7 @@ class ReportPlot:
         return -(-len(self.panels) // self.columns)
 
 
-MODEL_COLOR, LEVEL_COLOR = "#0072B2", "#555555"
+MODEL_COLOR, LEVEL_COLOR, SHADE_COLOR = "#0072B2", "#555555", "#B8860B"
 POINT_COLORS = ("#D55E00", "#000000", "#009E73", "#CC79A7", "#E69F00")
 SMALL_PT, NORMAL_PT = 7.0, 8.0
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.62, 0.10, 0.42, 0.22
@@ -210,16 +220,33 @@ def _draw_lines(axes: Any, panel: PlotPanel) -> None:
             axes, dots.x, dots.y, dots.half_interval, dots.usable, dots.label, face=colour, hollow="white",
             **_error_bar_style(dots, colour),
         )  # fmt: skip
-    if panel.reference_level is not None:
-        value, words = panel.reference_level
-        axes.axhline(value, color=LEVEL_COLOR, lw=0.9, ls=(0, (6, 2)))
-        axes.annotate(
-            words, (0, value), (2, 1.5), xycoords=axes.get_yaxis_transform(), textcoords="offset points",
-            ha="left", va="bottom", fontsize=SMALL_PT - 0.5, color=LEVEL_COLOR,
-        )  # fmt: skip
+    if panel.reference is not None:
+        draw_reference(axes, panel.reference)
     if panel.from_zero and all((d.y[d.usable] >= 0).all() for d in panel.points):
         axes.set_ylim(0, None)
     axes.margins(y=0.08)
+
+
+def draw_reference(axes: Any, line: ReferenceLine, color: str = LEVEL_COLOR, size: float = SMALL_PT - 0.5) -> None:
+    """Draw a line to compare with and its band, and keep the limits of x that the axes have now."""
+    low, high = axes.get_xlim()
+    if line.x is None:
+        axes.axhline(line.y[0], color=color, lw=0.9, ls=(0, (6, 2)))
+    else:
+        axes.plot(line.x, line.y, color=color, lw=0.9, ls=(0, (6, 2)))
+    axes.annotate(
+        line.label, (0, line.y[0]), (2, 1.5), xycoords=axes.get_yaxis_transform(), textcoords="offset points",
+        ha="left", va="bottom", fontsize=size, color=color,
+    )  # fmt: skip
+    if line.shaded is not None and high > line.shaded[0]:
+        for begin in line.shaded:  # darker from the second on
+            if begin < high:
+                axes.axvspan(begin, high, color=SHADE_COLOR, alpha=0.1, lw=0, zorder=0)
+        axes.annotate(
+            line.shaded_label, (min(high, line.shaded[1]), 0.99), (-2, 0), xycoords=axes.get_xaxis_transform(),
+            textcoords="offset points", ha="right", va="top", fontsize=size, color=SHADE_COLOR, rotation=90,
+        )  # fmt: skip
+    axes.set_xlim(low, high)
 
 
 def draw_measured(

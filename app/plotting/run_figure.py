@@ -2,15 +2,24 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app.common import display_unit, format_estimate
-from app.plotting.panels import draw_measured, new_figure
+from app.plotting.panels import draw_measured, draw_reference, new_figure
+from app.plotting.threshold_line import threshold_line
 from model import AmplifierMap, Array, Specimen
-from model.response import THRESHOLD_M, driven_amplitudes, fourier_series, frequency_response, lag_factor
+from model.response import (
+    ABDOMEN_THRESHOLD,
+    PerceptionThreshold,
+    driven_amplitudes,
+    fourier_series,
+    frequency_response,
+    lag_factor,
+)
 from protocols import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -19,7 +28,9 @@ RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundame
 """Columns that are drawn on the model's curve."""
 
 
-def draw_run(run: Run, path: Path, specimen: Specimen | None = None) -> None:
+def draw_run(
+    run: Run, path: Path, specimen: Specimen | None = None, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> None:
     """Draw a run into a PNG, PDF or SVG file; pictures of simulated runs are marked SIMULATED.
 
     Raises:
@@ -27,13 +38,13 @@ def draw_run(run: Run, path: Path, specimen: Specimen | None = None) -> None:
         OSError: the picture cannot be written.
     """
     with translate_read_errors(run.path):
-        figure = run_figure(run, specimen or Specimen())
+        figure = run_figure(run, specimen or Specimen(), threshold)
     figure.savefig(path)
 
 
-def run_figure(run: Run, specimen: Specimen) -> Any:
-    """Return the picture of a run as a matplotlib figure."""
-    panels = [*_panels(run), (_draw_trace, 1)]
+def run_figure(run: Run, specimen: Specimen, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD) -> Any:
+    """Return the picture of a run as a matplotlib figure; responses have the perception threshold."""
+    panels = [*_panels(run, threshold), (_draw_trace, 1)]
     height_in = 4.2 + 2.8 * sum(height for _, height in panels[:-1]) / 3
     figure = new_figure(figsize=(10, height_in), dpi=110, layout="constrained")
     every = figure.subplots(len(panels), 1, height_ratios=[height for _, height in panels])
@@ -45,13 +56,13 @@ def run_figure(run: Run, specimen: Specimen) -> Any:
     return figure
 
 
-def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Specimen], None], float]]:
+def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[Any, Run, Specimen], None], float]]:
     """Return the plots above the last recording, with their relative heights."""
     points = run.points()
     if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
-        return [(_draw_series, 3)]
+        return [(partial(_draw_series, threshold=threshold), 3)]
     if points.keys() >= RESPONSE_COLUMNS:
-        return [(_draw_response, 3)]
+        return [(partial(_draw_response, threshold=threshold), 3)]
     panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
     if points.keys() >= {"latency", "threshold_speed"}:
         return [(_draw_onsets, 3), (_draw_latencies, 3)]
@@ -64,7 +75,7 @@ def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Specimen], None], float]
     return panels
 
 
-def _draw_response(axes: Any, run: Run, specimen: Specimen) -> None:
+def _draw_response(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionThreshold) -> None:
     points = run.points()
     f = points["frequency"]
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
@@ -82,11 +93,8 @@ def _draw_response(axes: Any, run: Run, specimen: Specimen) -> None:
     ):
         y, errors = scale * points[name], scale * points[f"{name}_errors"]
         draw_measured(axes, f, y, errors, good, label, fmt=marker, ms=size, mec=color, ecolor=color)
-    axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
-    axes.text(
-        0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
-    )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
+    draw_reference(axes, threshold_line(threshold, curve_f), "tab:green", 9)
     found = "\n".join(map(format_estimate, run.estimates()))
     axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
 
@@ -101,7 +109,7 @@ def _driven(
     return whole * lag, fundamental * lag
 
 
-def _draw_series(axes: Any, run: Run, specimen: Specimen) -> None:
+def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionThreshold) -> None:
     """Draw dwells at several elongations, each in one color with its model curve."""
     from model import Membrane
 
@@ -135,13 +143,13 @@ def _draw_series(axes: Any, run: Run, specimen: Specimen) -> None:
             ms=5,
             color=colour,
         )
-    axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.set(
         xlabel="frequency (Hz)",
         ylabel="peak-to-peak displacement of the centre (µm)",
         xlim=(0, curve_f[-1]),
         ylim=(0, None),
     )
+    draw_reference(axes, threshold_line(threshold, curve_f), "tab:green", 9)
     axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 

@@ -1,11 +1,13 @@
 """Content of the report of a specimen, computed from its run files; reproducible, without the date of its creation."""
 
 import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress, pluralize, version
 from app.common.audit_log import AuditError, read_entries
+from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
 from app.plotting.panels import PlotLine, PlotPanel, ReportPlot
 from app.report import tables
@@ -13,7 +15,7 @@ from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSe
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
 from app.report.measured_latency import latency_blocks
-from app.report.plots import TITLE, paper_plots
+from app.report.plots import TITLE, paper_plots, threshold_caption
 from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
@@ -21,6 +23,10 @@ from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies.paper_figures import PaperFigure, skin_figures
 
 LINE_STYLES = ("-", "--", "-.", ":")
+SHORT_SECTIONS = ("skin", "uncertainties")
+"""Sections behind the first page."""
+FULL_SECTIONS = ("figures", "agreement", "perception", "results", "provenance")
+"""Sections of a full report, where they have something."""
 
 
 class ReportError(Exception):
@@ -34,16 +40,20 @@ def build_report(
     progress: Progress = NO_PROGRESS,
     threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
     full: bool = True,
+    laboratory: Laboratory | None = None,
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
 
-    It is two pages long, or `full`, with everything it rests on in an appendix.
+    It is two pages long, or `full`, with everything it rests on in an appendix. The laboratory's own sections, order, header and
+    footer are added; the first page is always the one to sign.
 
     Raises:
-        ReportError: there is no run of the specimen, or of the golden unit.
+        ReportError: there is no run of the specimen, or of the golden unit; or the laboratory names a section that does not exist.
         SheetError: a specimen sheet is invalid.
         OSError: the folder cannot be read.
     """
+    laboratory = laboratory or Laboratory()
+    names = _section_names(laboratory, full)
     runs = _read_specimen_runs(folder, specimen, progress)
     known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen), threshold)
     outcomes: tuple[LimitOutcome, ...] = ()
@@ -56,18 +66,21 @@ def build_report(
             ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")
-    drawn = paper_plots(known.specimen, known.observations) if known.observations is not None else []
+    drawn = paper_plots(known.specimen, known.observations, threshold) if known.observations is not None else []
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
     report = Report(
         specimen=specimen,
         subtitle=_subtitle(runs),
         page_marks=page_marks(runs),
-        first_page=tuple(_first_page(known, runs, limits, outcomes, drawn)),
-        appendix=tuple(_appendix(folder, known, runs, drawn) if full else _second_page(folder, specimen, known)),
+        first_page=tuple(_first_page(known, runs, limits, outcomes, drawn, threshold)),
+        appendix=tuple(_sections(names, laboratory, _contents(folder, specimen, known, runs, drawn))),
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
+        laboratory=laboratory.name,
+        header=laboratory.header,
+        footer=laboratory.footer,
         record=tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs
@@ -104,13 +117,17 @@ def _first_page(
     limits: Limits | None,
     outcomes: tuple[LimitOutcome, ...],
     plots: list[ReportPlot],
+    threshold: PerceptionThreshold,
 ) -> list[Block]:
     blocks = [] if limits is None else tables.verdict_blocks(limits, outcomes)
     blocks += tables.summary_blocks(summary, runs)
     if summary.specimen.estimates:
         blocks.append(tables.parameter_grid(summary.specimen))
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
-        caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: full report."
+        caption = (
+            f"Below: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)} "
+            "Every figure of the paper from this specimen: full report."
+        )
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
         blocks.append(ReportPlot("Frequency response", (first,), caption, row_height_in=3.0))
     elif plots:
@@ -118,8 +135,64 @@ def _first_page(
     return blocks
 
 
-def _second_page(folder: Path, specimen: str, summary: SpecimenSummary) -> list[ReportSection]:
-    """Return what the skin makes of the response, the sources of the uncertainties, and where everything else is."""
+def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
+    """Return the names of the sections behind the first page, in order.
+
+    Raises:
+        ReportError: one does not exist.
+    """
+    known = (*SHORT_SECTIONS, *FULL_SECTIONS)
+    if taken := [name for name in laboratory.texts if name in known]:
+        raise ReportError(f"[report.texts.{taken[0]}] of {LABORATORY_FILE_NAME} has the name of a section: rename it")
+    for name in laboratory.sections:
+        if name not in (*known, *laboratory.texts):
+            raise ReportError(
+                f"{LABORATORY_FILE_NAME} asks for the section '{name}'; there are {', '.join((*known, *laboratory.texts))}"
+            )
+    usual = (*(FULL_SECTIONS if full else SHORT_SECTIONS), *laboratory.texts)
+    if not laboratory.sections:
+        return usual
+    return tuple(dict.fromkeys((*laboratory.sections, *usual) if full else laboratory.sections))
+
+
+def _sections(
+    names: Sequence[str], laboratory: Laboratory, contents: Mapping[str, Callable[[], ReportSection | None]]
+) -> Iterator[ReportSection]:
+    for name in names:
+        if name in laboratory.texts:
+            title, text = laboratory.texts[name]
+            yield ReportSection(title, [Paragraph(line) for line in text.splitlines() if line.strip()])
+        elif (section := contents[name]()) is not None:
+            yield section
+
+
+def _contents(
+    folder: Path, specimen: str, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
+) -> dict[str, Callable[[], ReportSection | None]]:
+    """Return the sections by name; a section without content is None."""
+
+    def agreement() -> ReportSection | None:
+        if not plots:
+            return None
+        return ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
+
+    def perception() -> ReportSection | None:
+        perceived = [*tables.perception_blocks(summary), *latency_blocks(runs)]
+        return ReportSection("Perceived amplitude and latency", perceived) if perceived else None
+
+    return {
+        "skin": lambda: _skin_section(summary),
+        "uncertainties": lambda: _budget_section(folder, specimen, summary),
+        "figures": lambda: _figure_section(summary, plots),
+        "agreement": agreement,
+        "perception": perception,
+        "results": lambda: ReportSection("Result of every run", result_cards(runs)),
+        "provenance": lambda: _provenance_section(folder, summary, runs),
+    }
+
+
+def _skin_section(summary: SpecimenSummary) -> ReportSection:
+    """Return what the skin makes of the response."""
     figures = skin_figures(summary.specimen.specimen)
     skin = ReportPlot(
         "Effect of the skin, with this specimen's parameters (the paper's Figs. 10 to 12)",
@@ -130,12 +203,39 @@ def _second_page(folder: Path, specimen: str, summary: SpecimenSummary) -> list[
         columns=3,
         row_height_in=2.4,
     )
+    return ReportSection("On skin", [skin])
+
+
+def _budget_section(folder: Path, specimen: str, summary: SpecimenSummary) -> ReportSection:
+    """Return the sources of the uncertainties, and where everything else is."""
     more = f"Every figure, table and hash, and a page for every run: 'tactor-bench report {specimen} --full'."
     sources = tables.budget_blocks(summary.specimen)
-    return [
-        ReportSection("On skin", [skin]),
-        ReportSection("Where the uncertainties come from", [*sources, *audit_blocks(folder), Paragraph(more, "small")]),
+    return ReportSection(
+        "Where the uncertainties come from", [*sources, *audit_blocks(folder), Paragraph(more, "small")]
+    )
+
+
+def _figure_section(summary: SpecimenSummary, plots: list[ReportPlot]) -> ReportSection | None:
+    if not plots:
+        return None
+    figures: list[Block] = [*plots]
+    if summary.specimen.identification is None:
+        text = f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."
+        figures.insert(0, Paragraph(text))
+    return ReportSection("The paper's figures from this specimen", figures)
+
+
+def _provenance_section(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> ReportSection:
+    sources: list[Block] = [
+        *tables.uncertainty_blocks(summary.specimen),
+        *tables.held_values(summary.specimen),
+        tables.quality_table(runs),
+        tables.instrument_table(runs),
+        *tables.software_tables(runs),
+        tables.hash_table(runs),
+        *audit_blocks(folder),
     ]
+    return ReportSection("Where the numbers come from", sources)
 
 
 def _study_panel(figure: PaperFigure) -> PlotPanel:
@@ -156,35 +256,3 @@ def audit_blocks(folder: Path) -> list[Block]:
         return []
     text = f"Audit trail: {len(entries)} entries, the last of {entries[-1].time[:19]} UTC with the hash {entries[-1].hash}. "
     return [Paragraph(f"{text}'tactor-bench audit verify --head' with this hash detects any change before it.")]
-
-
-def _appendix(
-    folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
-) -> list[ReportSection]:
-    sections = []
-    if plots:
-        figures: list[Block] = [*plots]
-        if summary.specimen.identification is None:
-            text = f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."
-            figures.insert(0, Paragraph(text))
-        sections.append(ReportSection("The paper's figures from this specimen", figures))
-        sections.append(
-            ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
-        )
-    perceived = [*tables.perception_blocks(summary), *latency_blocks(runs)]
-    if perceived:
-        sections.append(ReportSection("Perceived amplitude and latency", perceived))
-    sources: list[Block] = [
-        *tables.uncertainty_blocks(summary.specimen),
-        *tables.held_values(summary.specimen),
-        tables.quality_table(runs),
-        tables.instrument_table(runs),
-        *tables.software_tables(runs),
-        tables.hash_table(runs),
-        *audit_blocks(folder),
-    ]
-    return [
-        *sections,
-        ReportSection("Result of every run", result_cards(runs)),
-        ReportSection("Where the numbers come from", sources),
-    ]

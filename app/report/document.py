@@ -24,7 +24,7 @@ Block = Paragraph | Table | ReportPlot
 
 @dataclass(frozen=True, slots=True)
 class ReportSection:
-    """A section of the appendix."""
+    """A section behind the first page."""
 
     title: str
     blocks: Sequence[Block]
@@ -58,6 +58,10 @@ class Report:
     software_version: str = ""
     laboratory: str = ""
     """Its name, on the first page."""
+    header: str = ""
+    """A line at the top of every page."""
+    footer: str = ""
+    """A line at the foot of every page."""
     logo: bytes = b""
     """Its picture on the first page, PNG; empty for none."""
     signed_by: str = ""

@@ -53,6 +53,8 @@ def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], Non
         heading.clear()
 
     yield add
+    if report.footer:
+        parts.append(f"<p class='note'>{escape(report.footer)}</p>")
     body = "\n".join(parts)
     write_atomic(
         path,
@@ -62,6 +64,8 @@ def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], Non
 
 
 def _html_head(report: Report) -> Iterable[str]:
+    if report.header:
+        yield f"<p class='note'>{escape(report.header)}</p>"
     if report.logo:
         yield f"<img class='logo' alt='' src='data:image/png;base64,{b64encode(report.logo).decode()}'>"
     if report.laboratory:

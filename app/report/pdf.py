@@ -186,6 +186,8 @@ def _draw_page_header(page: Any, report: Report, number: str) -> None:
     top = PAGE[1] - 0.5
     _draw_text(page, LEFT, top, f"Specimen {report.specimen}", size=8, color="#444444")
     _draw_text(page, PAGE[0] - RIGHT, top, "  ".join(report.page_marks), size=9, color=RED, weight="bold", ha="right")
+    _draw_text(page, LEFT, top + 0.18, report.header, size=8, color="#444444")
+    _draw_text(page, LEFT, 0.27, report.footer, size=7, color="#444444")
     foot = f"{number}   fingerprint of the run files {report.fingerprint}   {report.software_version}"
     _draw_text(page, LEFT, 0.42, foot, size=7, color="#444444")
     if report.page_marks and not marked:

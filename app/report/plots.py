@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
+from app.plotting.threshold_line import threshold_line
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, Effects, SpecimenModel, acting_tactor
 from model import Array, Mask
 from model.identification import (
@@ -23,7 +24,14 @@ from model.identification import (
     VoltageStepsObservation,
     resonance_frequencies,
 )
-from model.response import REFERENCE_S, THRESHOLD_M, load_compliance, voltage_gain
+from model.response import (
+    ABDOMEN_THRESHOLD,
+    REFERENCE_S,
+    UNCOMFORTABLE_SOURCE,
+    PerceptionThreshold,
+    load_compliance,
+    voltage_gain,
+)
 from model.studies.uncertainty import UncertaintyBand
 
 TITLE = "Fig. 9: frequency response"
@@ -32,20 +40,29 @@ ERROR_BARS_NOTE = (
 )
 
 
-def response_figure(specimen: SpecimenModel, observations: ObservationSet) -> ReportPlot | None:
+def response_figure(
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold
+) -> ReportPlot | None:
     """Plot Fig. 9: response against frequency, free and on the membrane at every elongation."""
-    panels = response_panels(specimen, observations)
+    panels = response_panels(specimen, observations, threshold)
     if not panels:
         return None
     caption = (
-        f"Motion of the centre under a sine around rest; line: {specimen.description}. Max - min has the harmonics that the amplifier's two slopes "
+        f"{threshold_caption(threshold)} Motion of the centre under a sine around rest; line: {specimen.description}. Max - min has the harmonics that the amplifier's two slopes "
         f"add; noise widens it, so that points lie above the line by a little. {ERROR_BARS_NOTE}"
     )
     many = len(panels) > 1
     return ReportPlot(TITLE, tuple(panels), caption, columns=2 if many else 1, row_height_in=2.15 if many else 2.6)
 
 
-def response_panels(specimen: SpecimenModel, observations: ObservationSet) -> list[PlotPanel]:
+def threshold_caption(threshold: PerceptionThreshold) -> str:
+    """Return what the dashed line and the shade of a response are."""
+    return f"Dashed: threshold of perception, {threshold.description}. Shaded: uncomfortable ({UNCOMFORTABLE_SOURCE})."
+
+
+def response_panels(
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> list[PlotPanel]:
     """Return one panel for every elongation and drive, free ones and largest drives first."""
     groups: dict[tuple[float, float, bool], list[FrequencyResponseObservation]] = {}
     for run in observations.of_type(FrequencyResponseObservation):
@@ -58,7 +75,8 @@ def response_panels(specimen: SpecimenModel, observations: ObservationSet) -> li
         title = "free" if where < 0 else f"on the membrane, {1e3 * where:g} mm"
         title += f", {-2 * volts:g} V peak to peak" if len(drives) > 1 or where < 0 else ""
         letter = f"({chr(97 + at)}) " if len(groups) > 1 else ""
-        panels.append(_response_panel(specimen, runs, -volts, None if where < 0 else where, letter + title))
+        elongation = None if where < 0 else where
+        panels.append(_response_panel(specimen, runs, -volts, elongation, letter + title, threshold))
     return panels
 
 
@@ -68,6 +86,7 @@ def _response_panel(
     volts: float,
     elongation: float | None,
     title: str,
+    threshold: PerceptionThreshold,
 ) -> PlotPanel:
     whole = runs[0].peak_to_peak_m is not None
     top = max(float(run.frequency_hz.max()) for run in runs)
@@ -94,7 +113,7 @@ def _response_panel(
         "max - min (µm)" if whole else "2 x fundamental (µm)",
         (model_line(specimen, grid, band, 1e6),),
         tuple(dots),
-        (1e6 * THRESHOLD_M, "50 µm: felt on the abdomen"),
+        threshold_line(threshold, grid),
         unit="µm",
     )
 
@@ -133,14 +152,16 @@ def start_time_label(label: str) -> str:
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-def paper_plots(specimen: SpecimenModel, observations: ObservationSet) -> list[ReportPlot]:
+def paper_plots(
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> list[ReportPlot]:
     """Return the figures of the paper for which these runs have points, in the paper's order."""
     drawn = (
         loading_plot(specimen, observations.of_type(StaticLoadingObservation)),
         resonance_plot(specimen, observations.of_type(MassResonanceObservation)),
         steps_plot(specimen, observations.of_type(VoltageStepsObservation)),
         damping_plot(specimen),
-        response_figure(specimen, observations),
+        response_figure(specimen, observations, threshold),
     )
     return [plot for plot in drawn if plot is not None]
 

@@ -103,7 +103,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
     if (step := summary.latency) is not None and (latency := step.latency) is not None:
         felt_after = typeset_measurement(latency.value, latency.standard_error, "s")
         text = (
-            f"A step of {step.step_v:g} V is felt after {felt_after} "
+            f"A step of {step.step_v:g} V reaches 50 µm after {felt_after} "
             "(model, ± standard error; the amplifier's own slew is not in it)."
         )
         blocks.append(Paragraph(text))
@@ -129,7 +129,7 @@ def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[
 
 def _margin_text(margins: Sequence[PerceptionMargin]) -> str:
     free, *pressed = margins
-    text = f"At full drive, free, max - min is {_format_margin(free)} the threshold, {free.threshold.label}"
+    text = f"At full drive, free, max - min is {_format_margin(free)} the threshold, {free.threshold.marked_label}"
     if pressed:
         text += f"; {pressed[-1].condition} {_format_margin(pressed[-1])} it"
     return f"{text} (model, 5 to 250 Hz, ± standard error)."

@@ -34,6 +34,8 @@ from .modes import natural_frequencies_of as natural_frequencies_of
 from .perception import ABDOMEN_THRESHOLD as ABDOMEN_THRESHOLD
 from .perception import SITES as SITES
 from .perception import THRESHOLD_M as THRESHOLD_M
+from .perception import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
+from .perception import UNCOMFORTABLE_SOURCE as UNCOMFORTABLE_SOURCE
 from .perception import PerceptionThreshold as PerceptionThreshold
 from .perception import perception_margin as perception_margin
 from .perception import usable_bands as usable_bands

@@ -37,6 +37,16 @@ class PerceptionThreshold:
     unproven: str = ""
 
     @property
+    def marked_label(self) -> str:
+        """Label, marked where something is unproven."""
+        return self.label + (" (UNPROVEN)" if self.unproven else "")
+
+    @property
+    def line_label(self) -> str:
+        """Label of its line in a plot."""
+        return f"felt: {self.marked_label}"
+
+    @property
     def description(self) -> str:
         """Label, source, and what is unproven."""
         doubt = f"; UNPROVEN: {self.unproven}" if self.unproven else ""
@@ -65,6 +75,12 @@ ABDOMEN_THRESHOLD = PerceptionThreshold(
 )
 
 
+UNCOMFORTABLE_HZ = 200.0, 250.0
+"""From a frequency between these on, vibration tends to be uncomfortable."""
+UNCOMFORTABLE_SOURCE = "paper, Sec. I, ref. [22]: over about 200 to 250 Hz"
+"""It is a band of frequencies: no source of an amplitude was found."""
+
+
 def _sloped(frequency_hz: tuple[float, ...], db: tuple[float, ...], lowest_m: float) -> tuple[float, ...]:
     """Return the curve whose corners lie so many decibels above its lowest point."""
     return tuple(lowest_m * 10 ** (level / 20) for level, _ in zip(db, frequency_hz, strict=True))
@@ -91,8 +107,7 @@ SITES = {
         "the level, 1 µm peak at 220 Hz, and the course below 40 Hz",
     ),
 }
-"""Thresholds by body site. Where no source of a level was found, the level is marked; a laboratory gives its own curve as a file. No
-source was found for the amplitude from which vibration is uncomfortable: there is none here."""
+"""Thresholds by body site. Where no source of a level was found, the level is marked; a laboratory gives its own curve as a file."""
 
 
 def perception_margin(

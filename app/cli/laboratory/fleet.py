@@ -40,14 +40,14 @@ class _FleetOptions:
     )
     since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
     simulated: bool = switch("--simulated", "the simulated runs of a folder that has real ones")
-    threshold: str = threshold_option()
+    threshold: str | None = threshold_option()
     json: bool = switch("--json", JSON_OBJECT)
 
     def read(self) -> "Fleet":
         """Return the values that the options select."""
         from app.archive import Catalogue, read_since
         from app.fleet.values import FleetError, read_fleet
-        from app.identification import read_threshold
+        from app.identification import chosen_threshold
         from model import ParameterError
 
         if not self.folder.is_dir():
@@ -61,9 +61,8 @@ class _FleetOptions:
             with terminal_progress("reading runs", self.json) as progress:
                 scanned = catalogue.scan(progress)
             with usage_errors(FleetError, ParameterError):
-                fleet = read_fleet(
-                    self.folder, catalogue, True if self.simulated else None, read_threshold(self.threshold)
-                )
+                threshold = chosen_threshold(self.folder, self.threshold)
+                fleet = read_fleet(self.folder, catalogue, True if self.simulated else None, threshold)
         except (sqlite3.Error, OSError) as error:
             raise UsageError(f"the index {catalogue.index} cannot be used: {error}; remove the file") from None
         for sentence in scanned.skipped:

@@ -1,0 +1,119 @@
+"""Laboratory file `laboratory.toml` in a folder of runs: name, picture, perception threshold, and the template of the reports."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError, create_model
+
+from app.common import UsageError, parse_toml
+from app.config.bench_file import MAX_FILE_BYTES
+from app.config.config_table import ConfigTable
+from app.config.validation import validation_messages
+
+LABORATORY_FILE_NAME = "laboratory.toml"
+"""Name of the file in the folder of the runs."""
+MAX_TEXT = 4000
+LINE = Field(default="", max_length=110)
+"""A text that must fit one line of a page."""
+
+EXAMPLE_LABORATORY = """\
+# The laboratory that these runs belong to. In the folder of the runs under the name laboratory.toml it is found by itself.
+
+name = "Haptics Laboratory"             # on the first page of every report
+# logo = "logo.png"                     # PNG picture, beside this file
+# threshold = "forearm"                 # of perception, wherever one is shown: abdomen (50 um), thenar, forearm, an amplitude
+                                        # such as "20 um", or a CSV file beside this one: frequency in Hz, threshold in um
+
+[report]
+# header = "Confidential"               # at the top of every page
+# footer = "Form QM-17, revision 4"     # at the foot of every page
+# sections = ["method", "skin", "uncertainties"]  # behind the first page, in this order; the first page is always the one to sign
+# There are: {sections}
+
+# A section of your own; further ones alike. Without `sections` they are the last ones.
+# [report.texts.method]
+# title = "Method"
+# text = "Procedure P-12. The specimen rests for a day at 23 °C before it is measured."
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Laboratory:
+    """What the file of a laboratory states; everything may be missing.
+
+    Attributes:
+        logo: path of a PNG picture.
+        threshold: of perception, as `--threshold` takes it; a CSV file with its folder.
+        header, footer: a line on every page of a report.
+        sections: names of the sections behind the first page, in order; empty for the usual ones.
+        texts: title and text of the laboratory's own sections, by name.
+    """
+
+    name: str = ""
+    logo: Path | None = None
+    threshold: str = ""
+    header: str = ""
+    footer: str = ""
+    sections: tuple[str, ...] = ()
+    texts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+
+class _Text(ConfigTable):
+    title: Annotated[str, Field(min_length=1, max_length=110)]
+    text: Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
+
+
+class _Report(ConfigTable):
+    header: Annotated[str, LINE] = ""
+    footer: Annotated[str, LINE] = ""
+    sections: tuple[str, ...] = ()
+    texts: Mapping[str, _Text] = Field(default_factory=dict)
+
+
+_File = create_model(
+    "Laboratory file",
+    __base__=ConfigTable,
+    name=(Annotated[str, LINE], ""),
+    logo=(str, ""),
+    threshold=(str, ""),
+    report=(_Report, Field(default_factory=_Report)),
+)
+
+
+def read_laboratory(folder: Path) -> Laboratory:
+    """Return what the laboratory file of a folder of runs states; an empty one without such a file.
+
+    Raises:
+        UsageError: the file cannot be read, or has faults, all of which are listed.
+    """
+    path = folder / LABORATORY_FILE_NAME
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_FILE_BYTES + 1)
+    except FileNotFoundError:
+        return Laboratory()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise UsageError(f"{path} cannot be read: {reason}") from None
+    if len(text) > MAX_FILE_BYTES:
+        raise UsageError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no laboratory file")
+    try:
+        read = _File.model_validate(parse_toml(text)).model_dump()
+    except ValidationError as error:
+        raise UsageError(f"{path} has faults:\n" + "\n".join(validation_messages(error, text))) from None
+    except ValueError as error:
+        raise UsageError(f"{path} is not valid TOML: {error}") from None
+    threshold, report = read["threshold"], read["report"]
+    if threshold.casefold().endswith(".csv"):
+        threshold = str(folder / threshold)
+    return Laboratory(
+        read["name"],
+        folder / read["logo"] if read["logo"] else None,
+        threshold,
+        report["header"],
+        report["footer"],
+        tuple(report["sections"]),
+        {name: (each["title"], each["text"]) for name, each in report["texts"].items()},
+    )
