@@ -29,8 +29,17 @@ class TimeSpan:
 
 
 COLUMNS = 1000
-SPANS = (TimeSpan(0.1, 0.2, triggered=True), TimeSpan(1.0, 1.0), TimeSpan(10.0, 10.0))
+MAX_DELAY_S = 0.4
+"""Largest time by which the display is behind the newest sample: twice a change of the drive, in which no block is read."""
 
+SPANS = (
+    TimeSpan(0.1, 0.2 + MAX_DELAY_S, triggered=True),
+    TimeSpan(1.0, 1.0 + MAX_DELAY_S),
+    TimeSpan(10.0, 10.0 + MAX_DELAY_S),
+)
+
+ARRIVALS = 40
+"""Blocks by which the display is timed: two seconds in real time."""
 
 READING_BLOCKS = 20
 """Blocks of which a reading is the mean: a second in real time."""
@@ -71,6 +80,8 @@ class LiveFeed:
         self._channels: tuple[ChannelCalibration, ...] = ()
         self._rate_hz = 1.0
         self._scans = 0
+        self._arrivals: deque[tuple[float, float, float]] = deque(maxlen=ARRIVALS)
+        """Monotonic time of arrival, bench time before and after each of the last blocks."""
         self._latest_um: float | None = None
         self._monitored: deque[tuple[float, float]] = deque(maxlen=READING_BLOCKS)
         """Mean volts of drive and sensor, block by block."""
@@ -83,6 +94,26 @@ class LiveFeed:
         """Bench time of the samples since the stream began."""
         with self._lock:
             return self._scans / self._rate_hz
+
+    def displayed_s(self, now_s: float) -> float:
+        """Return the bench time to display at a monotonic time: it moves evenly and is never beyond the last sample.
+
+        Samples arrive in blocks, and late after a change of the drive. A line through the arrivals of the last blocks, moved
+        until the latest of them is on time, is where a display has samples at any time; it is `MAX_DELAY_S` behind the
+        earliest at most.
+        """
+        with self._lock:
+            arrivals, streamed_s = tuple(self._arrivals), self._scans / self._rate_hz
+        arrived_s, before_s, after_s = np.array(arrivals).reshape(-1, 3).T
+        half = len(arrivals) // 2
+        elapsed_s = arrived_s[half:] - arrived_s[: len(arrivals) - half]
+        if not half or not elapsed_s.all():
+            return streamed_s
+        rate = np.median(
+            (after_s[half:] - after_s[: len(arrivals) - half]) / elapsed_s
+        )  # a few late blocks do not count
+        latest_s, earliest_s = (before_s - rate * arrived_s).min(), (after_s - rate * arrived_s).max()
+        return float(min(max(latest_s, earliest_s - MAX_DELAY_S) + rate * now_s, streamed_s))
 
     def start_stream(
         self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor, inputs: Sequence[InputChannel] = ()
@@ -98,6 +129,7 @@ class LiveFeed:
                 trace.reset(rate_hz)
             self._channels = ChannelCalibration.pair(scales, sensor)
             self._rate_hz, self._scans = rate_hz, 0
+            self._arrivals.clear()
             self._monitored.clear()
             for drive, displacement in self._traces.values():
                 drive.reset(rate_hz)
@@ -122,7 +154,9 @@ class LiveFeed:
             for traces in self._input_traces.values():
                 traces[at].append(values)
         with self._lock:
+            before_s = self._scans / self._rate_hz
             self._scans += block.raw.shape[1]
+            self._arrivals.append((time.monotonic(), before_s, self._scans / self._rate_hz))
             self._latest_um = float(displacement_um.mean())
             if monitored:
                 volts = self._channels[1].scale.to_volts(block.raw[1])

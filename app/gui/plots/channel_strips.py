@@ -53,17 +53,21 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
                 plot.getAxis(side).setPen(pg.mkPen(theme.line))
                 plot.getAxis(side).setTextPen(pg.mkPen(theme.text))
 
-    def draw(self, span: TimeSpan, shown_s: float) -> None:
-        """Draw the channels so that `shown_s`, bench time of the stream, is the right edge."""
+    def draw(self, span: TimeSpan, shown_s: float, fresh: bool) -> None:
+        """Draw the channels so that `shown_s`, bench time of the stream, is the right edge; `fresh` with new samples."""
         if self._feed.channels != self._shown:
             self._rebuild()
+            fresh = True
+        for curve in self.curves:
+            curve.setPos(-shown_s, 0)
+        if not fresh:
+            return
         for at, (plot, curve, trace) in enumerate(
             zip(self._plots, self.curves, self._feed.channel_traces(span), strict=False)
         ):
             time_s, values = trace.decimated_curve()
             values = SHOWN_UNITS.get(self._shown[at][1], ("", 1.0))[1] * values
             curve.setData(time_s, values)
-            curve.setPos(-shown_s, 0)
             plot.setXRange(-span.shown_s, 0, padding=0)
             if values.size:
                 self._ranges[at] = limits = stable_range(float(values.min()), float(values.max()), self._ranges[at])

@@ -22,8 +22,11 @@ from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, make_lab
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
-SMOOTHING_S = 0.08
-"""Time constant by which the display trails the samples, so that it scrolls smoothly although they arrive in blocks."""
+SMOOTHING_S = 0.03
+"""Time constant by which the display follows `LiveFeed.displayed_s`, whose rate changes a little with every block."""
+
+LEAST_MOTION = 1e-4
+"""Of the span: less is no motion on the screen."""
 
 INITIAL_RANGE_UM = 100.0
 
@@ -32,9 +35,10 @@ HELD_AFTER_S = 1.0
 
 
 class TimePlot(TracePlotBase):
-    """The live traces. `tick` is called at every tick of the window and draws only new data.
+    """The live traces. `tick` is called at every tick of the window and draws only what moves.
 
-    The shortest span is triggered by the drive, like an oscilloscope; the longer ones scroll.
+    The shortest span is triggered by the drive, like an oscilloscope; the longer ones scroll. Both follow the clock between
+    two blocks of samples, about a block behind the newest (docs/decisions/0006-live-plot.md).
     """
 
     ACCESSIBLE_NAME = "plot: live traces"
@@ -46,7 +50,10 @@ class TimePlot(TracePlotBase):
         """Number of redraws."""
         self._range: tuple[float, float] | None = None
         self._version = -1
-        self._end_s = self._shown_s = 0.0
+        self._shown_s = self._right_s = 0.0
+        """Bench time that is displayed, and that of the right edge: the drive's last rising edge before it if triggered."""
+        self._samples = ((np.empty(0), np.empty(0)),) * 2
+        self._edges_s = np.empty(0)
         self._last_tick_s = self._last_data_s = time.monotonic()
         self._streamed_s = feed.streamed_s
         self._held_s = 0
@@ -98,38 +105,56 @@ class TimePlot(TracePlotBase):
         fresh = self._feed.traces(self.span)[1].version != self._version
         if fresh:
             self._update_data()
-        if self._feed.streamed_s != self._streamed_s:
-            self._streamed_s, self._last_data_s = self._feed.streamed_s, now
-        self._show_age(
-            int(now - self._last_data_s) if now - self._last_data_s >= HELD_AFTER_S and self._streamed_s else 0
-        )
-        behind = self._end_s - self._shown_s
-        if (
-            self.span.triggered or behind < 0 or behind > self.span.shown_s
-        ):  # also after a new stream, or on a virtual clock
-            self._shown_s = self._end_s
-        elif behind > 1e-4 * self.span.shown_s:
-            self._shown_s += behind * (1 - math.exp(-elapsed / SMOOTHING_S))
-        elif not fresh:
-            return
-        if fresh or behind:
+        streamed_s = self._feed.streamed_s
+        if streamed_s != self._streamed_s:
+            self._streamed_s, self._last_data_s = streamed_s, now
+        self._show_age(int(now - self._last_data_s) if now - self._last_data_s >= HELD_AFTER_S and streamed_s else 0)
+        self._shown_s = self._advance(self._feed.displayed_s(now), elapsed)
+        right_s = self._trigger(self._shown_s) if self.span.triggered else self._shown_s
+        if fresh or right_s != self._right_s:
+            self._right_s = right_s
             self.frames += 1
-            for curve in self.curves:
-                curve.setPos(-self._shown_s, 0)
-            self.strips.draw(self.span, self._shown_s)
+            self._draw(fresh)
+            self.strips.draw(self.span, right_s, fresh)
+
+    def _advance(self, goal_s: float, elapsed_s: float) -> float:
+        """Return the bench time to show next: towards a goal, or the newest sample if it is not within the span."""
+        if (
+            not 0.0 <= self._streamed_s - self._shown_s <= self.span.buffer_s - self.span.shown_s
+        ):  # a new stream, a pause
+            return goal_s
+        ahead_s = goal_s - self._shown_s
+        if ahead_s <= LEAST_MOTION * self.span.shown_s:
+            return self._shown_s if ahead_s <= 0.0 else goal_s
+        return self._shown_s + ahead_s * (1 - math.exp(-elapsed_s / SMOOTHING_S))
+
+    def _draw(self, fresh: bool) -> None:
+        """Move the curves so that `_right_s` is at the right edge; a triggered span draws only what is displayed."""
+        for curve, (time_s, values) in zip(self.curves, self._samples, strict=True):
+            curve.setPos(-self._right_s, 0)
+            if self.span.triggered:
+                ends = np.searchsorted(time_s, (self._right_s - self.span.shown_s, self._right_s), "right")
+                begin, end = max(int(ends[0]) - 2, 0), int(ends[1]) + 2  # with a column beyond each edge
+                curve.setData(time_s[begin:end], values[begin:end])
+            elif fresh:
+                curve.setData(time_s, values)
+
+    def _trigger(self, shown_s: float) -> float:
+        """Return the last rising edge of the drive before a time, if a whole span lies before it; else that time."""
+        at = int(np.searchsorted(self._edges_s, shown_s, "right")) - 1
+        return float(self._edges_s[at]) if at >= 0 else shown_s
 
     def _update_data(self) -> None:
         drive, moved = self._feed.traces(self.span)
         self._version = moved.version
         drive_s, drive_v = drive.decimated_curve()
         time_s, displacement_um = moved.decimated_curve()
-        self.curves[0].setData(time_s, displacement_um)
-        self.curves[1].setData(drive_s, drive_v)
-        self._end_s = float(time_s[-1]) if time_s.size else 0.0
+        self._samples = (time_s, displacement_um), (drive_s, drive_v)
         if not time_s.size:
             return
         if self.span.triggered:
-            self._end_s = trigger_time(drive_s, drive_v, self._rest_v, self.span.shown_s)
+            edges_s = rising_edges(drive_s, drive_v, self._rest_v)
+            self._edges_s = edges_s[edges_s - drive_s[0] >= self.span.shown_s]
         self._scale(float(displacement_um.min()), float(displacement_um.max()))
 
     def _show_age(self, held_s: int) -> None:
@@ -185,18 +210,13 @@ class TimePlot(TracePlotBase):
         self._layout.addWidget(self.strips)
 
 
-def trigger_time(time_s: Array, drive_v: Array, level_v: float, shown_s: float) -> float:
-    """Return when the drive last rose through a level, if a whole span lies before it; else the last time.
+def rising_edges(time_s: Array, drive_v: Array, level_v: float) -> Array:
+    """Return the times at which the drive rises through a level.
 
     `drive_v` is low, high, low, high ... as from `MinMaxTrace.decimated_curve`.
     """
     centre = 0.5 * (drive_v[0::2] + drive_v[1::2]) - level_v
-    rises = np.flatnonzero((centre[:-1] < 0) & (centre[1:] >= 0))
-    last = float(time_s[-1])
-    if rises.size:
-        at, after = int(rises[-1]), int(rises[-1]) + 1
-        share = -centre[at] / (centre[after] - centre[at])
-        edge = float(time_s[2 * at] + share * (time_s[2 * after] - time_s[2 * at]))
-        if edge - float(time_s[0]) >= shown_s:
-            return edge
-    return last
+    at = np.flatnonzero((centre[:-1] < 0) & (centre[1:] >= 0))
+    share = -centre[at] / (centre[at + 1] - centre[at])
+    edges: Array = time_s[2 * at] + share * (time_s[2 * at + 2] - time_s[2 * at])
+    return edges

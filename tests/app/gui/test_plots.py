@@ -10,9 +10,10 @@ from PySide6.QtWidgets import QApplication
 
 from app.gui.plots import time_plot
 from app.gui.plots.base import limit_ticks, stable_range, style_axes, tick_spacing
-from app.gui.plots.time_plot import TimePlot, trigger_time
+from app.gui.plots.time_plot import TimePlot, rising_edges
 from app.gui.widgets.theme import LIGHT
-from app.live.feed import SPANS, LiveFeed
+from app.live import feed as live_feed
+from app.live.feed import MAX_DELAY_S, SPANS, LiveFeed
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from tests.helpers.session_events import SCALES, sine_block
@@ -69,11 +70,7 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
     assert plot.frames == 1
 
 
-def test_traces_without_new_samples_turn_grey_and_state_their_age(
-    qt: QApplication, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = [100.0]
-    monkeypatch.setattr(time_plot, "time", SimpleNamespace(monotonic=lambda: now[0]))
+def test_traces_without_new_samples_turn_grey_and_state_their_age(qt: QApplication, clock: list[float]) -> None:
     feed = fed()
     plot = TimePlot(feed, AmplifierMap(), LIGHT)
     live, held = [LIGHT.measured, LIGHT.second], [LIGHT.secondary_text] * 2
@@ -84,7 +81,7 @@ def test_traces_without_new_samples_turn_grey_and_state_their_age(
 
     feed.add_block(sine_block(5000, 100, 5000.0))
     assert look() == ("", live)
-    now[0] += 12.4
+    clock[0] += 12.4
     assert look() == ("held: 12 s old", held)
     plot.select_span(2)  # another view of the same samples is no new sample
     assert look() == ("held: 12 s old", held)
@@ -95,9 +92,82 @@ def test_traces_without_new_samples_turn_grey_and_state_their_age(
     plot.deleteLater()
 
 
-def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
-    time_s = np.repeat(np.arange(100) / 1000.0, 2)
-    assert trigger_time(time_s, np.full(200, 2.5), 2.5, 0.05) == time_s[-1]
+def test_edges_are_found_between_two_columns() -> None:
+    time_s = np.arange(1000) / 10_000.0
+    drive_v = np.repeat(2.5 + 2.5 * np.sin(2 * np.pi * 50.0 * time_s - 1.0), 2)
+    edges_s = rising_edges(np.repeat(time_s, 2), drive_v, 2.5)
+    np.testing.assert_allclose(edges_s, (1.0 / (2 * np.pi) + np.arange(5)) / 50.0, atol=1e-6)
+    assert not rising_edges(np.repeat(time_s, 2), np.full(2000, 2.5), 2.5).size
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time of feed and plot."""
+    now = [100.0]
+    for module in (time_plot, live_feed):
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    return now
+
+
+def arrive(feed: LiveFeed, clock: list[float], plot: TimePlot, times_s: list[float], end_s: float) -> list[float]:
+    """Feed blocks of 50 ms at given times and tick 60 times a second; return the bench time at the right edge, tick by tick."""
+    waiting, right_s = list(times_s), []
+    while clock[0] < end_s:
+        clock[0] += 1 / 60
+        while waiting and waiting[0] <= clock[0]:
+            moment, clock[0] = clock[0], waiting.pop(0)
+            feed.add_block(sine_block(round(feed.streamed_s * 5000.0), 250, 5000.0))
+            clock[0] = moment
+        plot.tick()
+        right_s.append(-float(plot.curves[1].pos().x()))
+        assert right_s[-1] <= feed.streamed_s
+    return right_s
+
+
+@pytest.mark.parametrize("span", [0, 1])
+def test_traces_move_at_every_tick_although_samples_arrive_in_blocks(
+    qt: QApplication, clock: list[float], span: int
+) -> None:
+    feed = LiveFeed()
+    feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    plot.select_span(span)
+    times_s = [100.05 + 0.05 * i + (0.01 if i % 3 else 0.0) for i in range(60)]
+    right_s = np.array(arrive(feed, clock, plot, times_s, 103.0))
+    steps_s = np.diff(right_s[60:])
+    assert (steps_s > 0).all()  # the drive has 100 rising edges a second
+    assert steps_s.max() < 0.04
+    assert feed.streamed_s - right_s[-1] < 0.15  # a block, its jitter and the smoothing behind
+    arrive(feed, clock, plot, [], 104.0)
+    drawn = plot.frames
+    plot.tick()
+    assert plot.frames == drawn  # all is shown
+    assert -plot.curves[1].pos().x() == pytest.approx(feed.streamed_s, abs=0.011)
+    plot.deleteLater()
+
+
+def test_a_change_of_the_drive_in_which_no_block_is_read_does_not_stop_the_traces(
+    qt: QApplication, clock: list[float]
+) -> None:
+    feed = LiveFeed()
+    feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    due_s = [100.05 + 0.05 * i for i in range(100)]
+    times_s = [due + max(0.25 - due % 1.0, 0.0) for due in due_s]  # the first five of a second arrive together
+    steps_s = np.diff(arrive(feed, clock, plot, times_s, 105.0))[120:]
+    assert (steps_s > 0).all()
+    assert feed.streamed_s + plot.curves[1].pos().x() < MAX_DELAY_S
+    plot.deleteLater()
+
+
+def test_a_virtual_clock_is_followed(qt: QApplication, clock: list[float]) -> None:
+    feed = LiveFeed()
+    feed.start_stream(5000.0, SCALES, LaserSensor("laser", 1e-4))
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    arrive(feed, clock, plot, [100.0 + 0.001 * i for i in range(2000)], 102.0)
+    assert feed.streamed_s == pytest.approx(100.0)
+    assert feed.streamed_s + plot.curves[1].pos().x() < MAX_DELAY_S + 0.1
+    plot.deleteLater()
 
 
 @pytest.mark.parametrize(
