@@ -23,6 +23,7 @@ from .skin_model import CONTACT_LENGTH as CONTACT_LENGTH
 from .skin_model import NO_SKIN as NO_SKIN
 from .skin_model import PRE_STRETCH as PRE_STRETCH
 from .skin_model import THRESHOLD_M as THRESHOLD_M
+from .skin_model import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
 from .skin_model import Skin as Skin
 from .skin_model import point_stiffness as point_stiffness
 from .skin_model import skin as skin

@@ -14,6 +14,9 @@ from model.parameters import Membrane, Tactor
 THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
 
+UNCOMFORTABLE_HZ = 200.0, 250.0
+"""From a frequency between these on, vibration tends to be uncomfortable (paper, Sec. I, ref. [22])."""
+
 PRE_STRETCH = ParameterSpec(
     "delta", "", Interval(ge=0), "pre-stretch of the membrane, elongation over free length", 0.0
 )

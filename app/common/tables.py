@@ -30,6 +30,8 @@ class Column:
     format_spec: str = ".5g"
     description: str = ""
     displayed: bool = True
+    missing: str = "never"
+    """Text of a value that does not exist: most columns with such values are times."""
 
     @property
     def cells(self) -> list[CellValue]:
@@ -49,7 +51,7 @@ class Column:
     def format_value(self, value: CellValue) -> str:
         """Return a value as text in the display unit."""
         if value is None:
-            return "never"
+            return self.missing
         if isinstance(value, str):
             return visible_text(value, multiline=True)
         text = format(value * DISPLAY_SCALES.get(self.display_unit, 1), self.format_spec)

@@ -1,3 +1,4 @@
+from .engine import LABORATORY_SITE as LABORATORY_SITE
 from .engine import PHASES as PHASES
 from .engine import BeamMotion as BeamMotion
 from .engine import ExploreRequest as ExploreRequest

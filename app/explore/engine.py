@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,11 +10,16 @@ from app.explore.state import ExploreSetting, KeptCurve
 from app.live import CurveCache, ModelCurve
 from model import Array
 
+if TYPE_CHECKING:
+    from model.response import PerceptionThreshold
+
 FREQUENCIES = 300
 LOWEST_HZ = 1.0
 PHASES = 48
 POSITIONS = 49
 MAX_CACHED_CURVES = 200
+LABORATORY_SITE = "laboratory"
+"""In place of a body site: the threshold of the laboratory file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +31,9 @@ class ExploreRequest:
     max_hz: float
     cursor_hz: float
     site: str = "abdomen"
-    """Body site of the perception threshold, one of `model.response.SITES`."""
+    """Body site of the perception threshold, one of `model.response.SITES`, or `LABORATORY_SITE`."""
+    own_threshold: "PerceptionThreshold | None" = None
+    """That of the laboratory, for the site `LABORATORY_SITE`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +55,7 @@ class ExploreResult:
     """Where max - min is above the perception threshold of the skin, Hz."""
     threshold_m: Array
     """That threshold at the frequencies of the curve, (F,)."""
+    threshold_label: str
     kept_curves: tuple[ModelCurve, ...] | None = None
     motion: BeamMotion | None = None
 
@@ -65,9 +74,12 @@ class ResponseEngine:
         """
         from model.response import SITES, usable_bands
 
-        curve, threshold = self._curve(request.setting, request.max_hz), SITES[request.site]
+        curve, own = self._curve(request.setting, request.max_hz), request.own_threshold
+        threshold = (
+            own if request.site == LABORATORY_SITE and own is not None else SITES.get(request.site, SITES["abdomen"])
+        )
         felt_bands = usable_bands(curve.frequency_hz, curve.peak_to_peak, threshold)
-        result = ExploreResult(curve, felt_bands, threshold.amplitude_at(curve.frequency_hz))
+        result = ExploreResult(curve, felt_bands, threshold.amplitude_at(curve.frequency_hz), threshold.line_label)
         yield result
         kept_curves = tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
         result = replace(result, kept_curves=kept_curves)

@@ -11,6 +11,7 @@ from app.explore.sliders import SLIDERS
 from app.explore.state import DRIVE_SLIDER, ExploreSetting, KeptCurve, describe_difference, make_preset
 
 if TYPE_CHECKING:
+    from model.response import PerceptionThreshold
     from model.studies.parameter_study import Study
 
 
@@ -29,6 +30,8 @@ class ExploreSession:
         self.max_hz, self.cursor_hz = 250.0, 160.0
         self.site = "abdomen"
         """Body site of the perception threshold."""
+        self.own_threshold: PerceptionThreshold | None = None
+        """That of the laboratory file."""
 
     @property
     def setting(self) -> ExploreSetting:
@@ -37,7 +40,9 @@ class ExploreSession:
     @property
     def request(self) -> ExploreRequest:
         """The request for the response engine."""
-        return ExploreRequest(self.setting, self.kept_curves, self.max_hz, self.cursor_hz, self.site)
+        return ExploreRequest(
+            self.setting, self.kept_curves, self.max_hz, self.cursor_hz, self.site, self.own_threshold
+        )
 
     def set_value(self, name: str, value: float) -> None:
         """Set a slider, SI."""

@@ -119,7 +119,7 @@ def group_table(selection: FleetSelection, by: str) -> Table:
             Column(by, None, list(groups)),
             Column("values", None, [s.count for s in spreads], format_spec="d"),
             Column("mean", selection.unit, [s.mean for s in spreads], display_unit=shown),
-            Column("sd", selection.unit, [s.sd for s in spreads], "spread (1 sd)", display_unit=shown),
+            Column("sd", selection.unit, [s.sd for s in spreads], "spread (1 sd)", display_unit=shown, missing=""),
             Column("lowest", selection.unit, [s.lowest for s in spreads], display_unit=shown),
             Column("highest", selection.unit, [s.highest for s in spreads], display_unit=shown),
         ),

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 from app.common import UsageError, remember_conditions, remembered_conditions
 from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
+from app.gui.laboratory.folder_threshold import FolderThreshold
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.results.report_job import ReportJob
@@ -131,6 +132,7 @@ class MainTabs(QTabWidget):
             self._make_laboratory,
         )
         self._created: dict[int, Page] = {}
+        self._threshold = FolderThreshold(self._worker, self._created.values, self.show_message)
         self._page_layouts: list[QVBoxLayout] = []
         self.setAccessibleName("pages")
         self.setDocumentMode(True)
@@ -146,7 +148,9 @@ class MainTabs(QTabWidget):
         self.sheets.add(self.measure.run_panel.sheet_button, lambda: (self.folder, self.specimen))
         for edit in (self.measure.run_panel.specimen_edit, self.measure.run_panel.folder_edit):
             edit.textChanged.connect(self.sheets.update)
+        self.measure.run_panel.folder_edit.textChanged.connect(lambda _: self._threshold.read(self.folder))
         self.currentChanged.connect(lambda index: self.page(index).activate())
+        self.currentChanged.connect(lambda _: self._threshold.read(self.folder))
         self.currentChanged.connect(self.sheets.update)
 
     def select_page(self, index: int) -> None:
@@ -173,6 +177,8 @@ class MainTabs(QTabWidget):
                 page.set_theme(self._theme)
             if self._state is not None:
                 page.set_state(self._state)
+            if self._threshold.threshold is not None:
+                self._threshold.show_on(page)
             while (placeholder := self._page_layouts[index].takeAt(0)) is not None:
                 cast("QWidget", placeholder.widget()).deleteLater()
             # A page keeps its least size, and scrolls in a window that is too small for it. It is put into an area that has

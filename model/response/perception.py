@@ -8,6 +8,7 @@ from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model import THRESHOLD_M as THRESHOLD_M
+from model import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
 from model import Array, ParameterError, ParameterSpec
 from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC
 
@@ -75,8 +76,6 @@ ABDOMEN_THRESHOLD = PerceptionThreshold(
 )
 
 
-UNCOMFORTABLE_HZ = 200.0, 250.0
-"""From a frequency between these on, vibration tends to be uncomfortable."""
 UNCOMFORTABLE_SOURCE = "paper, Sec. I, ref. [22]: over about 200 to 250 Hz"
 """It is a band of frequencies: no source of an amplitude was found."""
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
@@ -44,6 +45,9 @@ from app.gui.widgets import (
 from app.live import LatestOnlyWorker
 from app.session import WindowState
 from model import ParameterError
+
+if TYPE_CHECKING:
+    from model.response import PerceptionThreshold
 
 CARD_WIDTH = 250
 PAINT_PAUSE_S = 0.02
@@ -280,6 +284,12 @@ class ExplorePage(QSplitter):
     def _set_range(self, max_hz: float) -> None:
         self.session.max_hz = max_hz
         self.plot.show_range(max_hz)
+        self._request_result()
+
+    def show_threshold(self, threshold: "PerceptionThreshold | None") -> None:
+        """Take the threshold of the laboratory as that which is felt; None: there is none."""
+        self.session.own_threshold = threshold
+        self.toolbar.offer_laboratory(threshold is not None)
         self._request_result()
 
     def _choose_site(self, site: str) -> None:

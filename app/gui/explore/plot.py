@@ -14,7 +14,6 @@ from app.explore import ExploreResult, KeptCurve
 from app.gui.plots import (
     AXIS_WIDTH,
     CURVE_COLORS,
-    FELT_THRESHOLD_UM,
     SERIES,
     CurveItem,
     PlotBase,
@@ -59,9 +58,7 @@ class ExplorePlot(PlotBase):
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)
         self.phase.setMouseEnabled(x=False, y=False)  # it follows the one above
-        self._add_threshold_line(labelled=True)
-        self.threshold_curve = CurveItem(antialias=True)
-        """The perception threshold of another site than the abdomen, whose is a straight line."""
+        self._felt = self._add_threshold(labelled=True, width=1.5)
         self.band = CurveItem(connect="finite")
         self.curves = [CurveItem(antialias=True) for _ in SERIES]
         self.phase_curve = CurveItem(antialias=True)
@@ -69,7 +66,7 @@ class ExplorePlot(PlotBase):
         self._points: list[tuple[Any, ...]] = []
         self.cursor_line = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=CURSOR_HZ)
         self._add_legend()
-        for item in (self.band, self.threshold_curve, self.cursor_line, *self.curves):
+        for item in (self.band, self.cursor_line, *self.curves):
             self.plot.addItem(item)
         self.phase.addItem(self.phase_curve)
         self.show_simulated(False)
@@ -86,7 +83,6 @@ class ExplorePlot(PlotBase):
     def set_theme(self, theme: Theme) -> None:
         super().set_theme(theme)
         self.band.setPen(pg.mkPen(theme.threshold, width=5))
-        self.threshold_curve.setPen(pg.mkPen(theme.threshold, width=1.5))
         self.cursor_line.setPen(pg.mkPen(theme.secondary_text, width=1, style=Qt.PenStyle.DotLine))
         self.cursor_line.setHoverPen(pg.mkPen(theme.accent, width=2))
         for curve, series in zip(self.curves, SERIES, strict=True):
@@ -170,10 +166,10 @@ class ExplorePlot(PlotBase):
     def _label_felt_bands(self, result: ExploreResult) -> None:
         line, threshold_um = result.curve, 1e6 * result.threshold_m
         flat = bool(np.ptp(threshold_um) == 0)
-        self.threshold_curve.setData(line.frequency_hz, threshold_um)
-        self.threshold_curve.setVisible(not flat)
-        if self._threshold_line is not None:
-            self._threshold_line.setVisible(flat)
+        if flat:
+            self._felt.show_level(float(threshold_um[0]), result.threshold_label)
+        else:
+            self._felt.show_curve(line.frequency_hz, threshold_um, result.threshold_label)
         stretches = [np.append(np.linspace(low, high, 2 if flat else 50), np.nan) for low, high in result.felt_bands]
         felt_hz = np.concatenate(stretches) if stretches else np.zeros(0)
         self.band.setData(felt_hz, np.interp(felt_hz, line.frequency_hz, threshold_um))
@@ -230,7 +226,7 @@ class ExplorePlot(PlotBase):
             self._points.append((upper, second, lower, spot))
 
     def _scale(self) -> None:
-        tops, phases = [1.5 * FELT_THRESHOLD_UM], [-180.0, 0.0]
+        tops, phases = [1.5 * self._felt.top_um], [-180.0, 0.0]
         result = self._result
         lines: list[ModelCurve | MeasuredResponse] = [*self._runs]
         if result is not None:

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineE
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
-from app.explore import ExploreSetting
+from app.explore import LABORATORY_SITE, ExploreSetting
 from app.gui.plots import SERIES, caption_label
 from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, row, tooltip
 
@@ -17,7 +17,7 @@ SITE_NAMES = ("abdomen", "thenar", "forearm")
 """Names of `model.response.SITES`, which loads scipy."""
 SITE_TIP = (
     "Threshold of perception, max - min. Abdomen: the paper's 50 µm. Thenar and forearm: the course with frequency is published, the level is "
-    "unproven (docs/theory.md)"
+    "unproven (docs/theory.md). Laboratory: that of laboratory.toml beside the runs"
 )
 
 
@@ -114,6 +114,15 @@ class ExploreToolbar(QObject):
             self.identify_button,
             self.clear_button,
         )
+
+    def offer_laboratory(self, offered: bool) -> None:
+        """Offer the threshold of the laboratory file, and choose it; or no longer."""
+        at = self.site_box.findText(LABORATORY_SITE)
+        if offered and at < 0:
+            self.site_box.addItem(LABORATORY_SITE)
+            self.site_box.setCurrentText(LABORATORY_SITE)
+        elif not offered and at >= 0:
+            self.site_box.removeItem(at)
 
     def toggle_skin(self) -> None:
         """Switch between free and on the skin."""

@@ -12,7 +12,7 @@ from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
 
 from app.archive import Catalogue
-from app.common import Progress
+from app.common import Progress, UsageError
 from app.common.audit_log import AuditEntry, AuditError, read_entries
 from app.config.certificate import Certificate, read_certificates
 from app.fleet.tables import Bounds
@@ -34,6 +34,7 @@ from app.gui.widgets import (
     row,
 )
 from app.session import WindowState
+from model import ParameterError
 
 SPECIMENS, CHART, CERTIFICATES, AUDIT = range(4)
 Pane = FleetPane | ChartPane | CertificatesPane | AuditPane
@@ -75,7 +76,9 @@ def read_records(
         progress: of the scan.
         excluded: files that are not read, because a run writes them.
     """
-    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits  # its imports take half a second
+    from app.identification import chosen_threshold  # these imports take half a second
+    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits
+    from model.response import ABDOMEN_THRESHOLD
 
     fleet, limits, problem = None, None, ""
     try:
@@ -84,7 +87,12 @@ def read_records(
         catalogue = Catalogue(folder, index)
         if not catalogue.scan(progress, tuple(excluded)).complete:
             problem = "Reading was stopped: runs that were not read before are missing."
-        fleet = read_fleet(folder, catalogue, simulated)
+        threshold = ABDOMEN_THRESHOLD
+        try:
+            threshold = chosen_threshold(folder)
+        except (UsageError, ParameterError) as error:
+            problem = str(error)
+        fleet = read_fleet(folder, catalogue, simulated, threshold)
     except FleetError as error:
         problem = f"No specimens: {error}"
     except (sqlite3.Error, OSError) as error:

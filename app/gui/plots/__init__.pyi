@@ -1,6 +1,5 @@
 from .base import AXIS_WIDTH as AXIS_WIDTH
 from .base import CURVE_COLORS as CURVE_COLORS
-from .base import FELT_THRESHOLD_UM as FELT_THRESHOLD_UM
 from .base import MAX_LEGEND_ENTRIES as MAX_LEGEND_ENTRIES
 from .base import PlotBase as PlotBase
 from .base import TracePlotBase as TracePlotBase

@@ -1,9 +1,9 @@
-"""Base class of all plots: theme, axes, corner labels, SIMULATED mark, legend, 50 µm threshold line, copying."""
+"""Base class of all plots: theme, axes, corner labels, SIMULATED mark, legend, perception threshold, copying."""
 
 import math
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -15,13 +15,18 @@ from app.common import format_estimate, typeset
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.items import place, place_end
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
+from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
 from app.gui.widgets import Menu, Theme, column, make_label
-from model import THRESHOLD_M, Array
+from model import Array
 from protocols.base import RunEnded
 
-FELT_THRESHOLD_UM = 1e6 * THRESHOLD_M
+if TYPE_CHECKING:
+    from model.response import PerceptionThreshold
+
+THRESHOLD_HZ = np.geomspace(1.0, 4000.0, 300)
+"""Frequencies at which the curve of a perception threshold is drawn."""
 
 AXIS_WIDTH = 62
 """Width of the left axis in pixels, so that plots above each other share their left edge."""
@@ -41,9 +46,6 @@ MAX_LABELLED_TICKS, LARGEST_POWER = 5, 100
 
 TICK_LINES = 0.85
 """Height of a tick label in lines of text: digits are lower than a line."""
-
-LABEL_ON_LINE = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}
-"""The label of a horizontal line: at its left end and above it, because a response comes down to it at the right."""
 
 CURVE_COLORS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
 
@@ -303,8 +305,8 @@ class PlotBase(QWidget):
         if grid:
             self.plot.showGrid(x=True, y=True, alpha=0.12)
         self.legend: Any = None
-        self._threshold_line: Any = None
-        self._threshold_width = 1.0
+        self.threshold: ThresholdItems | None = None
+        """The perception threshold, in a plot over frequency."""
         self.simulated_labels = [CornerLabel(plot, "SIMULATED", self.font(), right=True) for plot in self._plots]
         self.corner_labels = [CornerLabel(plot, "", self.font(), right=False) for plot in self._plots]
         self.simulated = True
@@ -338,10 +340,8 @@ class PlotBase(QWidget):
             text.set_color(theme.text)
         if self.legend is not None:
             self.legend.setLabelTextColor(theme.text)
-        if self._threshold_line is not None:
-            self._threshold_line.setPen(pg.mkPen(theme.threshold, width=self._threshold_width))
-            if (label := getattr(self._threshold_line, "label", None)) is not None:
-                label.setColor(QColor(theme.threshold))
+        if self.threshold is not None:
+            self.threshold.set_theme(theme)
 
     def show_simulated(self, simulated: bool) -> None:
         """Mark the plot as simulated, or not."""
@@ -398,8 +398,8 @@ class PlotBase(QWidget):
         _set_log(self._plots[0], x, y)
         for plot in (*self._plots[1:], *self.aligned_plots):  # which share the x axis
             _set_log(plot, x, False)
-        if self._threshold_line is not None:
-            self._threshold_line.setValue(float(place(FELT_THRESHOLD_UM, y)))
+        if self.threshold is not None:
+            self.threshold.set_log(x, y)
         self._rescale()
 
     def _rescale(self) -> None:
@@ -431,14 +431,23 @@ class PlotBase(QWidget):
     def _add_legend(self, left: bool = True) -> None:
         self.legend = self.plot.addLegend(offset=(8 if left else -8, 4), **LEGEND_STYLE)
 
-    def _add_threshold_line(self, labelled: bool, width: float = 1.0) -> None:
-        """Add a line at the skin's discrimination threshold."""
-        options = {"label": f"{FELT_THRESHOLD_UM:g} µm: felt on the abdomen", "labelOpts": LABEL_ON_LINE}
-        self._threshold_line = pg.InfiniteLine(FELT_THRESHOLD_UM, angle=0, **(options if labelled else {}))
-        self._threshold_width = width
-        if labelled:
-            self._threshold_line.label.setFont(self.font())
-        self.plot.addItem(self._threshold_line)
+    def _add_threshold(self, labelled: bool, width: float = 1.0) -> ThresholdItems:
+        """Add the skin's perception threshold, and the shade where vibration is uncomfortable."""
+        self.threshold = ThresholdItems(self.plot, self.font(), labelled, width)
+        return self.threshold
+
+    def show_threshold(self, threshold: "PerceptionThreshold | None") -> None:
+        """Show a perception threshold where the plot has one; None is the abdomen's."""
+        items = self.threshold
+        if items is None:
+            return
+        if threshold is None:
+            items.show_level()
+        elif len(threshold.frequency_hz) == 1:
+            items.show_level(1e6 * threshold.amplitude_m[0], threshold.line_label)
+        else:
+            items.show_curve(THRESHOLD_HZ, 1e6 * threshold.amplitude_at(THRESHOLD_HZ), threshold.line_label)
+        self._rescale()
 
 
 class TracePlotBase(PlotBase):

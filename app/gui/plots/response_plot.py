@@ -11,7 +11,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, legend_share, stable_range
+from app.gui.plots.base import PlotBase, caption_label, finite_max, legend_share, stable_range
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
@@ -84,7 +84,7 @@ class ResponsePlot(PlotBase):
         self._max_hz = 250.0
         self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")
-        self._add_threshold_line(labelled=True, width=1.5)
+        self._felt = self._add_threshold(labelled=True, width=1.5)
         self.model_curves = ModelCurveItems(self.plot)
         self._bars = [BarsItem(beam=0.0) for _ in SERIES]
         self.scatters = [
@@ -164,7 +164,7 @@ class ResponsePlot(PlotBase):
 
     def _scale(self) -> None:
         self._warn_mismatch()
-        tops = [FELT_THRESHOLD_UM * 1.5]
+        tops = [self._felt.top_um * 1.5]
         for series, box in zip(SERIES, self.series_boxes, strict=True):
             if box.isChecked():
                 tops += [finite_max(series.values_of(point)) for point in self._points]

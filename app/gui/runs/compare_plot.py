@@ -8,7 +8,6 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
 from app.gui.plots import (
-    FELT_THRESHOLD_UM,
     MAX_LEGEND_ENTRIES,
     SERIES,
     PlotBase,
@@ -31,7 +30,7 @@ class ComparePlot(PlotBase):
         self._runs: tuple[MeasuredResponse, ...] = ()
         self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")
-        self._add_threshold_line(labelled=False)
+        self._felt = self._add_threshold(labelled=False)
         self._add_legend()
         self.items: list[pg.PlotDataItem] = []
         self._add_head()
@@ -76,7 +75,7 @@ class ComparePlot(PlotBase):
 
     def _scale(self, *_: object) -> None:
         """Fit the axes to all points, with space for the legend above them."""
-        top = max([FELT_THRESHOLD_UM * 1.5, *(1e6 * finite_max(run.peak_to_peak) for run in self._runs)])
+        top = max([self._felt.top_um * 1.5, *(1e6 * finite_max(run.peak_to_peak) for run in self._runs)])
         right = max([100.0, *(float(run.frequency_hz.max()) for run in self._runs)])
         top *= 1.1 / (1 - legend_share(self.legend, self.plot))
         step = round_step(top, 6)

@@ -255,15 +255,16 @@ def test_the_page_fits_a_small_screen(stage: Stage) -> None:
 
 
 def test_the_threshold_of_another_body_site_is_drawn_and_bounds_what_is_felt(page: ExplorePage) -> None:
-    line = page.plot._threshold_line
-    assert line is not None
+    assert page.plot.threshold is not None
+    line, curve = page.plot.threshold.line, page.plot.threshold.curve
     assert line.isVisible()
-    assert not page.plot.threshold_curve.isVisible()
+    assert not curve.isVisible()
     page.toolbar.site_box.setCurrentText("forearm")  # all is felt on both: the drawing changes all the same
     settled(page)
     assert not line.isVisible()
-    f, um = page.plot.threshold_curve.getData()
-    assert page.plot.threshold_curve.isVisible()
+    f, um = curve.getData()
+    assert curve.isVisible()
+    assert "forearm" in page.plot.threshold.curve_label.toPlainText()
     assert np.interp(55.0, f, um) / np.interp(110.0, f, um) == pytest.approx(10 ** (12 / 20), rel=1e-2)
     type_into(page, "peak_to_peak_v", "0.5")
     assert page.result is not None

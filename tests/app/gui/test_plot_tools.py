@@ -127,7 +127,7 @@ def test_logarithmic_axes_show_the_same_values(measured: Stage) -> None:
         QTest.keyClick(plot.canvas, key, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     assert plot.log_axes == (True, True)
     np.testing.assert_allclose(scatter.getData(), np.log10([x, y]))
-    assert plot._threshold_line.value() == pytest.approx(np.log10(50.0))
+    assert plot.threshold.line.value() == pytest.approx(np.log10(50.0))
     (left, right), (bottom, top) = box.viewRange()
     assert left == pytest.approx(np.log10(5.0)), "the model's curve begins at 5 Hz"
     assert (right, top) == pytest.approx(np.log10([whole[0][1], whole[1][1]]))
