@@ -116,6 +116,24 @@ class Acquisition:
             out[slot] = self._card.quantize(clean + sigma * noise(first, count))
         return out
 
+    @property
+    def change_count(self) -> int:
+        """How often something has changed on which the samples depend."""
+        return self._card.plant.change_count + self._card.laser_view.change_count
+
+    def read_ahead(self, first: int, count: int, now_s: float) -> Counts:
+        """Scans as `read_raw`, some of which have not been taken yet at `now_s`: valid until something changes."""
+        with self._card.plant.reading_ahead(now_s):
+            return self.read_raw(first, count)
+
+    def confirm(self, now_s: float) -> None:
+        """Keep what was computed ahead until `now_s`."""
+        self._card.plant.confirm(now_s)
+
+    def discard_ahead(self) -> None:
+        """Forget what was computed ahead."""
+        self._card.plant.discard_ahead()
+
     def _slot_voltage(self, slot: int, t: Array) -> tuple[Array, float]:
         """Volts in a place of the scans at times `t`, and their noise; an open input shows the place before it.
 
@@ -164,7 +182,7 @@ class SimulatedCard:
         self.unsettled_share = max(parameters.card.unsettled_share, slow)
         self.scale = Scale(parameters.card.coefficients)
         self._sensor, self._amplifier = parameters.sensor, parameters.amplifier
-        self._laser_view = laser_view
+        self.laser_view = laser_view
         self._history = history
         self._faults = faults
         self._acquisition_count = 0
@@ -204,7 +222,7 @@ class SimulatedCard:
             return self._history.volts(t), self.parameters.noise_v
         if channel == SENSOR_CHANNEL:
             s = self._sensor
-            w = self._laser_view.displacement(t)
+            w = self.laser_view.displacement(t)
             invalid = (np.abs(w) > s.range_m) | self._faults.was_active("sensor-out-of-range", t)
             volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
             return volts, math.hypot(self.parameters.noise_v, s.noise_m / abs(s.gain_m_per_v))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale, ScansLostError
 from drivers.deprecated import renamed
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
+from sim_hardware.nidaq.read_ahead import ReadAhead
 from sim_hardware.plant import FaultState
 
 
@@ -83,6 +84,7 @@ class SimulatedStream(Closeable):
         self.is_open = True
         self._digitizer, self._acquisition = digitizer, acquisition
         self._block_scans, self._buffer_scans = block_scans, buffer_scans
+        self._ahead = ReadAhead(acquisition, block_scans)
         self._next_scan = self._first_scan = 0
 
     def read(self) -> Block:
@@ -104,7 +106,7 @@ class SimulatedStream(Closeable):
         clock.sleep(self._acquisition.available_at(position + self._block_scans) - clock.now())
         if faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{card} does not answer any more; check its USB cable")
-        block = Block(self._next_scan, self._acquisition.read_raw(position, self._block_scans))
+        block = Block(self._next_scan, self._ahead.read(position, clock.now()))
         self._next_scan = block.stop
         return block
 
@@ -112,8 +114,11 @@ class SimulatedStream(Closeable):
         """Acquire again after scans were lost (see drivers.interfaces.RestartableStream)."""
         now = self._digitizer.clock.now()
         self._acquisition = self._digitizer.card.start_acquisition(self.rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), now)
+        self._ahead.close()
+        self._ahead = ReadAhead(self._acquisition, self._block_scans)
         self._first_scan = self._next_scan = max(round((now - self.start_time_s) * self.rate_hz), self._next_scan)
 
     def close(self) -> None:
         """Stop the card."""
         self.is_open = False
+        self._ahead.close()

@@ -41,6 +41,8 @@ class FaultState:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._intervals: dict[str, list[list[float]]] = {}
+        self.change_count = 0
+        """How often a fault was injected or cleared."""
 
     def inject(self, name: str, t: float) -> None:
         """Activate `name` from bench time `t` on; no effect if it is active.
@@ -54,6 +56,7 @@ class FaultState:
             spans = self._intervals.setdefault(name, [])
             if not spans or spans[-1][1] < math.inf:
                 spans.append([t, math.inf])
+                self.change_count += 1
 
     def clear(self, name: str, t: float) -> None:
         """Clear `name` at bench time `t`; no effect if it is not active."""
@@ -61,6 +64,7 @@ class FaultState:
             spans = self._intervals.get(name, [])
             if spans and math.isinf(spans[-1][1]):
                 spans[-1][1] = t
+                self.change_count += 1
 
     def is_active(self, name: str) -> bool:
         """Whether `name` is active now."""

@@ -6,8 +6,6 @@ an even distribution of the widths both are Rayleigh's law: from each turning po
 is forgotten.
 """
 
-from typing import Any
-
 import numpy as np
 
 from model import Array
@@ -34,7 +32,7 @@ class HysteresisModel:
         # weight * ((high - low) / 2)^2 / (2 * spacing)
         span_v = high_v - low_v
         self._weight = width * span_v * 2 * PLAY_SPACING_V / (span_v / 2) ** 2
-        self._turned = [(high_v, 0.0), (low_v, -float(_sum_of_plays(np.float64(span_v))))]
+        self._turned = [(high_v, 0.0), (low_v, -_sum_of_plays(span_v))]
         """Turning points not forgotten, with the sum of the plays there; the last began the present branch."""
         self._way, self._last_v = 1.0, 0.0
         self._offset_v = self._weight * self._plays_at(0.0)
@@ -43,37 +41,79 @@ class HysteresisModel:
         """Return the voltage (n,) to which the specimen answers."""
         if not self._weight:
             return volts
-        change = np.diff(volts, prepend=self._last_v)
-        moves = np.flatnonzero(change)
-        turns = moves[1:][np.diff(np.sign(change[moves])) != 0]
-        branches: list[tuple[int, float, float, float]] = []  # first sample, turning point, plays there, way
+        if volts.size == 1:
+            return np.array([self._answer(float(volts[0]))])
+        starts, turned_v, plays = self._branches(volts)
+        counts = np.diff(np.append(starts, volts.size))
+        moved: Array = volts - np.repeat(turned_v, counts)
+        following = moved * (0.5 / PLAY_SPACING_V)
+        np.rint(following, out=following)
+        np.clip(following, -PLAY_COUNT, PLAY_COUNT, out=following)
+        moved -= PLAY_SPACING_V * following
+        np.abs(following, out=following)
+        moved *= following
+        moved *= self._weight
+        moved += np.repeat(self._weight * np.array(plays) - self._offset_v, counts)
+        moved += volts
+        return moved
+
+    def _branches(self, volts: Array) -> tuple[list[int], list[float], list[float]]:
+        """Advance over `volts`; return where each branch begins, the turning point that began it, and the plays there."""
+        starts, turned_v, plays = [], [], []
+        turned, turned_plays = self._turned[-1]
         begin = 0
-        for end in [*turns.tolist(), volts.size]:  # one way only from turn to turn
+        for end in [*_turns(volts, self._last_v), volts.size]:  # one way only from turn to turn
             last = float(volts[end - 1])
             way = self._way if last == self._last_v else 1.0 if last > self._last_v else -1.0
             if way != self._way:
-                self._turned.append((self._last_v, self._plays_at(self._last_v)))
+                self._turned = [*self._turned, (self._last_v, self._plays_at(self._last_v))]
+                turned, turned_plays = self._turned[-1]
                 self._way = way
-            while len(self._turned) > 2 and way * last > way * self._turned[-2][0]:
-                branches.append((begin, *self._turned[-1], way))
-                begin += int(np.searchsorted(way * volts[begin:end], way * self._turned[-2][0], side="right"))
-                del self._turned[-2:]  # the loop is closed and forgotten
-            branches.append((begin, *self._turned[-1], way))
+            while len(self._turned) > 2 and way * last > way * (closing_v := self._turned[-2][0]):
+                starts.append(begin)
+                turned_v.append(turned)
+                plays.append(turned_plays)
+                begin += _count_until(volts[begin:end], closing_v, way)
+                self._turned = self._turned[:-2]  # the loop is closed and forgotten
+                turned, turned_plays = self._turned[-1]
+            starts.append(begin)
+            turned_v.append(turned)
+            plays.append(turned_plays)
             self._last_v, begin = last, end
-        starts, turned_v, plays, ways = np.array(branches).T
-        counts = np.diff(np.append(starts, volts.size)).astype(int)
-        moved = _sum_of_plays(np.abs(volts - np.repeat(turned_v, counts)))
-        return np.asarray(
-            volts + self._weight * (np.repeat(plays, counts) + np.repeat(ways, counts) * moved) - self._offset_v
-        )
+        return starts, turned_v, plays
+
+    def _answer(self, volts: float) -> float:
+        """Return `process` of a single voltage."""
+        if volts != self._last_v:
+            self._branches(np.array([volts]))
+        return volts + self._weight * self._plays_at(volts) - self._offset_v
 
     def _plays_at(self, volts: float) -> float:
         """Return the sum of the plays on the present branch."""
         turned_v, plays = self._turned[-1]
-        return plays + self._way * float(_sum_of_plays(np.float64(abs(volts - turned_v))))
+        return plays + self._way * _sum_of_plays(abs(volts - turned_v))
 
 
-def _sum_of_plays(change_v: Any) -> Any:
+def _sum_of_plays(change_v: float) -> float:
     """Return the sum of what the plays have moved since the voltage turned and changed by so much."""
-    following = np.minimum(np.rint(change_v / (2 * PLAY_SPACING_V)), PLAY_COUNT)
+    following = min(round(change_v / (2 * PLAY_SPACING_V)), PLAY_COUNT)
     return following * (change_v - PLAY_SPACING_V * following)
+
+
+def _turns(volts: Array, before_v: float) -> list[int]:
+    """Return the samples at which the voltage, which was `before_v`, moves the other way for the first time."""
+    change = np.diff(volts, prepend=before_v)
+    rises = change > 0
+    if change.all():
+        turns = np.flatnonzero(rises[1:] != rises[:-1]) + 1
+    else:
+        moves = np.flatnonzero(change)
+        turns = moves[1:][np.diff(rises[moves])]
+    return [int(turn) for turn in turns.tolist()]
+
+
+def _count_until(volts: Array, level_v: float, way: float) -> int:
+    """Return how many samples of a stretch that moves one way have not passed a level."""
+    if way > 0:
+        return int(volts.searchsorted(level_v, side="right"))
+    return volts.size - int(volts[::-1].searchsorted(level_v, side="left"))

@@ -38,6 +38,11 @@ class LaserView:
         self._views = [_ViewChange(-math.inf, TACTOR_TARGET, 0.0)]
         self._lock = threading.Lock()
 
+    @property
+    def change_count(self) -> int:
+        """How many changes of the view there have been."""
+        return len(self._views)
+
     def displacement(self, t: Array) -> Array:
         """Return the sensor's metres at bench times `t` (n,), ascending, with its delay; without noise and range."""
         delayed = t - self._parameters.sensor.delay_s

@@ -8,9 +8,12 @@ present state with the modes of the new setup.
 import math
 import threading
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +35,19 @@ RINGING_TOLERANCE_M = 1e-15
 
 CREEP_TOLERANCE_M = 1e-9
 """The same while the specimen creeps: how far the motion may lag behind the creeping rest position."""
+
+PIECE_STEPS = 512 * BLOCK
+"""Grid steps that are simulated together at most: beyond this the arrays no longer fit into the cache of the processor."""
+
+RINGING_STEPS = 80 * BLOCK
+"""After so many grid steps under a constant drive it is looked again whether the motion still rings."""
+
+_ADVANCING = (
+    *("_next_step", "_valid_from", "_stepper", "_state", "_previous_specimen_v", "_previous_bending_v"),
+    *("_previous_force_n", "_previous_bent_v", "_previous_pressing_n"),
+)
+_ADVANCING_MODELS = ("_voltage_creep", "_force_creep", "_hysteresis")
+"""What a simulated step changes, beside the rings."""
 
 TOUCHDOWN_S = 2e-3
 """How long a weight's first touch lasts."""
@@ -93,6 +109,47 @@ class Plant:
         self._stepper = self._stepper_for(self._changes[0].state)
         self._state = self._stepper.steady_state(0.0, 0.0)
         self._previous_specimen_v = self._previous_bending_v = self._previous_force_n = 0.0
+        self._last_step = 0  # first grid step never simulated
+        self._checkpoint: dict[str, Any] | None = None
+        """State before the steps that are provisional."""
+        self._checkpoint_count = self._confirmed_step = 0
+        self._is_reading_ahead = False
+
+    @property
+    def change_count(self) -> int:
+        """How often something has changed on which the motion depends."""
+        return self._history.change_count + self._faults.change_count + len(self._changes)
+
+    @contextmanager
+    def reading_ahead(self, now_s: float) -> Iterator[None]:
+        """What is simulated beyond `now_s` until the block is left is provisional: a change discards it, `confirm` keeps it."""
+        with self._lock, self._history.reading_ahead(now_s):
+            self.discard_ahead()
+            self._checkpoint = {name: getattr(self, name) for name in _ADVANCING}
+            self._checkpoint |= {name: copy(getattr(self, name)) for name in _ADVANCING_MODELS}
+            self._checkpoint_count, self._confirmed_step = self.change_count, self._next_step
+            self._is_reading_ahead = True
+            try:
+                yield
+            finally:
+                self._is_reading_ahead = False
+
+    def confirm(self, now_s: float) -> None:
+        """Keep what was simulated until `now_s`: nothing can change it any more."""
+        with self._lock:
+            self._confirmed_step = math.floor(now_s * self._rate + 1e-6) // BLOCK * BLOCK
+            self._history.mark_read((self._confirmed_step - 1) / self._rate)
+            if self._confirmed_step >= self._next_step:
+                self._checkpoint = None
+
+    def discard_ahead(self) -> None:
+        """Simulate anew from the last checkpoint until what is confirmed, if more than that was simulated."""
+        with self._lock:
+            if self._checkpoint is None:
+                return
+            vars(self).update(self._checkpoint)
+            self._checkpoint = None
+            self._advance(self._confirmed_step - 1)
 
     def available_at(self, t: float) -> float:
         """Bench time from which the displacement at `t` can be known."""
@@ -180,7 +237,7 @@ class Plant:
         with self._lock:
             first = max(0, int(below[0]))
             self._simulate(first, int(below[-1]) + 1)
-            if first < max(self._valid_from, self._next_step - self._ring.size):
+            if first < max(self._valid_from, self._last_step - self._ring.size):
                 raise ValueError(
                     f"the plant remembers {self._ring.size / self._rate:g} s; {t[0]:.3f} s is further back than that"
                 )
@@ -208,7 +265,13 @@ class Plant:
         return self._steppers[key]
 
     def _simulate(self, first: int, last: int) -> None:
+        if self._checkpoint_count != self.change_count and not self._is_reading_ahead:
+            self.discard_ahead()
         self._skip_unobserved(first)
+        self._advance(last)
+
+    def _advance(self, last: int) -> None:
+        """Simulate until a grid step, to the end of its block."""
         while self._next_step <= last:
             number = self._change_index(self._next_step)
             change = self._changes[number]
@@ -219,13 +282,15 @@ class Plant:
                 )
                 self._stepper = stepper
             # Bounded blocks limit memory when a long span is requested.
-            stop = min((last // BLOCK + 1) * BLOCK, self._next_step + min(1024 * BLOCK, self._ring.size))
+            stop = min((last // BLOCK + 1) * BLOCK, self._next_step + min(PIECE_STEPS, self._ring.size))
             if number + 1 < len(self._starts):
                 stop = min(stop, round(self._starts[number + 1] * self._rate))
             if (still := self._quasi_static_displacement(change, stepper, stop)) is not None:
                 w = still
                 specimen = np.full(w.size, self._previous_specimen_v)
             else:
+                if self._history.constant_between(self._next_step / self._rate, (stop - 1) / self._rate):
+                    stop = min(stop, self._next_step + RINGING_STEPS)
                 specimen = self._slew_limited(
                     self._next_step, self._requested_voltage(self._next_step, stop, change.state)
                 )
@@ -242,6 +307,7 @@ class Plant:
                     ring[begin : begin + head] = values[:head]
                     ring[: w.size - head] = values[head:]
             self._next_step = stop
+            self._last_step = max(self._last_step, stop)
 
     def _quasi_static_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> Array | None:
         """Return the displacement until a grid step where the drive is constant and nothing rings, with its creep; else None.

@@ -42,12 +42,29 @@ class VoltageHistory:
         self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
+        self._known_until = math.inf
 
     @contextmanager
     def at_instant(self, clock: Clock) -> Iterator[float]:
         """Now, as a stamp that no reader has passed and none will pass until the block is left."""
         with self._lock:
             yield max(clock.now(), self._read_until, self._starts[-1])
+
+    @contextmanager
+    def reading_ahead(self, now_s: float) -> Iterator[None]:
+        """Reads beyond `now_s` are provisional until the block is left: the input may still be changed from `now_s` on."""
+        with self._lock:
+            self._known_until = now_s
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._known_until = math.inf
+
+    @property
+    def change_count(self) -> int:
+        """How many changes there have been."""
+        return len(self._entries)
 
     def append(self, start_s: float, segment: Segment) -> None:
         """The input follows `segment` from `start_s` on.
@@ -75,6 +92,10 @@ class VoltageHistory:
         self._entries.append(entry)
         self._starts.append(entry.start_s)
 
+    def mark_read(self, until_s: float) -> None:
+        """Close the past: no change may begin before `until_s` any more."""
+        self._read_until = max(self._read_until, min(until_s, self._known_until))
+
     def entries(self) -> list[HistoryEntry]:
         """All pieces so far, the first from minus infinity."""
         with self._lock:
@@ -89,7 +110,7 @@ class VoltageHistory:
                 or piece.segment.constant_from_s > first_s
             ):
                 return None
-            self._read_until = max(self._read_until, last_s)
+            self.mark_read(last_s)
         return float(piece.segment.volts(np.array([first_s]))[0]), piece.hv
 
     def volts(self, t: ArrayLike) -> Array:
@@ -103,7 +124,7 @@ class VoltageHistory:
         if not times.size:
             return volts, hv
         with self._lock:
-            self._read_until = max(self._read_until, float(times[-1]))
+            self.mark_read(float(times[-1]))
             first = bisect_right(self._starts, float(times[0])) - 1
             last = bisect_right(self._starts, float(times[-1])) - 1
             pieces, starts = self._entries[first : last + 1], self._starts[first : last + 1]
