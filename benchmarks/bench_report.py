@@ -1,4 +1,4 @@
-"""Report of a specimen: time and bytes of the command, against matplotlib drawing as many pages.
+"""Report of a specimen, of two pages and in full: time and bytes of the command, against matplotlib drawing as many pages.
 
     python benchmarks/bench_report.py RUNS SPECIMEN [--json]
 
@@ -9,6 +9,7 @@ points with a legend, drawn as PDF and as SVG in a process of its own; command a
 import argparse
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from pathlib import Path
 from statistics import median
 
 ROUNDS = 3
-GOAL_S = 6.0
+GOALS_S = {"two pages": 3.0, "full": 6.0}
 REFERENCE = """
 import io, sys
 import matplotlib.figure, numpy as np
@@ -39,26 +40,32 @@ def main() -> None:
     parser.add_argument("specimen")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     asked = parser.parse_args()
-    numbers = measure(asked.runs, asked.specimen)
+    found = {name: measure(asked.runs, asked.specimen, name == "full") for name in GOALS_S}
     if asked.json:
-        print(json.dumps(numbers))
+        print(json.dumps(found))
         return
-    for name, value in numbers.items():
-        print(f"{name:40s} {value:10.4g}")
-    print(f"goal wall, s <= {GOAL_S:g}: {'met' if numbers['wall, s'] <= GOAL_S else 'not met on this machine now'}")
+    for kind, numbers in found.items():
+        goal = GOALS_S[kind]
+        print(
+            f"{kind}: goal wall <= {goal:g} s: {'met' if numbers['wall, s'] <= goal else 'not met on this computer now'}"
+        )
+        for name, value in numbers.items():
+            print(f"    {name:36s} {value:10.4g}")
 
 
-def measure(runs: Path, specimen: str) -> dict[str, float]:
+def measure(runs: Path, specimen: str, full: bool) -> dict[str, float]:
     walls, cpus, walls_of_pages, cpus_of_pages, written = [], [], [], [], []
     pages = 0
     for _ in range(ROUNDS):
         with tempfile.TemporaryDirectory() as out:
             words = ["-m", "app.cli.main", "report", specimen, "--folder", str(runs), "--out", out]
-            wall, cpu = timed(words)
+            wall, cpu = timed([*words, "--full"] if full else words)
             written.append({path.name: path.read_bytes() for path in Path(out).iterdir()})
         walls.append(wall)
         cpus.append(cpu)
-        pages = next(data.count(b"/Type /Page ") for name, data in written[-1].items() if name.endswith(".pdf"))
+        pages = next(
+            len(re.findall(rb"/Type /Page\b", data)) for name, data in written[-1].items() if name.endswith("f")
+        )
         wall, cpu = timed(["-c", REFERENCE, str(pages)])
         walls_of_pages.append(wall)
         cpus_of_pages.append(cpu)

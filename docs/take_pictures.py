@@ -15,10 +15,12 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
+from pypdfium2 import PdfDocument  # noqa: E402
+
 from app.cli.main import main as command  # noqa: E402
+from app.cli.report import write_report  # noqa: E402
 from app.report.content import build_report  # noqa: E402
 from app.report.limits import example_limits, read_limits  # noqa: E402
-from app.report.pdf import signature_page  # noqa: E402
 from docs.window_pictures import take  # noqa: E402
 
 PICTURES = HERE / "pictures"
@@ -38,8 +40,10 @@ def report() -> None:
         for protocol in ("sine-dwell", "voltage-steps"):
             command(["run", protocol, "--speed", "max", "--seed", "7", "--specimen", "T7", "--out", folder])
         limits.write_text(example_limits(), "utf-8")
-        page = signature_page(build_report(runs, "T7", read_limits(limits))[0])
-        page.savefig(PICTURES / "report.png", dpi=100)
+        content, specimen, _ = build_report(runs, "T7", read_limits(limits), full=False)
+        pdf, _ = write_report(content, specimen, (), runs)
+        with PdfDocument(pdf) as document:
+            document[0].render(scale=100 / 72).to_pil().save(PICTURES / "report.png")
         print(PICTURES / "report.png")
 
 

@@ -1,14 +1,8 @@
 """The command `report`: the PDF and HTML report of a specimen."""
 
-import os
-import sys
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from app.cli.options import CommandSyntax, folder_option, option, switch, threshold_option
 from app.cli.output import print_json, writing_output
@@ -24,19 +18,19 @@ from app.common import (
 )
 from app.config import EXAMPLE_LABORATORY, read_laboratory
 from app.identification import SheetError, chosen_threshold
-from app.plotting.run_figure import run_figure
 from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build_report
 from app.report.document import Report
-from app.report.html import html_report
+from app.report.drawings import draw_report
+from app.report.html import write_html
 from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_limits, read_limits
-from app.report.pdf import lay_out_figure, pdf_report
+from app.report.pdf import fit_first_page, write_pdf
 from app.report.runs import ReportRun
 from app.report.signature import sign_files, verification_command
 from app.report.specimen import SpecimenModel
 from model import ParameterError
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.runfile.names import safe_name
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.reader import RunReadError
 
 MAX_LOGO_BYTES = 2_000_000
 
@@ -147,69 +141,20 @@ def write_report(
     progress: Progress = NO_PROGRESS,
     threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> tuple[Path, Path]:
-    """Write PDF and HTML, in two processes where the system can copy this one.
+    """Write PDF and HTML.
 
     Raises:
+        RunReadError: a run file is damaged.
         OSError: one cannot be written; an existing file is unchanged then.
     """
     name = safe_name(report.specimen)
     pdf, html = out / f"{name}_report.pdf", out / f"{name}_report.html"
-    shown = [run for run in runs if not run.problem]
-    add_html: Adder = partial(html_report, report, html)
-    add_pdf: Adder = partial(pdf_report, report, pdf, len(shown))
-    progress.update(0.0, "writing")
-    # A copy of a process has one thread only: a lock that another one held would stay locked.
-    if not hasattr(os, "fork") or threading.active_count() > 1:
-        _write_files((add_html, add_pdf), specimen, shown, progress, threshold)
-        return pdf, html
-    from multiprocessing import get_context
-
-    other = get_context("fork").Process(
-        target=_write_in_copy, args=((add_html,), specimen, shown, threshold), daemon=True
-    )
-    other.start()
-    try:
-        _write_files((add_pdf,), specimen, shown, progress, threshold)
-    except BaseException:
-        other.terminate()
-        raise
-    finally:
-        other.join()
-    if other.exitcode != 0:
-        _write_files((add_html,), specimen, shown, threshold=threshold)  # which raises the same error here
+    report = fit_first_page(report)
+    drawings = draw_report(report, specimen, [run for run in runs if not run.problem], progress, threshold)
+    progress.update(0.9, "writing")
+    write_pdf(report, drawings, pdf)
+    write_html(report, drawings, html)
     return pdf, html
-
-
-Adder = Callable[[], AbstractContextManager[Callable[[str, Any], None]]]
-"""Begins a file and gives the function that adds the figure of a run."""
-
-
-def _write_in_copy(
-    begin: Sequence[Adder], specimen: SpecimenModel, shown: Sequence[ReportRun], threshold: PerceptionThreshold
-) -> None:
-    """Write files in a copy of the process; an error is an exit code, and the original raises it."""
-    try:
-        _write_files(begin, specimen, shown, threshold=threshold)
-    except BaseException:  # noqa: BLE001 - an interruption too, and without a traceback of this process
-        sys.exit(1)
-
-
-def _write_files(
-    begin: Sequence[Adder],
-    specimen: SpecimenModel,
-    shown: Sequence[ReportRun],
-    progress: Progress = NO_PROGRESS,
-    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
-) -> None:
-    """Write files; the figure of each run is drawn once for all of them."""
-    with ExitStack() as stack:
-        adders = [stack.enter_context(each()) for each in begin]
-        for i, each in enumerate(shown, start=1):
-            progress.update(i / (len(shown) + 1), "writing")
-            with Run(each.path) as run, translate_read_errors(each.path):
-                figure = lay_out_figure(run_figure(run, specimen.specimen, threshold))
-            for add in adders:
-                add(each.name, figure)
 
 
 def _read_limits(options: ReportCommand) -> Limits | None:

@@ -77,8 +77,7 @@ def _recordings_of_points(run: Run, columns: dict[str, Array], count: int) -> Ar
     if run.imported or not columns["entry"].size or run.resumed_from is not None:
         return None
     trace, places = run.trace, dict[int, list[tuple[int, int]]]()
-    for index in range(trace.recording_count):
-        first, stop, entry = trace.recording_rows(index)
+    for first, stop, entry in trace.recording_rows():
         places.setdefault(entry, []).append((first, stop))
     rows = [places.get(int(entry), [])[-count:] for entry in columns["entry"]]
     if any(len(each) < count for each in rows):

@@ -64,8 +64,7 @@ def _point_digests(run: Run, columns: dict[str, Any]) -> list[list[bytes]]:
 def _sample_digests(run: Run) -> dict[int, bytes]:
     """Return the digest of the raw samples of each entry, of its last recordings in this file."""
     parts: dict[int, bytes] = {}
-    for index in range(run.trace.recording_count):
-        start, stop, entry = run.trace.recording_rows(index)
+    for start, stop, entry in run.trace.recording_rows():
         raw = [run.trace.read_raw(channel, start, stop) for channel in CHANNELS]
         if stop - start >= MIN_SAMPLES and np.ptp(raw[-1]) > 0:
             parts[entry] = hashlib.sha256(b"".join(channel.tobytes() for channel in raw)).digest()

@@ -98,7 +98,10 @@ SMALL_PT, NORMAL_PT = 7.0, 8.0
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.62, 0.10, 0.42, 0.22
 """Margins around a pair of axes for tick labels, axis labels and title."""
 LEGEND_IN = 0.2
-"""Height of the legend above all panels."""
+"""Height of a row of the legend above all panels."""
+LEGEND_COLUMNS = 4
+FLAGGED = ", flagged"
+"""What the legend adds to the label of points that no fit may use."""
 STRIP_SHARE = 0.27
 """Share of a panel's height that the residual strip takes."""
 
@@ -122,12 +125,23 @@ def new_figure(**options: Any) -> Any:
     return FigureCanvasAgg(Figure(**options)).figure
 
 
-def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN) -> None:
+def legend_height_in(plot: ReportPlot) -> float:
+    """Return the height of the legend above the panels; 0 for none."""
+    labels = {line.label for panel in plot.panels for line in panel.lines}
+    for points in (points for panel in plot.panels for points in panel.points):
+        shown = np.isfinite(points.y)
+        labels |= {points.label} if (shown & points.usable).any() else set()
+        labels |= {points.label + FLAGGED} if (shown & ~points.usable).any() else set()
+    return LEGEND_IN * -(-len(labels - {""}) // LEGEND_COLUMNS)
+
+
+def draw_plot(figure: Any, plot: ReportPlot, box: Box) -> None:
     """Draw the panels of a plot into a box of the figure, row by row from the top.
 
-    One legend above the panels, `legend` inches high (0: none), covers all of them.
+    One legend above the panels covers all of them.
     """
     left, bottom, width, height = box
+    legend = legend_height_in(plot)
     w, h = width / plot.columns, (height - legend) / plot.rows
     shown: dict[str, Any] = {}
     for i, panel in enumerate(plot.panels):
@@ -135,11 +149,11 @@ def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN
         axes = _draw_panel(figure, panel, (left + column * w, bottom + height - legend - (row + 1) * h, w, h))
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
-    if not (legend and shown):
+    if not shown:
         return
     inches = figure.get_size_inches()
     figure.legend(
-        list(shown.values()), list(shown), fontsize=SMALL_PT, frameon=False, ncols=min(len(shown), 4), loc="lower left",
+        list(shown.values()), list(shown), fontsize=SMALL_PT, frameon=False, ncols=min(len(shown), LEGEND_COLUMNS), loc="lower left",
         bbox_to_anchor=((left + LEFT_IN) / inches[0], (bottom + height - legend) / inches[1]), borderaxespad=0.0, borderpad=0.1,
         handlelength=1.6, columnspacing=1.4,
     )  # fmt: skip
@@ -258,7 +272,7 @@ def draw_measured(
     label: str | None,
     face: Any = "tab:red",
     hollow: str = "none",
-    flagged: str = ", flagged",
+    flagged: str = FLAGGED,
     **style: Any,
 ) -> None:
     """Draw measured points with error bars; those that no fit may use are hollow, and labelled so."""

@@ -42,11 +42,13 @@ def draw_run(
     figure.savefig(path)
 
 
-def run_figure(run: Run, specimen: Specimen, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD) -> Any:
+def run_figure(
+    run: Run, specimen: Specimen, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD, layout: str = "constrained"
+) -> Any:
     """Return the picture of a run as a matplotlib figure; responses have the perception threshold."""
     panels = [*_panels(run, threshold), (_draw_trace, 1)]
     height_in = 4.2 + 2.8 * sum(height for _, height in panels[:-1]) / 3
-    figure = new_figure(figsize=(10, height_in), dpi=110, layout="constrained")
+    figure = new_figure(figsize=(10, height_in), dpi=110, layout=layout)
     every = figure.subplots(len(panels), 1, height_ratios=[height for _, height in panels])
     for axes, (draw, _) in zip(every, panels, strict=True):
         draw(axes, run, specimen)

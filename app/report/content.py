@@ -15,10 +15,11 @@ from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSe
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
 from app.report.measured_latency import latency_blocks
-from app.report.plots import TITLE, paper_plots, threshold_caption
+from app.report.plots import TITLE, paper_plots, response_figure, threshold_caption
 from app.report.result_cards import result_cards
 from app.report.runs import ReportRun, read_report_runs
-from app.report.specimen import SpecimenModel
+from app.report.specimen import SpecimenModel, with_damping_by_elongation
+from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies.paper_figures import PaperFigure, skin_figures
 
@@ -56,6 +57,9 @@ def build_report(
     names = _section_names(laboratory, full)
     runs = _read_specimen_runs(folder, specimen, progress)
     known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen), threshold)
+    whole = bool({"figures", "agreement", "provenance"} & set(names))
+    if whole:
+        known = replace(known, specimen=with_damping_by_elongation(known.specimen))
     outcomes: tuple[LimitOutcome, ...] = ()
     if limits is not None:
         golden = known.figures_of_merit if limits.golden == specimen else {}
@@ -66,7 +70,7 @@ def build_report(
             ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")
-    drawn = paper_plots(known.specimen, known.observations, threshold) if known.observations is not None else []
+    drawn = [] if known.observations is None else _plots(known.specimen, known.observations, threshold, whole)
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
     report = Report(
@@ -84,6 +88,14 @@ def build_report(
         record=tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs
+
+
+def _plots(
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold, whole: bool
+) -> list[ReportPlot]:
+    """Return the plots of a report: without a section of them that of the first page only, as each needs a band."""
+    first = None if whole else response_figure(specimen, observations, threshold, 1)
+    return paper_plots(specimen, observations, threshold) if first is None else [first]
 
 
 def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:

@@ -7,6 +7,13 @@ from typing import Literal
 from app.common import Table
 from app.plotting.panels import ReportPlot
 
+PAGE_IN = (8.27, 11.69)
+"""Width and height of a page (A4)."""
+MARGIN_IN = 0.75
+"""To the left and right of the text."""
+WIDTH_IN = PAGE_IN[0] - 2 * MARGIN_IN
+"""Width of the text and of the drawings."""
+
 Tone = Literal["plain", "good", "bad", "small"]
 Verdict = Literal["pass", "fail", "cannot tell"]
 
@@ -68,6 +75,11 @@ class Report:
     """Who signs; empty where it is written by hand."""
     record: dict[str, object] = field(default_factory=dict)
     """The content for JSON, SI units."""
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """All blocks, in their order."""
+        return (*self.first_page, *(block for section in self.appendix for block in section.blocks))
 
     @property
     def passed(self) -> bool:

@@ -5,6 +5,7 @@ Limits are set on them by name; those that the runs do not determine are missing
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from annotated_types import Interval
@@ -106,9 +107,13 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     """Compute the latency by the model; None if it cannot be evaluated."""
     volts = float(specimen.amplifier.specimen_v(specimen.amplifier.high_v))
 
-    def figures(tactor: Tactor, _: Membrane, effects: Effects) -> Array:
-        step = step_latency(acting_tactor(tactor, effects), volts, THRESHOLD_M, n=specimen.n)
+    @cache  # many parameters of a band do not change the tactor
+    def figures_of(acting: Tactor) -> Array:
+        step = step_latency(acting, volts, THRESHOLD_M, n=specimen.n)
         return np.array([np.nan if t is None else t for t in (step.to_threshold_s, step.rise_s, step.overshoot)], float)
+
+    def figures(tactor: Tactor, _: Membrane, effects: Effects) -> Array:
+        return figures_of(acting_tactor(tactor, effects))
 
     band = specimen.curve_with_band(figures)
     if band is None:

@@ -1,19 +1,15 @@
 """HTML report: texts, tables and inline SVG figures in one self-contained file."""
 
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
-from io import StringIO
 from pathlib import Path
-from typing import Any
 
 from app.common import Table, write_atomic
-from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot, new_figure
+from app.plotting.panels import ReportPlot
+from app.plotting.vector_drawing import VectorDrawing
 from app.report.document import Block, Paragraph, Report
-
-FIGURE_WIDTH_IN = 7.0
-"""Width of a figure, inches."""
+from app.report.drawings import Drawings
 
 STYLE = """
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #111; background: #fff; line-height: 1.4; }
@@ -33,26 +29,23 @@ svg { max-width: 100%; height: auto; }
 """
 
 
-@contextmanager
-def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], None]]:
-    """Yield a function that adds the picture of a run; at the end the file is written whole, or not at all after an exception.
+def write_html(report: Report, drawings: Drawings, path: Path) -> None:
+    """Write the report.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written; an existing file is unchanged then.
     """
     title = escape(f"Specimen {report.specimen}")
-    parts = [*_html_head(report), *_html_blocks(report.first_page)]
+    plots = iter(drawings.plots)
+    parts = [*_html_head(report), *_html_blocks(report.first_page, plots)]
     who = f"Signed by {escape(report.signed_by)}" if report.signed_by else "Measured by"
     parts.append(f"<div class='sign'><span>{who}</span><span>Checked by</span><span>Date</span></div>")
     for section in report.appendix:
-        parts += [f"<h2>{escape(section.title)}</h2>", *_html_blocks(section.blocks)]
-    heading = ["<h2>Every run</h2>"]
-
-    def add(name: str, figure: Any) -> None:
-        parts.extend((*heading, f"<h3>{escape(name)}</h3>", _inline_svg(figure, f"Run {name}")))
-        heading.clear()
-
-    yield add
+        parts += [f"<h2>{escape(section.title)}</h2>", *_html_blocks(section.blocks, plots)]
+    if drawings.runs:
+        parts.append("<h2>Every run</h2>")
+    for name, drawing in drawings.runs:
+        parts += [f"<h3>{escape(name)}</h3>", drawing.svg]
     if report.footer:
         parts.append(f"<p class='note'>{escape(report.footer)}</p>")
     body = "\n".join(parts)
@@ -80,25 +73,19 @@ def _html_head(report: Report) -> Iterable[str]:
     yield f"<p class='note'>fingerprint of the run files {report.fingerprint}; {escape(report.software_version)}</p>"
 
 
-def _html_blocks(blocks: Iterable[Block]) -> Iterable[str]:
+def _html_blocks(blocks: Iterable[Block], plots: Iterator[Sequence[VectorDrawing]]) -> Iterable[str]:
     for block in blocks:
         match block:
             case Paragraph():
                 yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
             case ReportPlot():
-                yield _html_plot(block)
+                caption = f"<figcaption>{escape(block.caption)}</figcaption>" if block.caption else ""
+                svg = "".join(drawing.svg for drawing in next(plots))
+                yield f"<figure><h3>{escape(block.title)}</h3>{svg}{caption}</figure>"
             case Table():
                 yield _html_table(block)
                 if block.note:
                     yield f"<p class='note'>{escape(block.note)}</p>"
-
-
-def _html_plot(plot: ReportPlot) -> str:
-    height = plot.row_height_in * plot.rows + LEGEND_IN
-    figure = new_figure(figsize=(FIGURE_WIDTH_IN, height))
-    draw_plot(figure, plot, (0.0, 0.0, FIGURE_WIDTH_IN, height))
-    caption = f"<figcaption>{escape(plot.caption)}</figcaption>" if plot.caption else ""
-    return f"<figure><h3>{escape(plot.title)}</h3>{_inline_svg(figure, plot.title)}{caption}</figure>"
 
 
 def _html_table(table: Table) -> str:
@@ -109,13 +96,3 @@ def _html_table(table: Table) -> str:
         for at, row in enumerate(table.text_rows)
     )
     return f"<table><caption>{escape(table.title)}</caption><tr>{heads}</tr>{rows}</table>"
-
-
-def _inline_svg(figure: Any, title: str) -> str:
-    import matplotlib as mpl
-
-    store = StringIO()
-    with mpl.rc_context({"svg.hashsalt": "tactor-bench", "svg.fonttype": "none"}):
-        figure.savefig(store, format="svg", metadata={"Date": None, "Creator": None})
-    text = store.getvalue()
-    return text[text.index("<svg") :].replace("<svg ", f'<svg role="img" aria-label="{escape(title)}" ', 1)

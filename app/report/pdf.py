@@ -1,320 +1,201 @@
-"""PDF report: layout of text, tables and plots on A4 pages, and one page for every run (matplotlib).
+"""PDF report: layout of text, tables and drawings on A4 pages (reportlab).
 
-All lengths are in inches.
+All lengths are in points unless named otherwise.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, partial
+from html import escape
 from io import BytesIO
-from itertools import accumulate, count
 from pathlib import Path
 from typing import Any
 
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.lib.utils import ImageReader
+from reportlab.pdfbase.pdfmetrics import stringWidth
+from reportlab.pdfgen.canvas import Canvas
+from reportlab.platypus import (
+    BaseDocTemplate,
+    CondPageBreak,
+    Flowable,
+    Frame,
+    KeepTogether,
+    NextPageTemplate,
+    PageBreak,
+    PageTemplate,
+    Spacer,
+)
+from reportlab.platypus import Paragraph as TextLines
+from reportlab.platypus import Table as Grid
+
 from app.common import Table
-from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot, new_figure
-from app.report.document import Block, Paragraph, Report
+from app.common.atomic_write import replacing
+from app.plotting.panels import ReportPlot, legend_height_in
+from app.plotting.vector_drawing import VectorDrawing, embedded_font
+from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Report
+from app.report.drawings import Drawings
 
-LINE_SPACING = 1.32
-"""Ratio of line height to font size."""
-COLUMN_GAP_IN = 0.12
-"""Gap between two columns."""
-SHRINK_STEP_IN = 0.05
-MAX_FONT_PT, MIN_FONT_PT = 8.0, 6.0
-
-
-@dataclass(frozen=True, slots=True)
-class LaidOutTable:
-    """A table with font size, column positions and the lines of each cell, row by row."""
-
-    font_size: float
-    column_left: tuple[float, ...]
-    rows: tuple[tuple[list[str], ...], ...]
-
-    def row_height(self, row: tuple[list[str], ...]) -> float:
-        """Return the height of a row in inches."""
-        return line_height(self.font_size) * max(map(len, row)) + 0.05
-
-
-def text_width(text: str, size: float, weight: str = "normal", family: str = "sans-serif") -> float:
-    """Return the width of a text in inches."""
-    return size * _relative_width(text, weight, family)
-
-
-@lru_cache(maxsize=20_000)
-def _relative_width(text: str, weight: str, family: str) -> float:
-    """Return the width of a text in inches for each point of its size."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    if not text:
-        return 0.0
-    size = 10.0
-    prop = FontProperties(family=family, weight=weight, size=size)
-    return float(text_to_path.get_text_width_height_descent(text, prop, False)[0]) / 72 / size
-
-
-def line_height(size: float) -> float:
-    """Return the height of one line in inches."""
-    return LINE_SPACING * size / 72
-
-
-def wrap_text(text: str, width: float, size: float, weight: str = "normal", family: str = "sans-serif") -> list[str]:
-    """Wrap a text into lines; words wider than a line are broken anywhere."""
-    if text_width(text, size, weight, family) <= width:
-        return [text]
-    lines, line = [], ""
-    for each in text.split(" "):
-        word = each
-        longer = f"{line} {word}" if line else word
-        if text_width(longer, size, weight, family) <= width:
-            line = longer
-            continue
-        if line:
-            lines.append(line)
-        while text_width(word, size, weight, family) > width:
-            cut = next(
-                (n for n in range(len(word) - 1, 1, -1) if text_width(word[:n], size, weight, family) <= width), 1
-            )
-            lines.append(word[:cut])
-            word = word[cut:]
-        line = word
-    return [*lines, line]
-
-
-def lay_out_table(table: Table, width: float) -> LaidOutTable:
-    """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
-    every = (table.headings, *table.text_rows)
-    family = "monospace" if table.monospace else "sans-serif"
-    columns = range(len(table.headings))
-    size = MAX_FONT_PT
-    while True:
-        natural = [max(text_width(row[i], size, "bold", family) for row in every) for i in columns]
-        if sum(natural) + COLUMN_GAP_IN * (len(natural) - 1) <= width or size <= MIN_FONT_PT:
-            break
-        size -= 0.5
-    least = [
-        max(text_width(word, size, "bold", family) for row in every for word in row[i].split(" ")) for i in columns
-    ]
-    widths = _shrink_columns(natural, least, width - COLUMN_GAP_IN * (len(natural) - 1))
-    rows = tuple(
-        tuple(wrap_text(cell, w + 0.005, size, "bold", family) for cell, w in zip(row, widths, strict=True))
-        for row in every
-    )
-    left = accumulate((w + COLUMN_GAP_IN for w in widths[:-1]), initial=0.0)
-    return LaidOutTable(size, tuple(left), rows)
-
-
-def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
-    """Shrink the widest columns until all fit, down to their longest words; then shrink all in proportion."""
-    widths = list(natural)
-    while (over := sum(widths) - available) > 1e-9:
-        free = [i for i, (w, low) in enumerate(zip(widths, min_widths, strict=True)) if w > low + 1e-9]
-        if not free:
-            return [w * available / sum(widths) for w in widths]
-        widest = max(free, key=lambda i: widths[i])
-        widths[widest] = max(widths[widest] - min(over, SHRINK_STEP_IN), min_widths[widest])
-    return widths
-
-
-PAGE = (8.27, 11.69)
-LEFT, RIGHT, TOP, BOTTOM = 0.75, 0.75, 0.95, 0.75
-WIDTH = PAGE[0] - LEFT - RIGHT
-TONE_STYLES = {
-    "plain": ("black", "normal"),
-    "good": ("#006030", "bold"),
-    "bad": ("#B00018", "bold"),
-    "small": ("#444444", "normal"),
-}
-RED = "#C00018"
-SIGNATURE_HEIGHT_IN = 0.35
+INCH = 72.0
+PAGE, LEFT, WIDTH = (INCH * PAGE_IN[0], INCH * PAGE_IN[1]), INCH * MARGIN_IN, INCH * WIDTH_IN
+TOP, BOTTOM = 0.95 * INCH, 0.75 * INCH
+SIGNATURE_HEIGHT = 0.35 * INCH
 """Height reserved at the bottom of the first page."""
-LOGO_IN = (1.6, 0.6)
+LOGO = (1.6 * INCH, 0.6 * INCH)
 """Largest width and height of the laboratory's picture."""
 MIN_PLOT_HEIGHT_IN = 1.9
-"""Smallest height of a plot."""
+"""Smallest height of a plot on the first page."""
+SECTION_SPACE = 4.0 * INCH
+"""A section begins on a new page where less is left."""
+LINE_SPACING = 1.32
+"""Ratio of line height to font size."""
+COLUMN_GAP = 0.12 * INCH
+SHRINK_STEP = 0.05 * INCH
+MAX_FONT, MIN_FONT = 8.0, 6.0
+RED, GREY = "#C00018", "#444444"
+TONE_STYLES = {"plain": ("#000000", ""), "good": ("#006030", "-Bold"), "bad": ("#B00018", "-Bold"), "small": (GREY, "")}
+REST_OF_FOOTER = "footer"
+"""What stands behind the page number and is drawn last, when the number of pages is known."""
+
+Decoration = Callable[[Any, Any], None]
+"""Draws on a canvas before the text of a page."""
 
 
-@contextmanager
-def pdf_report(report: Report, path: Path, pictures: int) -> Iterator[Callable[[str, Any], None]]:
-    """Write the text pages and yield a function that adds the page of a run, laid out by `lay_out_figure`.
+@cache
+def font(style: str = "") -> str:
+    """Return reportlab's name of matplotlib's DejaVu font in a style: "-Bold", "Mono" or none."""
+    from matplotlib import get_data_path
 
-    The pages go to a temporary file, which replaces the report at the end, or is deleted after an exception.
+    return embedded_font(f"{get_data_path()}/fonts/ttf/DejaVuSans{style}.ttf")
+
+
+def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
+    """Write the report.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written; an existing file is unchanged then.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_pdf import PdfPages
-
-    partial_path = path.with_name(f"{path.name}.part")
-    title = f"Specimen {report.specimen}" + "".join(f" - {mark}" for mark in report.page_marks)
-    about = {"Title": title, "Creator": report.software_version, "CreationDate": None, "ModDate": None}
-    pages = _PageFlow(report).pages()
-    numbers = count(1)
-
-    def write(page: Any) -> None:
-        _draw_page_header(page, report, f"page {next(numbers)} of {len(pages) + pictures}")
-        pdf.savefig(page)
-
-    def add_picture(name: str, figure: Any) -> None:
-        _draw_text(figure, LEFT, PAGE[1] - TOP + 0.12, f"Run {name}", size=8)
-        write(figure)
-
-    try:
-        # TrueType fonts keep text searchable; they are written when the file is closed.
-        with mpl.rc_context({"pdf.fonttype": 42}), PdfPages(partial_path, metadata=about) as pdf:
-            for page in pages:
-                write(page)
-            yield add_picture
-        partial_path.replace(path)
-    finally:
-        partial_path.unlink(missing_ok=True)
-
-
-def signature_page(report: Report) -> Any:
-    """Return the first page as a matplotlib figure."""
-    page = _PageFlow(report).pages()[0]
-    _draw_page_header(page, report, "page 1")
-    return page
-
-
-def _draw_page_header(page: Any, report: Report, number: str) -> None:
-    """Draw header and footer: specimen, marks such as SIMULATED, page number and fingerprint."""
-    marked = any(text.get_text() in report.page_marks for text in page.texts)  # pictures of runs are marked already
-    top = PAGE[1] - 0.5
-    _draw_text(page, LEFT, top, f"Specimen {report.specimen}", size=8, color="#444444")
-    _draw_text(page, PAGE[0] - RIGHT, top, "  ".join(report.page_marks), size=9, color=RED, weight="bold", ha="right")
-    _draw_text(page, LEFT, top + 0.18, report.header, size=8, color="#444444")
-    _draw_text(page, LEFT, 0.27, report.footer, size=7, color="#444444")
-    foot = f"{number}   fingerprint of the run files {report.fingerprint}   {report.software_version}"
-    _draw_text(page, LEFT, 0.42, foot, size=7, color="#444444")
-    if report.page_marks and not marked:
-        page.text(
-            0.5, 0.5, "\n".join(report.page_marks), fontsize=64 if len(max(report.page_marks, key=len)) < 12 else 44, color="red",
-            alpha=0.12, ha="center", va="center", rotation=25,
+    with replacing(path) as working:
+        document = BaseDocTemplate(
+            str(working), pagesize=PAGE, title=_title(report), creator=report.software_version, invariant=1,
+            pageCompression=1, author="", subject="",
         )  # fmt: skip
+        on_text, on_pictures = partial(_decorate_page, report, True), partial(_decorate_page, report, False)
+        document.addPageTemplates(
+            [
+                PageTemplate("first", [_frame(SIGNATURE_HEIGHT)], onPage=partial(_decorate_first_page, report)),
+                PageTemplate("text", [_frame()], onPage=on_text),
+                PageTemplate("pictures", [_frame()], onPage=on_pictures),
+            ]
+        )
+        document.build(list(_flow(report, drawings)), canvasmaker=partial(_NumberedCanvas, _rest_of_footer(report)))
 
 
-def lay_out_figure(figure: Any) -> Any:
-    """Lay out a run's picture on a page and freeze the layout, as it is drawn more than once."""
-    figure.set_size_inches(*PAGE)
-    title = figure.get_suptitle()
-    figure.suptitle(title, y=0.915, fontsize=10)
-    figure.get_layout_engine().set(rect=(0.07, 0.07, 0.86, 0.82))
-    figure.get_layout_engine().execute(figure)
-    figure.set_layout_engine("none")
-    return figure
+def fit_first_page(report: Report) -> Report:
+    """Return the report with the plots of its first page as high as the space that its other blocks leave."""
+    plots = [block for block in report.first_page if isinstance(block, ReportPlot)]
+    if not plots:
+        return report
+    others = [*_headings(report)]
+    for block in report.first_page:
+        others += _plot_texts(block) if isinstance(block, ReportPlot) else _block(block, iter(()))
+    needed = sum(each.wrap(WIDTH, 1e6)[1] + each.getSpaceBefore() + each.getSpaceAfter() for each in others)
+    left_in = (
+        (PAGE[1] - TOP - BOTTOM - SIGNATURE_HEIGHT - needed) / INCH / len(plots) - legend_height_in(plots[0]) - 0.05
+    )
+    height_in = max(left_in, MIN_PLOT_HEIGHT_IN)
+    blocks = (
+        replace(b, row_height_in=min(height_in, b.row_height_in)) if isinstance(b, ReportPlot) else b
+        for b in report.first_page
+    )
+    return replace(report, first_page=tuple(blocks))
 
 
-class _PageFlow:
-    """Places blocks below each other and starts a new page when the next one does not fit."""
+def _frame(reserved: float = 0.0) -> Any:
+    height = PAGE[1] - TOP - BOTTOM - reserved
+    return Frame(LEFT, BOTTOM + reserved, WIDTH, height, leftPadding=0, rightPadding=0, topPadding=0, bottomPadding=0)
 
-    def __init__(self, report: Report) -> None:
-        self._report, self._pages = report, list[Any]()
-        self._y, self._bottom = 0.0, BOTTOM
 
-    def pages(self) -> list[Any]:
-        """Return matplotlib figures, one per page."""
-        report = self._report
-        self._new_page()
-        if report.logo:
-            _draw_logo(self._pages[0], report.logo)
-        if report.laboratory:
-            self._add_text(report.laboratory, 10, "bold", gap=0.04)
-        self._add_text(f"Specimen {report.specimen}", 18, "bold", gap=0.06)
-        self._add_text(report.subtitle, 9, gap=0.14)
-        self._bottom = BOTTOM + SIGNATURE_HEIGHT_IN
-        for block in report.first_page:
-            self._add_block(self._fit_to_page(block))
-        self._bottom = BOTTOM
-        _draw_text(self._pages[0], LEFT, BOTTOM, _signature_text(report.signed_by), size=9, va="bottom")
-        self._new_page()
-        for section in report.appendix:
-            self._require_space(4.0)
-            self._y -= 0.15 if self._y < PAGE[1] - TOP else 0.0
-            self._add_text(section.title, 13, "bold", gap=0.12)
-            for block in section.blocks:
-                self._add_block(block)
-        return self._pages
+def _title(report: Report) -> str:
+    return " - ".join((f"Specimen {report.specimen}", *report.page_marks))
 
-    def _new_page(self) -> None:
-        self._pages.append(new_figure(figsize=PAGE))
-        self._y = PAGE[1] - TOP
 
-    def _fit_to_page(self, block: Block) -> Block:
-        """Limit the height of a plot to the space left, so that the signed page is one page."""
-        if not isinstance(block, ReportPlot):
-            return block
-        space = self._y - self._bottom - 0.6 - LEGEND_IN - 0.14 * len(wrap_text(block.caption, WIDTH, 7.5))
-        return replace(block, row_height_in=min(max(space, MIN_PLOT_HEIGHT_IN), block.row_height_in))
+def _rest_of_footer(report: Report) -> str:
+    return f"of {{}}   fingerprint of the run files {report.fingerprint}   {report.software_version}"
 
-    def _require_space(self, inches: float) -> None:
-        if self._y - inches < self._bottom and self._y < PAGE[1] - TOP - 0.6:
-            self._new_page()
 
-    def _add_block(self, block: Block) -> None:
-        match block:
-            case Paragraph():
-                color, weight = TONE_STYLES[block.tone]
-                self._add_text(block.text, 8.5, weight, color)
-            case ReportPlot():
-                self._add_plot(block)
-            case Table():
-                self._add_table(block)
+class _NumberedCanvas(Canvas):  # type: ignore[misc]
+    """Canvas that adds the number of pages to every footer when it is saved."""
 
-    def _add_text(
-        self, text: str, size: float, weight: str = "normal", color: str = "black", gap: float = 0.06
-    ) -> None:
-        for line in wrap_text(text, WIDTH, size, weight):
-            self._require_space(line_height(size))
-            _draw_text(self._pages[-1], LEFT, self._y, line, size=size, weight=weight, color=color, va="top")
-            self._y -= line_height(size)
-        self._y -= gap
+    def __init__(self, rest: str, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._rest = rest
 
-    def _add_plot(self, plot: ReportPlot) -> None:
-        caption = wrap_text(plot.caption, WIDTH, 7.5)
-        rows = [plot.panels[i : i + plot.columns] for i in range(0, len(plot.panels), plot.columns)]
-        self._require_space(0.26 + plot.row_height_in + 0.14 * len(caption))
-        self._add_text(plot.title, 9.5, "bold", gap=0.03)
-        legend = LEGEND_IN  # once a page
-        for row in rows:
-            pages = len(self._pages)
-            self._require_space(plot.row_height_in + legend)
-            height = plot.row_height_in + (legend := LEGEND_IN if len(self._pages) > pages else legend)
-            one = ReportPlot(plot.title, row, columns=plot.columns, row_height_in=plot.row_height_in)
-            draw_plot(self._pages[-1], one, (LEFT - 0.1, self._y - height, WIDTH + 0.1, height), legend)
-            self._y -= height
-            legend = 0.0
-        self._y -= 0.05
-        if plot.caption:
-            self._add_text(plot.caption, 7.5, color="#444444", gap=0.18)
+    def save(self) -> None:
+        self.beginForm(REST_OF_FOOTER)
+        self.setFillColor(GREY)
+        self.setFont(font(), 7)
+        self.drawString(0, 0, self._rest.format(self.getPageNumber() - 1))
+        self.endForm()
+        super().save()
 
-    def _add_table(self, block: Table) -> None:
-        table = lay_out_table(block, WIDTH)
-        note = wrap_text(block.note, WIDTH, 7.5) if block.note else []
-        height = sum(map(table.row_height, table.rows))
-        self._require_space(min(0.3 + height + 0.14 * len(note), 3.0))
-        self._y -= 0.06
-        self._add_text(block.title, 9.5, "bold", gap=0.03)
-        for at, row in enumerate(table.rows):
-            self._require_space(table.row_height(row))
-            page = self._pages[-1]
-            bad = at - 1 in block.highlighted_rows
-            for x, lines in zip(table.column_left, row, strict=True):
-                for i, line in enumerate(lines):
-                    _draw_text(
-                        page, LEFT + x, self._y - 0.035 - i * line_height(table.font_size), line, size=table.font_size, va="top",
-                        weight="bold" if at == 0 or bad else "normal", color=RED if bad else "black",
-                        family="monospace" if block.monospace and at else "sans-serif",
-                    )  # fmt: skip
-            self._y -= table.row_height(row)
-            page.add_artist(_draw_rule(self._y, 0.7 if at == 0 else 0.3))
-        self._y -= 0.06
-        if block.note:
-            self._add_text(block.note, 7.5, color="#444444")
-        self._y -= 0.1
+
+class _Picture(Flowable):  # type: ignore[misc]
+    """A drawing in the flow of the text."""
+
+    def __init__(self, drawing: VectorDrawing) -> None:
+        super().__init__()
+        self.drawing, self.width, self.height = drawing, drawing.width, drawing.height
+
+    def draw(self) -> None:
+        self.drawing.paint(self.canv)
+
+
+def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
+    if report.logo:
+        picture = ImageReader(BytesIO(report.logo))
+        width, height = picture.getSize()
+        scale = min(LOGO[0] / width, LOGO[1] / height)
+        width, height = scale * width, scale * height
+        canvas.drawImage(
+            picture, PAGE[0] - LEFT - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto"
+        )
+    _write(canvas, LEFT, BOTTOM, _signature_text(report.signed_by), 9)
+    _decorate_page(report, True, canvas, document)
+
+
+def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
+    """Draw header, footer and, on a page without pictures that are `marked` themselves, the marks across it."""
+    top = PAGE[1] - 0.5 * INCH
+    _write(canvas, LEFT, top, f"Specimen {report.specimen}", 8, color=GREY)
+    _write(canvas, LEFT, top + 0.18 * INCH, report.header, 8, color=GREY)
+    _write(canvas, LEFT, 0.27 * INCH, report.footer, 7, color=GREY)
+    marks = "  ".join(report.page_marks)
+    _write(canvas, PAGE[0] - LEFT - stringWidth(marks, font("-Bold"), 9), top, marks, 9, "-Bold", RED)
+    number = f"page {canvas.getPageNumber()} "
+    _write(canvas, LEFT, 0.42 * INCH, number, 7, color=GREY)
+    canvas.saveState()
+    canvas.translate(LEFT + stringWidth(number, font(), 7), 0.42 * INCH)
+    canvas.doForm(REST_OF_FOOTER)
+    canvas.restoreState()
+    if not (marked and report.page_marks):
+        return
+    size = 64 if len(max(report.page_marks, key=len)) < 12 else 44
+    canvas.saveState()
+    canvas.translate(PAGE[0] / 2, PAGE[1] / 2)
+    canvas.rotate(25)
+    canvas.setFillColorRGB(1, 0, 0, alpha=0.12)
+    canvas.setFont(font(), size)
+    for i, mark in enumerate(report.page_marks):
+        canvas.drawCentredString(0, -size * (i + 0.5 - len(report.page_marks) / 2) * LINE_SPACING, mark)
+    canvas.restoreState()
+
+
+def _write(canvas: Any, x: float, y: float, text: str, size: float, style: str = "", color: str = "#000000") -> None:
+    if text:
+        canvas.setFont(font(style), size)
+        canvas.setFillColor(color)
+        canvas.drawString(x, y, text)
 
 
 def _signature_text(signed_by: str) -> str:
@@ -322,27 +203,138 @@ def _signature_text(signed_by: str) -> str:
     return f"{who}   Checked by ________________________   Date ______________"
 
 
-def _draw_logo(page: Any, png: bytes) -> None:
-    """Draw a picture at the top right of the text, within `LOGO_IN`."""
-    from matplotlib.image import imread
+def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
+    """Yield everything in its order."""
+    plots = iter(drawings.plots)
+    yield NextPageTemplate("text")
+    yield from _headings(report)
+    for block in report.first_page:
+        yield from _block(block, plots)
+    for at, section in enumerate(report.appendix):
+        yield from (PageBreak(),) if at == 0 else (CondPageBreak(SECTION_SPACE), Spacer(0, 8))
+        yield _lines(section.title, 13, "-Bold", after=8, keep=True)
+        for block in section.blocks:
+            yield from _block(block, plots)
+    if drawings.runs:
+        yield NextPageTemplate("pictures")
+    for name, drawing in drawings.runs:
+        yield PageBreak()
+        yield _lines(f"Run {name}", 8)
+        yield _Picture(drawing)
 
-    picture = imread(BytesIO(png), format="png")
-    height, width = picture.shape[:2]
-    scale = min(LOGO_IN[0] / width, LOGO_IN[1] / height)
-    size = (scale * width, scale * height)
-    left, bottom = PAGE[0] - RIGHT - size[0], PAGE[1] - TOP - size[1] + 0.1
-    axes = page.add_axes((left / PAGE[0], bottom / PAGE[1], size[0] / PAGE[0], size[1] / PAGE[1]))
-    axes.imshow(picture)
-    axes.set_axis_off()
+
+def _headings(report: Report) -> Iterator[Any]:
+    if report.laboratory:
+        yield _lines(report.laboratory, 10, "-Bold", after=3)
+    yield _lines(f"Specimen {report.specimen}", 18, "-Bold", after=4)
+    yield _lines(report.subtitle, 9, after=10)
 
 
-def _draw_rule(y: float, width: float) -> Any:
-    from matplotlib.lines import Line2D
+def _block(block: Block, plots: Iterator[Sequence[VectorDrawing]]) -> list[Any]:
+    match block:
+        case Paragraph():
+            color, style = TONE_STYLES[block.tone]
+            return [_lines(block.text, 8.5, style, color)]
+        case ReportPlot():
+            title, *caption = _plot_texts(block)
+            first, *others = next(plots)
+            return [KeepTogether([title, _Picture(first)]), *map(_Picture, others), *caption]
+        case Table():
+            note = [_lines(block.note, 7.5, color=GREY)] if block.note else []
+            title = _lines(block.title, 9.5, "-Bold", before=5, after=2, keep=True)
+            return [title, _grid(block), Spacer(0, 4), *note, Spacer(0, 6)]
 
-    height = y / PAGE[1]
-    return Line2D((LEFT / PAGE[0], 1 - RIGHT / PAGE[0]), (height, height), color="#888888", lw=width)
+
+def _plot_texts(plot: ReportPlot) -> list[Any]:
+    caption = [_lines(plot.caption, 7.5, color=GREY, after=12)] if plot.caption else []
+    return [_lines(plot.title, 9.5, "-Bold", after=2, keep=True), *caption]
 
 
-def _draw_text(page: Any, x: float, y: float, text: str, size: float, **style: Any) -> None:
-    """Draw text at inches from the lower left corner; `$` is not parsed as math."""
-    page.text(x / PAGE[0], y / PAGE[1], text, fontsize=size, parse_math=False, **style)
+def _lines(
+    text: str, size: float, style: str = "", color: str = "#000000", after: float = 4, before: float = 0, keep: bool = False
+) -> Any:  # fmt: skip
+    look = ParagraphStyle(
+        "", fontName=font(style), fontSize=size, leading=LINE_SPACING * size, textColor=color, spaceBefore=before,
+        spaceAfter=after, keepWithNext=keep,
+    )  # fmt: skip
+    return TextLines(escape(text), look)
+
+
+def _grid(table: Table) -> Any:
+    laid_out = lay_out_table(table, WIDTH)
+    size = laid_out.font_size
+    style: list[tuple[Any, ...]] = [
+        ("FONT", (0, 0), (-1, -1), font("Mono" if table.monospace else ""), size, LINE_SPACING * size),
+        ("FONT", (0, 0), (-1, 0), font("-Bold"), size, LINE_SPACING * size),
+        ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        ("LEFTPADDING", (0, 0), (-1, -1), 0),
+        ("RIGHTPADDING", (0, 0), (-1, -1), 0),
+        ("TOPPADDING", (0, 0), (-1, -1), 1.5),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
+        ("LINEBELOW", (0, 0), (-1, 0), 0.7, "#888888"),
+        ("LINEBELOW", (0, 1), (-1, -1), 0.3, "#888888"),
+    ]
+    for row in table.highlighted_rows:
+        style.append(("FONT", (0, row + 1), (-1, row + 1), font("-Bold"), size, LINE_SPACING * size))
+        style.append(("TEXTCOLOR", (0, row + 1), (-1, row + 1), RED))
+    cells = [["\n".join(lines) for lines in row] for row in laid_out.rows]
+    return Grid(cells, laid_out.column_widths, style=style, hAlign="LEFT", repeatRows=1)
+
+
+@dataclass(frozen=True, slots=True)
+class LaidOutTable:
+    """A table with font size, column widths with their gaps, and the lines of each cell, row by row."""
+
+    font_size: float
+    column_widths: tuple[float, ...]
+    rows: tuple[tuple[list[str], ...], ...]
+
+
+def lay_out_table(table: Table, width: float) -> LaidOutTable:
+    """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
+    every = (table.headings, *table.text_rows)
+    wide = font("Mono-Bold") if table.monospace else font("-Bold")
+    columns = range(len(table.headings))
+    # In ems: a width is proportional to the size.
+    natural_ems = [max(stringWidth(row[i], wide, 1) for row in every) for i in columns]
+    word_ems = [max(stringWidth(word, wide, 1) for row in every for word in row[i].split(" ")) for i in columns]
+    available = width - COLUMN_GAP * len(columns)
+    size = min(max(available / max(sum(natural_ems), 1e-6), MIN_FONT), MAX_FONT)
+    widths = _shrink_columns([size * w for w in natural_ems], [size * w for w in word_ems], available)
+    rows = tuple(
+        tuple(wrap_text(cell, w + 0.5, size, wide) for cell, w in zip(row, widths, strict=True)) for row in every
+    )
+    return LaidOutTable(size, tuple(w + COLUMN_GAP for w in widths), rows)
+
+
+def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
+    """Shrink the widest columns until all fit, down to their longest words; then shrink all in proportion."""
+    widths = list(natural)
+    while (over := sum(widths) - available) > 1e-6:
+        free = [i for i, (w, low) in enumerate(zip(widths, min_widths, strict=True)) if w > low + 1e-6]
+        if not free:
+            return [w * available / sum(widths) for w in widths]
+        widest = max(free, key=lambda i: widths[i])
+        widths[widest] = max(widths[widest] - min(over, SHRINK_STEP), min_widths[widest])
+    return widths
+
+
+def wrap_text(text: str, width: float, size: float, face: str) -> list[str]:
+    """Wrap a text into lines; words wider than a line are broken anywhere."""
+    if stringWidth(text, face, size) <= width:
+        return [text]
+    lines, line = [], ""
+    for each in text.split(" "):
+        word = each
+        longer = f"{line} {word}" if line else word
+        if stringWidth(longer, face, size) <= width:
+            line = longer
+            continue
+        if line:
+            lines.append(line)
+        while stringWidth(word, face, size) > width:
+            cut = next((n for n in range(len(word) - 1, 1, -1) if stringWidth(word[:n], face, size) <= width), 1)
+            lines.append(word[:cut])
+            word = word[cut:]
+        line = word
+    return [*lines, line]

@@ -41,10 +41,10 @@ ERROR_BARS_NOTE = (
 
 
 def response_figure(
-    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold
+    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold, most: int | None = None
 ) -> ReportPlot | None:
-    """Plot Fig. 9: response against frequency, free and on the membrane at every elongation."""
-    panels = response_panels(specimen, observations, threshold)
+    """Plot Fig. 9: response against frequency, free and on the membrane at every elongation; `most` panels of them."""
+    panels = response_panels(specimen, observations, threshold, most)
     if not panels:
         return None
     caption = (
@@ -61,9 +61,12 @@ def threshold_caption(threshold: PerceptionThreshold) -> str:
 
 
 def response_panels(
-    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+    specimen: SpecimenModel,
+    observations: ObservationSet,
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
+    most: int | None = None,
 ) -> list[PlotPanel]:
-    """Return one panel for every elongation and drive, free ones and largest drives first."""
+    """Return one panel for every elongation and drive, free ones and largest drives first; the first `most` of them."""
     groups: dict[tuple[float, float, bool], list[FrequencyResponseObservation]] = {}
     for run in observations.of_type(FrequencyResponseObservation):
         volts = round(float(np.median(_drive_amplitudes(run)[run.usable])), 2)
@@ -71,7 +74,7 @@ def response_panels(
         groups.setdefault((where, -volts, run.peak_to_peak_m is None), []).append(run)
     drives = {volts for _, volts, _ in groups}
     panels = []
-    for at, ((where, volts, _), runs) in enumerate(sorted(groups.items(), key=lambda item: item[0])):
+    for at, ((where, volts, _), runs) in enumerate(sorted(groups.items(), key=lambda item: item[0])[:most]):
         title = "free" if where < 0 else f"on the membrane, {1e3 * where:g} mm"
         title += f", {-2 * volts:g} V peak to peak" if len(drives) > 1 or where < 0 else ""
         letter = f"({chr(97 + at)}) " if len(groups) > 1 else ""
@@ -371,7 +374,7 @@ def curve_agreements(plots: Sequence[ReportPlot]) -> list[CurveAgreement]:
 
 
 def _panel_agreement(plot: ReportPlot, panel: PlotPanel) -> CurveAgreement | None:
-    from scipy.stats import pearsonr
+    from scipy.special import stdtr
 
     pairs = [(d.y[d.usable], d.model_y[d.usable]) for d in panel.points if d.model_y is not None and d.usable.any()]
     if not pairs:
@@ -380,8 +383,9 @@ def _panel_agreement(plot: ReportPlot, panel: PlotPanel) -> CurveAgreement | Non
     gap = y - model
     r = p = squared = None
     if y.size > 2 and np.ptp(y) > 0 and np.ptp(model) > 0:
-        correlation = pearsonr(y, model)
-        r, p = float(correlation.statistic), float(correlation.pvalue)
+        r = float(np.clip(np.corrcoef(y, model)[0, 1], -1, 1))
+        free = y.size - 2
+        p = float(2 * stdtr(free, -abs(r) * np.sqrt(free / max(1 - r * r, 1e-300))))  # Student's t
         squared = float(1 - gap @ gap / ((y - y.mean()) @ (y - y.mean())))
     figure = plot.title.partition(":")[0]
     label = f"{figure} {panel.title}" if panel.title else plot.title

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -52,6 +53,8 @@ LOW_HZ, HIGH_HZ = 5.0, 250.0
 LOW_GRID_HZ = np.linspace(LOW_HZ, 37.5, 14)
 HIGH_GRID_HZ = np.linspace(40.0, HIGH_HZ, 85)
 GRID_HZ = np.concatenate((LOW_GRID_HZ, HIGH_GRID_HZ))
+BAND_HZ = np.concatenate((LOW_GRID_HZ[::4], HIGH_GRID_HZ[::3]))
+"""Where the width of a band is computed; relative to the curve it changes slowly."""
 COVERAGE_FACTOR_95 = 1.959964
 """Standard errors to either side that cover 95 % of a normal distribution."""
 
@@ -156,8 +159,9 @@ class SpecimenModel:
         """Return the response amplitude over `GRID_HZ` with its band."""
         key = (elongation_m, amplitude_v, peak_to_peak)
         if key not in self.cached_bands:
-            curve = self.amplitude_curve(GRID_HZ, amplitude_v, elongation_m, peak_to_peak)
-            self.cached_bands[key] = self.curve_with_band(curve)
+            centre = self.curve_values(self.amplitude_curve(GRID_HZ, amplitude_v, elongation_m, peak_to_peak))
+            coarse = self.curve_with_band(self.amplitude_curve(BAND_HZ, amplitude_v, elongation_m, peak_to_peak))
+            self.cached_bands[key] = None if centre is None or coarse is None else _refined_band(centre, coarse)
         return self.cached_bands[key]
 
     def curve_values(self, curve: CurveFunction) -> Array | None:
@@ -172,10 +176,13 @@ class SpecimenModel:
     ) -> CurveFunction:
         """Return a function for max - min (or 2 x fundamental) of the centre (m) under a sine around rest; (F,)."""
 
+        @cache  # many parameters of a band change neither
+        def amplitudes(acting: Tactor, on: Skin | None) -> tuple[Array, Array]:
+            return driven_amplitudes(acting, frequency_hz, amplitude_v, self.amplifier, on, self.n)
+
         def curve(tactor: Tactor, membrane: Membrane, effects: Effects) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
-            tactor = acting_tactor(tactor, effects)
-            whole, fundamental = driven_amplitudes(tactor, frequency_hz, amplitude_v, self.amplifier, on, self.n)
+            whole, fundamental = amplitudes(acting_tactor(tactor, effects), on)
             lag = lag_factor(
                 effects["hysteresis"], effects["creep"], frequency_hz, amplitude_v, amplifier=self.amplifier
             )
@@ -200,6 +207,7 @@ class SpecimenModel:
             tuple(e.name for e in chosen),
             tuple(e.value for e in chosen),
             self.identification.covariance[np.ix_(keep, keep)],
+            {**variable_specs(), **{name: parameter_spec(name) for name in NO_EFFECTS}},
         )
 
     def _with_values(self, names: Sequence[str], values: Sequence[float]) -> tuple[Tactor, Membrane, Effects]:
@@ -209,6 +217,12 @@ class SpecimenModel:
             replace(self.membrane, **{n: v for n, v in given.items() if n in MEMBRANE_NAMES}),
             {**self.effects, **{n: v for n, v in given.items() if n in NO_EFFECTS}},
         )
+
+
+def _refined_band(centre: Array, coarse: UncertaintyBand) -> UncertaintyBand:
+    """Return the band around a curve over `GRID_HZ`, as wide relative to it as the band over `BAND_HZ`."""
+    error = centre * np.interp(GRID_HZ, BAND_HZ, coarse.standard_error / coarse.centre)
+    return UncertaintyBand(centre, error, centre - COVERAGE_FACTOR_95 * error, centre + COVERAGE_FACTOR_95 * error)
 
 
 def acting_tactor(tactor: Tactor, effects: Effects) -> Tactor:
@@ -241,11 +255,7 @@ def fit_specimen(
         tactor, membrane, effects = _fitted_parameters(found)
     except ValueError as error:  # the message names what the fit lacks
         return replace(paper_model, problem=str(error)), observations
-    chosen = options if found.joint_fit is None else found.joint_fit.options
-    damping = _damping_by_elongation(observations, chosen)
-    return SpecimenModel(
-        tactor, membrane, amplifier, found, n, damping_by_elongation=damping, sheet=sheet, effects=effects
-    ), observations
+    return SpecimenModel(tactor, membrane, amplifier, found, n, sheet=sheet, effects=effects), observations
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane, Effects]:
@@ -258,23 +268,28 @@ def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Me
     return Tactor(**pick[0]), Membrane(**pick[1]), effects
 
 
-def _damping_by_elongation(
-    observations: ObservationSet, options: FitOptions
-) -> Mapping[float, tuple[float, float]] | None:
-    """Fit the skin damping separately for every elongation: the points of the paper's Fig. 8."""
-    elongations = {run.elongation_m for run in observations.of_type(FrequencyResponseObservation)} - {None}
+def with_damping_by_elongation(specimen: SpecimenModel) -> SpecimenModel:
+    """Return the model with the skin damping fitted separately for every elongation: the points of the paper's Fig. 8.
+
+    Unchanged where there are fewer than two elongations, or no joint fit.
+    """
+    joint = None if specimen.identification is None else specimen.identification.joint_fit
+    if joint is None:
+        return specimen
+    elongations = {run.elongation_m for run in joint.observations.of_type(FrequencyResponseObservation)} - {None}
     if len(elongations) < 2:
-        return None
+        return specimen
+    start = dict(zip(joint.names, map(float, joint.theta), strict=True))  # close to the end, which saves most steps
     try:
-        fit = joint_fit(observations, replace(options, per_elongation=True))
+        fit = joint_fit(joint.observations, replace(joint.options, per_elongation=True, start=start), tolerance=1e-5)
     except ValueError:
-        return None
+        return specimen
     found = {
         elongation: (estimate.value, estimate.standard_error)
         for estimate in fit.estimates()
         if estimate.name.startswith("c_s") and (elongation := parse_elongation(estimate.name)) is not None
     }
-    return found or None
+    return replace(specimen, damping_by_elongation=found or None)
 
 
 def parameter_description(name: str) -> str:

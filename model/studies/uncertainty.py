@@ -1,12 +1,12 @@
 """Uncertainty band of a curve from estimates with their covariance, linearised."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model import Array, Mask, ParameterError, variable_specs
+from model import Array, Mask, ParameterError, ParameterSpec, variable_specs
 
 ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
 """Takes arrays of P values by name and gives P curves, (P, F)."""
@@ -24,9 +24,11 @@ class EstimateSet:
     values: tuple[float, ...]
     covariance: Array
     """(P, P), in the units of the values."""
+    specs: Mapping[str, ParameterSpec] = field(default_factory=variable_specs, repr=False)
+    """What the values may be, by name: the variables of the model unless further ones are known."""
 
     def __post_init__(self) -> None:
-        known = variable_specs()
+        known = self.specs
         if len(self.names) != len(self.values):
             raise ParameterError(
                 f"estimates have {len(self.names)} names but {len(self.values)} values: give one value each"
@@ -54,7 +56,9 @@ class EstimateSet:
         if not at:
             return None
         values = tuple(self.values[i] for i in at)
-        return EstimateSet(tuple(self.names[i] for i in at), values, np.asarray(self.covariance)[np.ix_(at, at)])
+        return EstimateSet(
+            tuple(self.names[i] for i in at), values, np.asarray(self.covariance)[np.ix_(at, at)], self.specs
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +72,7 @@ class UncertaintyBand:
 
 
 def linear_band(curve: ParameterizedCurve, estimates: EstimateSet, coverage: float = 0.95) -> UncertaintyBand:
-    """Band of normal errors through the curve's derivatives (central differences; one-sided at a physical limit).
+    """Band of normal errors through the curve's derivatives (differences over a thousandth of a standard error, away from physical limits).
 
     Raises:
         ParameterError: coverage outside 0..1.
@@ -81,22 +85,15 @@ def linear_band(curve: ParameterizedCurve, estimates: EstimateSet, coverage: flo
     S = np.asarray(estimates.covariance)
     step = np.maximum(1e-5 * np.abs(v), 1e-3 * np.sqrt(np.diag(S)))
     step = np.where(step > 0, step, 1e-9)
-    up, down = _perturbed(estimates, v, step), _perturbed(estimates, v, -step)
-    w = curve(dict(zip(estimates.names, np.concatenate((v[None], up, down)).T, strict=True)))
-    width = np.diag(up - down)
-    J = (w[1 : len(v) + 1] - w[len(v) + 1 :]) / width[:, None]
+    moved = v + np.diag(step)
+    moved = np.where(_are_physical(estimates, moved)[:, None], moved, v - np.diag(step))
+    w = curve(dict(zip(estimates.names, np.concatenate((v[None], moved)).T, strict=True)))
+    J = (w[1:] - w[0]) / np.diag(moved - v)[:, None]
     error = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", J, S, J), 0))
     reach = float(ndtri((1 + coverage) / 2)) * error
     return UncertaintyBand(w[0], error, w[0] - reach, w[0] + reach)
 
 
-def _perturbed(estimates: EstimateSet, v: Array, step: Array) -> Array:
-    """Rows with one value each moved by its step, or left where that would not be physical."""
-    x = v + np.diag(step)
-    return np.where(_are_physical(estimates.names, x)[:, None], x, v)
-
-
-def _are_physical(names: Sequence[str], x: ArrayLike) -> Mask:
-    known = variable_specs()
-    columns = np.asarray(x).T
-    return np.asarray(np.all([known[name].is_valid(a) for name, a in zip(names, columns, strict=True)], axis=0))
+def _are_physical(estimates: EstimateSet, x: ArrayLike) -> Mask:
+    columns = zip(estimates.names, np.asarray(x).T, strict=True)
+    return np.asarray(np.all([estimates.specs[name].is_valid(a) for name, a in columns], axis=0))

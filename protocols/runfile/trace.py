@@ -189,11 +189,14 @@ class RunTrace:
         """One recording, without reading the others; a negative index counts from the end."""
         return self._recording(index % self.recording_count, self._recordings[index], self._displacement_delay_s())
 
-    def recording_rows(self, index: int) -> tuple[int, int, int]:
-        """Return start row, stop row and plan entry of a recording, without reading its samples."""
-        row = self._recordings[index]
-        entry = int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index
-        return int(row["start_row"]), int(row["stop_row"]), entry
+    def recording_rows(self) -> list[tuple[int, int, int]]:
+        """Return start row, stop row and plan entry of every recording, without reading their samples."""
+        rows = self._recordings[:]
+        entries = rows[ENTRY_COLUMN] if ENTRY_COLUMN in rows.dtype.names else range(len(rows))
+        return [
+            (int(start), int(stop), int(entry))
+            for start, stop, entry in zip(rows["start_row"], rows["stop_row"], entries, strict=True)
+        ]
 
     def last_recording(self) -> Recording | None:
         """Return the last recording, or None, without reading the others."""

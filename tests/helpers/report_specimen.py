@@ -1,7 +1,10 @@
 """Specimen of the report tests: a tactor with other parameters than Table I; access to the blocks of a report."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+from pypdfium2 import PdfDocument
 
 from app.report.document import Report
 from model.parameters import Tactor
@@ -15,5 +18,10 @@ STEPS = VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.2, read_s=0.2, hol
 
 def blocks_of(report: Report, kind: type) -> Sequence[Any]:
     """Return all blocks of one kind of a report, in order."""
-    every = (*report.first_page, *(block for section in report.appendix for block in section.blocks))
-    return [block for block in every if isinstance(block, kind)]
+    return [block for block in report.blocks if isinstance(block, kind)]
+
+
+def texts_of_pages(pdf: Path) -> list[str]:
+    """What can be selected on each page, as another program reads it."""
+    with PdfDocument(pdf) as document:
+        return [page.get_textpage().get_text_range() for page in document]

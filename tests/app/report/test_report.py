@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -10,24 +9,26 @@ from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from matplotlib.backends.backend_pdf import PdfPages
 
 from app.cli import report as command
 from app.cli.main import main
 from app.common import typeset
 from app.common.tables import Table
 from app.plotting.panels import ReportPlot, new_figure
+from app.report import drawings, pdf
 from app.report.content import ReportError, build_report, page_marks
 from app.report.document import Paragraph, Report
 from app.report.figures_of_merit import perception_margin_of, step_latency_of
 from app.report.runs import ReportRun, read_report_runs
 from app.report.signature import verification_command
 from app.report.specimen import SpecimenModel
+from model import EstimatedQuantity
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
@@ -35,7 +36,7 @@ from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from protocols.runfile.results import store_verdict
-from tests.helpers.report_specimen import TRUTH, blocks_of
+from tests.helpers.report_specimen import TRUTH, blocks_of, texts_of_pages
 from tests.helpers.simulated_bench import laboratory, run
 
 pytestmark = pytest.mark.deep
@@ -69,24 +70,15 @@ class Written:
 
     runs: Path
     out: Path
-    pages: list[list[str]]
+    pages: list[str]
 
 
 @pytest.fixture(scope="module")
 def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Written:
     runs, out = tmp_path_factory.mktemp("of"), tmp_path_factory.mktemp("report")
     shutil.copy(next(folder.glob("*sine-dwell.h5")), runs)  # one run draws all kinds of pages
-    pages: list[list[str]] = []
-    save_page = PdfPages.savefig
-
-    def save(pdf: PdfPages, figure: Any = None, **more: Any) -> None:
-        pages.append([text.get_text() for text in figure.texts])
-        save_page(pdf, figure, **more)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PdfPages, "savefig", save)
-        assert main(["report", "T1", "--full", "--folder", str(runs), "--out", str(out)]) == 0
-    return Written(runs, out, pages)
+    assert main(["report", "T1", "--full", "--folder", str(runs), "--out", str(out)]) == 0
+    return Written(runs, out, texts_of_pages(out / "T1_report.pdf"))
 
 
 @pytest.mark.deep
@@ -94,8 +86,11 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
     assert not list(written.out.glob("*.part"))
     assert len(written.pages) >= 4
     for at, page in enumerate(written.pages, 1):
-        assert page.count("SIMULATED") == 2, page  # in its head and across it
-        assert any(f"page {at} of {len(written.pages)}" in text for text in page)
+        assert "Specimen T1 SIMULATED" in page  # in its head
+        assert page.count("SIMULATED") >= 2, page  # across it
+        assert f"page {at} " in page
+        assert f"of {len(written.pages)} fingerprint" in page
+    assert "frequency (Hz)" in "".join(written.pages)  # texts of plots too
     html = (written.out / "T1_report.html").read_text("utf-8")
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
@@ -106,7 +101,7 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
 
 @pytest.mark.deep
 def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_path: Path) -> None:
-    """Also of a program without threads, which writes PDF and HTML in two processes."""
+    """Also of a program without threads, which draws in two processes."""
     words = ["report", "T1", "--full", "--folder", str(written.runs), "--out", str(tmp_path)]
     ran = subprocess.run(
         [sys.executable, "-m", "app.cli.main", *words], capture_output=True, text=True, check=False, timeout=120
@@ -126,8 +121,12 @@ def test_by_default_it_has_two_pages_with_the_laboratory_and_its_picture(
     picture.savefig(logo)
     words = ["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path), "--laboratory", "Haptics <Lab>"]
     assert main([*words, "--logo", str(logo)]) == 0
-    pdf, html = (tmp_path / "T1_report.pdf").read_bytes(), (tmp_path / "T1_report.html").read_text("utf-8")
-    assert len(re.findall(rb"/Type /Page\b", pdf)) == 2
+    written_pdf, html = (tmp_path / "T1_report.pdf").read_bytes(), (tmp_path / "T1_report.html").read_text("utf-8")
+    first, second = texts_of_pages(tmp_path / "T1_report.pdf")
+    assert "Haptics <Lab>" in first
+    assert "Checked by" in first
+    assert "Fig. 12" in second
+    assert b"/Subtype /Image" in written_pdf
     assert "Haptics &lt;Lab&gt;" in html
     assert f"data:image/png;base64,{b64encode(logo.read_bytes()).decode()}" in html
     assert "Every run" not in html
@@ -375,7 +374,7 @@ def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: 
 
 
 @pytest.mark.deep
-@pytest.mark.parametrize("where", [(command, "run_figure"), (PdfPages, "savefig")], ids=["a run", "a page"])
+@pytest.mark.parametrize("where", [(drawings, "run_figure"), (pdf, "TextLines")], ids=["a run", "a page"])
 def test_interrupted_it_leaves_what_was_there(
     folder: Path, gathered: Any, where: tuple[Any, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -383,11 +382,26 @@ def test_interrupted_it_leaves_what_was_there(
     (tmp_path / "T1_report.pdf").write_text("before")
     report, known, runs = gathered
     monkeypatch.setattr(command, "build_report", lambda *_: (replace(report, first_page=(), appendix=()), known, runs))
+    monkeypatch.setattr(drawings.threading, "active_count", lambda: 2)  # no copy of the process
 
-    def interrupted(*_: Any) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(*where, interrupted)
     assert main(["report", "T1", "--full", "--folder", str(folder), "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "tactor-bench: interrupted\n"
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("T1_report.pdf", "before")]
+
+
+def test_a_band_has_the_share_of_the_added_mass_that_acts() -> None:
+    """What the beam model leaves out is no variable of the model, but a parameter of the fit."""
+    estimates = (
+        EstimatedQuantity("mu", -1.3e-5, 1e-7, "N m/V", ""),
+        EstimatedQuantity("mass_fraction", 0.7, 0.01, "", ""),
+    )
+    found: Any = SimpleNamespace(estimates=estimates, covariance=np.diag([1e-14, 1e-4]), unidentified=())
+    band = SpecimenModel(Tactor(), Membrane(), AmplifierMap(), found).curve_with_band(
+        lambda tactor, _, effects: np.array([tactor.mu, 3 * effects["mass_fraction"]])
+    )
+    assert band is not None
+    assert band.standard_error == pytest.approx([1e-7, 0.03])

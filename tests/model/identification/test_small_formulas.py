@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import ncx2
 
+from model.identification.adequacy import noncentral_chi_square_tail
 from model.identification.fit_result import format_p_value
 from model.identification.paper_chain import parabola_vertex
 
@@ -26,3 +28,11 @@ def test_a_probability_has_one_digit_unless_more_are_asked_for(
     probability: float, digits: int | None, text: str
 ) -> None:
     assert (format_p_value(probability) if digits is None else format_p_value(probability, digits)) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "degrees", "noncentrality"), [(3.0, 2, 0.0), (40.0, 36, 5.0), (900.0, 72, 200.0), (9e4, 400, 8e4)]
+)
+def test_the_tail_of_a_noncentral_chi_square_is_scipys(value: float, degrees: int, noncentrality: float) -> None:
+    expected = float(ncx2.sf(value, degrees, max(noncentrality, 1e-12)))
+    assert 0 < noncentral_chi_square_tail(value, degrees, noncentrality) == pytest.approx(expected, rel=1e-9)
