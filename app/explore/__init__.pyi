@@ -1,3 +1,6 @@
+from .design import DesignAnswers as DesignAnswers
+from .design import DesignQuestion as DesignQuestion
+from .design import answer_design as answer_design
 from .engine import LABORATORY_SITE as LABORATORY_SITE
 from .engine import PHASES as PHASES
 from .engine import BeamMotion as BeamMotion

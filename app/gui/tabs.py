@@ -412,7 +412,7 @@ class MainTabs(QTabWidget):
         page = ExplorePage(self._first_theme, fit_runs)
         page.runs_wanted.connect(self._choose_runs)
         page.card.requested.connect(self._on_card_requested)
-        page.folder = lambda: self.folder
+        page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
         page.toolbar.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         page.restore_state(self._settings)

@@ -1,30 +1,25 @@
 """Design topics of the command `model`: the added mass for a resonance, and the drive for an amplitude, from a calibration."""
 
-import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from annotated_types import Interval
 
 from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_settings, read_specimen
 from app.cli.options import folder_option, group, option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
+from app.explore.design import COVERAGE_95, describe_reach, divided, share_that_moves
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model
-from app.identification.calibrations import read_calibrations
-from model import AmplifierMap, EstimatedQuantity, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
-from model.response import PERIODIC_FREQUENCY_SPEC, response_curve
+from model import Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
+from model.response import PERIODIC_FREQUENCY_SPEC
 from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
 from model.studies.uncertainty import EstimateSet
 
 AMPLITUDE = ParameterSpec("amplitude", "m", Interval(gt=0), "max - min of the displacement", None)
 MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}
-MASS_SHARE = "mass_fraction"
-"""Estimate of the share of the added masses that moves with the centre."""
-COVERAGE_95 = 1.959964
 WITHOUT_ERRORS = "No --specimen with a calibration is given: the paper's values, or those of --set, whose uncertainties are not known."
 
 
@@ -82,22 +77,16 @@ class AddedMassTopic(DesignTopic):
         undamped = required_mass(specimen, hz, estimates, undamped=True, n=n)
         names = [f"largest response at {hz:g} Hz", f"undamped natural frequency of {hz:g} Hz"]
         answers = [peak, undamped]
-        if (share := self._share_that_moves()) is not None:
+        share = None if self.specimen is None else share_that_moves(self.folder, self.specimen)
+        if share is not None:
             names += [f"{name}, to put into the cylinder" for name in names]
-            answers += [_divided(answer, share) for answer in answers]
+            answers += [divided(answer, share) for answer in answers]
         table = _answer_table("added-mass", f"Added mass for {hz:g} Hz", names, answers, ("g", "kg"))
         present = (
             f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: of what lies in "
             "the cylinder only a share does (the paper's 11 g moved as 7.73 g)."
         )
         return (table,), [present]
-
-    def _share_that_moves(self) -> EstimatedQuantity | None:
-        """Return the share of a mass in the cylinder that moves, where the calibration holds it."""
-        if self.specimen is None:
-            return None
-        estimates = read_calibrations(self.folder, self.specimen).get().estimates
-        return next((each for each in estimates if each.name == MASS_SHARE), None)
 
 
 @dataclass(frozen=True)
@@ -117,25 +106,15 @@ class DriveTopic(DesignTopic):
         drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
         names = (f"sine of {hz:g} Hz for {1e6 * wanted_m:g} µm, peak to peak",)
         table = _answer_table("drive", "Drive at the amplifier's input", names, (drive,), ("V", "V"))
-        amplifier = AmplifierMap()
-        low_v, high_v = (float(amplifier.specimen_v(2.5 + side * drive.value / 2)) for side in (-1, 1))
-        full_v = 2 * FULL_AMPLITUDE_V
-        largest = float(response_curve(specimen, np.array([hz]), FULL_AMPLITUDE_V, n=n).peak_to_peak[0])
-        if drive.value > full_v:
-            return (table,), [
-                f"It cannot be reached: the amplifier takes {full_v:g} V peak to peak, which gives {1e6 * largest:.4g} µm there."
-            ]
-        note = f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
-        return (table,), [f"{note} In proportion to the drive: the specimen's hysteresis is not in the model."]
-
-
-def _divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:
-    """Return an answer over a share, their errors taken as independent."""
-    value = answer.value / share.value
-    if answer.standard_error is None:
-        return DesignAnswer(value, None)
-    relative = math.hypot(answer.standard_error / answer.value, share.standard_error / share.value)
-    return DesignAnswer(value, abs(value) * relative)
+        reach = describe_reach(specimen, drive, hz, n)
+        if drive.value > 2 * FULL_AMPLITUDE_V:
+            return (table,), [reach]
+        lag = (
+            "with the hysteresis of the full drive"
+            if specimen.hysteresis
+            else "without hysteresis, which this model does not have"
+        )
+        return (table,), [f"{reach} In proportion to the drive, {lag}."]
 
 
 def _answer_table(

@@ -22,6 +22,7 @@ from app.explore import (
     make_study,
     write_study,
 )
+from app.gui.explore.design_panel import DesignPanel
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
 from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
@@ -71,6 +72,8 @@ class ExplorePage(QSplitter):
         self.session = ExploreSession()
         self.folder: Callable[[], Path] = Path
         """Returns the folder in which dialogs begin."""
+        self.specimen: Callable[[], tuple[Path, str]] = lambda: (self.folder(), "")
+        """Returns folder and name of the specimen whose calibration answers design questions."""
         self.result: ExploreResult | None = None
         self.shown_request: ExploreRequest | None = None
         """The request whose complete result is displayed."""
@@ -85,6 +88,7 @@ class ExplorePage(QSplitter):
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
         self.card = ResultCard(theme, "explore.card", ("open", "report"), scrolls=True)
         """Result of the chosen overlaid run."""
+        self.design = DesignPanel(self)
         self.status_line = StatusLine()
         self.addWidget(self._left_column())
         self.addWidget(self._right_column())
@@ -126,6 +130,7 @@ class ExplorePage(QSplitter):
             self._sliders_stale = False
             self.sliders.show_setting(self.setting)
             self.toolbar.show_setting(self.setting, self.session.history)
+            self.design.ask()
         self.shape_plot.tick()
 
     def shutdown(self) -> None:
@@ -133,6 +138,7 @@ class ExplorePage(QSplitter):
         self._model_worker.close()
         self._study_worker.close()
         self.overlaid.shutdown()
+        self.design.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
@@ -346,7 +352,7 @@ class ExplorePage(QSplitter):
         self._card_area.hide()
         columns = make_splitter("explore/result", (rows, 1), (self._card_area, 0), sizes=[600, CARD_WIDTH])
         column(
-            self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, (columns, 1),
+            self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, self.design, (columns, 1),
             parent=right, margins=(0, 0, 0, 0), spacing=4,
         )  # fmt: skip
         return right
@@ -370,6 +376,7 @@ class ExplorePage(QSplitter):
             (bar.range_chosen, self._set_range),
             (bar.series_changed, self._update_series),
             (bar.site_chosen, self._choose_site),
+            (bar.design_button.toggled, self.design.toggle),
             (bar.copy_chosen, self.copy),
             (bar.run_chosen, self._show_result_of),
             (bar.run_removed, self.overlaid.remove),

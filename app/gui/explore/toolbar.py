@@ -90,6 +90,9 @@ class ExploreToolbar(QObject):
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self.sheet_button = SheetButton("explore")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
+        self.design_button = make_choice(
+            "Design …", "Which added mass for a resonance, and which drive for an amplitude", checkable=True
+        )
         self.runs_row = WrappedRow(spacing=4)
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""
@@ -112,6 +115,7 @@ class ExploreToolbar(QObject):
             self.file_button,
             self.fit_button,
             self.identify_button,
+            self.design_button,
             self.clear_button,
         )
 

@@ -1,0 +1,144 @@
+"""Design questions of a specimen: the added mass for a resonance, and the drive for an amplitude, with total uncertainties."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.explore.state import ExploreSetting
+from app.identification import load_active_model
+from app.identification.calibrations import read_calibrations
+from model import AmplifierMap, EstimatedQuantity, ParameterError, Specimen
+from model.response import choose_shapes, response_curve
+from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
+from model.studies.uncertainty import EstimateSet
+
+MASS_SHARE = "mass_fraction"
+"""Estimate of the share of the added masses that moves with the centre."""
+COVERAGE_95 = 1.959964
+
+
+@dataclass(frozen=True, slots=True)
+class DesignQuestion:
+    """Both questions about one specimen.
+
+    Attributes:
+        resonance_hz: at which the largest response is wanted.
+        amplitude_m, drive_hz: max - min that a drive is to give at a frequency.
+        calibrated: folder and name of the specimen whose active calibration answers; None: the setting of the sliders.
+    """
+
+    setting: ExploreSetting
+    resonance_hz: float
+    amplitude_m: float
+    drive_hz: float
+    calibrated: tuple[Path, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DesignAnswers:
+    """The answers as sentences, and what they are from."""
+
+    mass: str
+    drive: str
+    source: str
+
+
+def answer_design(question: DesignQuestion) -> Iterator[DesignAnswers]:
+    """Yield the answers; a question that cannot be answered has the reason instead.
+
+    Raises:
+        ParameterError: the specimen is not physical, or has no calibration.
+    """
+    specimen, estimates, share, source = _source_of(question)
+    n = choose_shapes(specimen.tactor, specimen.skin).n
+    yield DesignAnswers(
+        _mass_sentence(question, specimen, estimates, share, n),
+        _drive_sentence(question, specimen, estimates, n),
+        source,
+    )
+
+
+def share_that_moves(folder: Path, specimen: str) -> EstimatedQuantity | None:
+    """Return the share of a mass in the cylinder that moves, where the active calibration holds it."""
+    estimates = read_calibrations(folder, specimen).get().estimates
+    return next((each for each in estimates if each.name == MASS_SHARE), None)
+
+
+def divided(answer: DesignAnswer, share: EstimatedQuantity) -> DesignAnswer:
+    """Return an answer over a share, their errors taken as independent."""
+    value = answer.value / share.value
+    if answer.standard_error is None:
+        return DesignAnswer(value, None)
+    relative = math.hypot(answer.standard_error / answer.value, share.standard_error / share.value)
+    return DesignAnswer(value, abs(value) * relative)
+
+
+def describe_reach(specimen: Specimen, drive: DesignAnswer, frequency_hz: float, n: int) -> str:
+    """Return what a drive is on the specimen and what the largest one gives, or that it cannot be reached."""
+    full_v = 2 * FULL_AMPLITUDE_V
+    largest = float(response_curve(specimen, np.array([frequency_hz]), FULL_AMPLITUDE_V, n=n).peak_to_peak[0])
+    if drive.value > full_v:
+        return f"It cannot be reached: the amplifier takes {full_v:g} V peak to peak, which gives {1e6 * largest:.4g} µm there."
+    amplifier = AmplifierMap()
+    low_v, high_v = (float(amplifier.specimen_v(2.5 + side * drive.value / 2)) for side in (-1, 1))
+    return f"On the specimen {low_v:.4g} to {high_v:.4g} V; {full_v:g} V peak to peak, the largest drive, gives {1e6 * largest:.4g} µm."
+
+
+def _source_of(
+    question: DesignQuestion,
+) -> tuple[Specimen, EstimateSet | None, EstimatedQuantity | None, str]:
+    setting = question.setting
+    if question.calibrated is None:
+        return setting.specimen, None, None, "From the sliders, whose uncertainties are not known."
+    folder, name = question.calibrated
+    active = load_active_model(folder, name)
+    if active.problem or active.estimates is None:
+        raise ParameterError(
+            f"{name} has no calibration that can be used; measure, then Identify … (Shift+F7) and accept"
+        )
+    elongation_m = setting.value("delta") * active.membrane.L_m if setting.on_skin else None
+    where = "free" if elongation_m is None else f"on the membrane at {1e3 * elongation_m:.3g} mm elongation"
+    estimates = active.estimates if elongation_m is None else active.membrane_estimates
+    text = f"From {active.description}, {where}; ± total standard uncertainty."
+    return active.specimen(elongation_m), estimates, share_that_moves(folder, name), text
+
+
+def _mass_sentence(
+    question: DesignQuestion,
+    specimen: Specimen,
+    estimates: EstimateSet | None,
+    share: EstimatedQuantity | None,
+    n: int,
+) -> str:
+    try:
+        mass = required_mass(specimen, question.resonance_hz, estimates, n=n)
+    except ParameterError as error:
+        return str(error)
+    text = f"{_with_error(mass, 1e3, 'g')} must move with the centre for the largest response at {question.resonance_hz:g} Hz"
+    if share is not None:
+        text += f"; to put into the cylinder: {_with_error(divided(mass, share), 1e3, 'g')}"
+    return f"{text}. Present: {1e3 * specimen.tactor.m_add:.4g} g."
+
+
+def _drive_sentence(question: DesignQuestion, specimen: Specimen, estimates: EstimateSet | None, n: int) -> str:
+    hz, wanted_m = question.drive_hz, question.amplitude_m
+    try:
+        drive = required_drive(specimen, hz, wanted_m, estimates, n=n)
+    except ParameterError as error:
+        return str(error)
+    text = (
+        f"{_with_error(drive, 1.0, 'V')} peak to peak at the amplifier's input for {1e6 * wanted_m:g} µm at {hz:g} Hz."
+    )
+    return f"{text} {describe_reach(specimen, drive, hz, n)}"
+
+
+def _with_error(answer: DesignAnswer, factor: float, unit: str) -> str:
+    value = factor * answer.value
+    if answer.standard_error is None:
+        return f"{value:.4g} {unit}"
+    error = factor * answer.standard_error
+    low, high = value - COVERAGE_95 * error, value + COVERAGE_95 * error
+    return f"{value:.4g} ± {error:.2g} {unit} (95 %: {low:.4g} to {high:.4g} {unit})"

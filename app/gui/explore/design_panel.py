@@ -1,0 +1,126 @@
+"""Design panel of the Explore page: the added mass for a resonance and the drive for an amplitude, answered in the background."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QWidget
+
+from app.common import UnitError, to_number
+from app.explore import DesignAnswers, DesignQuestion, answer_design
+from app.gui.plots import caption_label
+from app.gui.widgets import WrappedRow, column, configure, make_label
+from app.live import LatestOnlyWorker
+
+if TYPE_CHECKING:
+    from app.gui.explore.page import ExplorePage
+
+SLIDERS_TEXT = "the sliders"
+FIELD_WIDTH = 76
+
+
+class DesignPanel(QWidget):
+    """Asks while it is visible, anew when a field, the source or a slider changes.
+
+    Args:
+        page: has the setting of the sliders, and returns folder and name of the specimen that is shown.
+    """
+
+    _answered = Signal(object, object)
+
+    def __init__(self, page: "ExplorePage") -> None:
+        super().__init__(page)
+        self._page = page
+        self._asked: DesignQuestion | None = None
+        self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
+        self.answers: DesignAnswers | None = None
+        self.resonance, self.amplitude, self.frequency = (
+            configure(QLineEdit(text), f"explore.design.{name}", accessibleName=about)
+            for name, text, about in (
+                ("resonance", "160 Hz", "resonance that the added mass is to give"),
+                ("amplitude", "100 µm", "max - min that the drive is to give"),
+                ("frequency", "200 Hz", "frequency of the drive"),
+            )
+        )
+        self.source_box = configure(
+            QComboBox(),
+            "explore.design.source",
+            accessibleName="specimen of the answers",
+            toolTip="The calibration gives the uncertainties; the sliders have none",
+            sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
+        )
+        self.source_box.addItem(SLIDERS_TEXT)
+        self.mass_label, self.drive_label = (make_label(name=f"explore.design.{each}") for each in ("mass", "drive"))
+        self.source_label = make_label(kind="note", name="explore.design.about")
+        for edit in (self.resonance, self.amplitude, self.frequency):
+            edit.setFixedWidth(FIELD_WIDTH)
+            edit.editingFinished.connect(self.ask)
+        self.source_box.currentIndexChanged.connect(lambda _: self.ask())
+        fields = WrappedRow(
+            caption_label("Design"), QLabel("of"), self.source_box, QLabel("which added mass for"), self.resonance,
+            QLabel("which drive for"), self.amplitude, QLabel("at"), self.frequency, spacing=6,
+        )  # fmt: skip
+        column(
+            fields, self.mass_label, self.drive_label, self.source_label, parent=self, margins=(0, 0, 0, 0), spacing=2
+        )
+        self._answered.connect(self._show)
+        self.hide()
+
+    def ask(self) -> None:
+        """Ask what the fields say, if the panel is visible and something has changed."""
+        if self.isHidden():
+            return
+        name = self._page.specimen()[1]
+        self._offer(f"the calibration of {name}" if name else "")
+        try:
+            question = DesignQuestion(
+                self._page.setting,
+                to_number(self.resonance.text(), "Hz"),
+                to_number(self.amplitude.text(), "m"),
+                to_number(self.frequency.text(), "Hz"),
+                self._page.specimen() if self.source_box.currentIndex() > 0 else None,
+            )
+        except UnitError as error:
+            self._say(str(error))
+            return
+        if question != self._asked:
+            self._asked = question
+            self.source_label.setText("computing …")
+            self._worker.submit(question)
+
+    def toggle(self, shown: bool) -> None:
+        """Show or hide the panel; the calibration is read anew when it is shown."""
+        self.setVisible(shown)
+        self._asked = None
+        self.ask()
+
+    def shutdown(self) -> None:
+        """Stop the background thread."""
+        self._worker.close()
+
+    def _offer(self, calibration: str) -> None:
+        if self.source_box.count() == 1 and calibration:
+            self.source_box.blockSignals(True)
+            self.source_box.addItem(calibration)
+            self.source_box.setCurrentIndex(1)
+            self.source_box.blockSignals(False)
+        elif self.source_box.count() > 1 and calibration:
+            self.source_box.setItemText(1, calibration)
+        elif self.source_box.count() > 1:
+            self.source_box.removeItem(1)
+
+    def _show(self, question: DesignQuestion, answers: DesignAnswers | Exception) -> None:
+        if question != self._asked:
+            return
+        if isinstance(answers, Exception):
+            self._say(str(answers))
+            return
+        self.answers = answers
+        self.mass_label.setText(answers.mass)
+        self.drive_label.setText(answers.drive)
+        self.source_label.setText(answers.source)
+
+    def _say(self, text: str) -> None:
+        self.answers = None
+        self.mass_label.setText("")
+        self.drive_label.setText("")
+        self.source_label.setText(text)
