@@ -132,7 +132,7 @@ class _NumberedCanvas(Canvas):  # type: ignore[misc]
         self._rest = rest
 
     def save(self) -> None:
-        self.beginForm(REST_OF_FOOTER)
+        self.beginForm(REST_OF_FOOTER, 0, -7, PAGE[0], 7)  # a form is clipped to its box: descenders are below 0
         self.setFillColor(GREY)
         self.setFont(font(), 7)
         self.drawString(0, 0, self._rest.format(self.getPageNumber() - 1))
