@@ -20,7 +20,9 @@ from .review import QualityIndicator as QualityIndicator
 from .review import ResultReview as ResultReview
 from .review import ReviewRow as ReviewRow
 from .review import review_run as review_run
+from .series import read_series_values as read_series_values
 from .series import series_curves as series_curves
+from .series import series_parameters as series_parameters
 from .status import ItemState as ItemState
 from .summary import CampaignEstimates as CampaignEstimates
 from .summary import CampaignSummary as CampaignSummary

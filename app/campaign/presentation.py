@@ -124,10 +124,15 @@ def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextSt
     row = summary.item(running)
     if row is None:
         return NextStep("A run of the Measure page is in progress", "The campaign continues when it has ended.")
-    follows = "Measurements without manual steps follow automatically." if queue else ""
-    return NextStep(
-        f"Measuring {row.name}: {row.state.title}", follows, "", (CampaignAction.HALT_QUEUE,) if queue else (), row.name
-    )
+    follows = "Measurements without manual steps follow automatically." if queue else _dependents_text(summary, row)
+    whole = "" if row.rehearsal is None else f"In all {format_rehearsal(row.rehearsal, summary.time_scale)}."
+    actions = (CampaignAction.HALT_QUEUE,) if queue else ()
+    return NextStep(f"Measuring {row.name}: {row.state.title}", follows, whole, actions, row.name)
+
+
+def _dependents_text(summary: CampaignSummary, item: ItemSummary) -> str:
+    rest = [other.name for other in summary.items if item.name in other.state.item.needs]
+    return f"Depends on it: {_join_names(rest)}." if rest else "Nothing else depends on it."
 
 
 def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
@@ -138,12 +143,16 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
         if estimates
         else "It determines no parameter; its points are in the run file."
     )
-    rest = [other.name for other in summary.items if item.name in other.state.item.needs]
-    why = f"Depends on it: {_join_names(rest)}." if rest else "Nothing else depends on it."
     goes = (CampaignAction.ACCEPT, CampaignAction.REJECT) + (
         (CampaignAction.RUN,) if summary.next_item is not None else ()
     )
-    return NextStep(f"Accept what {item.name} found?", f"{item.state.title}. {why}", found, goes, item.name)
+    return NextStep(
+        f"Accept what {item.name} found?",
+        f"{item.state.title}. {_dependents_text(summary, item)}",
+        found,
+        goes,
+        item.name,
+    )
 
 
 def _join_names(names: list[str]) -> str:

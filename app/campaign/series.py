@@ -11,8 +11,8 @@ from app.archive import RunSummary
 from app.archive.figures import RunFigure
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
-from app.common import display_unit, unit_of
-from protocols.base import CurveColumn, EstimatedQuantity, ResultCurve
+from app.common import UnitError, display_unit, read_numbers, unit_of
+from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve
 from protocols.registry import PROTOCOLS
 
 SERIES = "series"
@@ -118,6 +118,28 @@ def varied_unit(item: CampaignItem) -> str:
     """Return the unit of the varied parameter; `1` for none."""
     kind = PROTOCOLS.get(item.protocol)
     return (unit_of(kind, item.varied) if kind is not None and item.varied in kind.model_fields else None) or "1"
+
+
+def series_parameters(kind: type[Protocol]) -> tuple[str, ...]:
+    """Return the parameters of a protocol that a series can vary: single numbers."""
+    return tuple(
+        name for name, field in kind.model_fields.items() if field.annotation in (float, int) and unit_of(kind, name)
+    )
+
+
+def read_series_values(
+    kind: type[Protocol], name: str, text: str, shown: tuple[float, str] = (1.0, "")
+) -> tuple[float, ...]:
+    """Return the values of a series from a list with ranges; `shown`: factor from SI to the unit of numbers without one, and that unit.
+
+    Raises:
+        UnitError: the text cannot be read, or has fewer than two different values.
+    """
+    found = read_numbers(text, unit_of(kind, name) or "1", shown)
+    if len(found) < 2 or len(set(found)) < len(found):
+        raise UnitError("give at least two values, each once")
+    whole = kind.model_fields[name].annotation is int
+    return tuple(int(value) if whole and value.is_integer() else value for value in found)
 
 
 def value_text(item: CampaignItem, value: float) -> str:

@@ -16,7 +16,7 @@ from app.session import real_duration_s
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, IdentificationError
-from protocols.base import EstimatedQuantity
+from protocols.base import EstimatedQuantity, Outcome
 from protocols.rehearsal import Rehearsal
 from protocols.runfile.reader import RunReadError
 
@@ -53,12 +53,19 @@ class ItemSummary:
         return self.state.awaits_acceptance
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the run that counts has a doubtful verdict."""
+        counting = "" if self.state.run is None else self.state.run.name
+        return any(run.name == counting and run.outcome is Outcome.DOUBTFUL for run in self.state.results)
+
+    @property
     def status_text(self) -> str:
         """Status as text."""
         if self.state.candidate is not None:
             return "new result, to be accepted"
         if self.state.status is ItemStatus.DONE:
-            return "done, accepted" if self.state.accepted else "done, to be accepted"
+            result = "doubtful" if self.is_doubtful else "done"
+            return f"{result}, accepted" if self.state.accepted else f"{result}, to be accepted"
         return str(self.state.status)
 
 

@@ -17,8 +17,10 @@ from app.campaign import (
     check_bench_kind,
     first_item,
     next_item_after,
+    read_series_values,
     rehearse_campaign,
     series_curves,
+    series_parameters,
 )
 from app.cli.headless import headless_session, make_protocol, refuse_unreachable_operator, select_bench
 from app.cli.options import (
@@ -44,10 +46,8 @@ from app.common import (
     format_duration,
     print_line,
     print_message,
-    unit_of,
     usage_errors,
 )
-from app.common.units import read_range
 from app.identification import verdict_line
 from drivers import BenchError
 from protocols.base import Protocol, format_with_uncertainty
@@ -147,17 +147,12 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
         raise UsageError(f"--vary {text}: write NAME=VALUES, for example --vary peak_to_peak_v=1,2,3,4,5")
     if name not in kind.model_fields:
         raise UsageError(f"{kind.name} has no parameter '{name}'; it has: {', '.join(kind.model_fields)}")
-    unit = unit_of(kind, name)
-    annotation = kind.model_fields[name].annotation
-    if unit is None or annotation not in (float, int):
+    if name not in series_parameters(kind):
         raise UsageError(f"--vary {name}: this parameter is not a single number, so that nothing can be drawn over it")
     try:
-        found = [value for part in values.split(",") if part.strip() for value in read_range(part, unit)]
+        return name, read_series_values(kind, name, values)
     except UnitError as error:
         raise UsageError(f"--vary {text}: {error}") from None
-    if len(found) < 2 or len(set(found)) < len(found):
-        raise UsageError(f"--vary {text}: give at least two values, each once")
-    return name, tuple(int(value) if annotation is int else value for value in found)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from .inputs import truncate_text as truncate_text
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
 from .outcomes import OUTCOME_SYMBOLS as OUTCOME_SYMBOLS
+from .outcomes import SEVERITY_SYMBOLS as SEVERITY_SYMBOLS
 from .outcomes import CheckRow as CheckRow
 from .outcomes import Severity as Severity
 from .outcomes import check_row as check_row
@@ -56,6 +57,7 @@ from .units import UnitError as UnitError
 from .units import description_of as description_of
 from .units import display_unit as display_unit
 from .units import read_number as read_number
+from .units import read_numbers as read_numbers
 from .units import read_stated as read_stated
 from .units import read_value as read_value
 from .units import to_number as to_number

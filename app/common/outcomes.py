@@ -39,6 +39,10 @@ OUTCOME_SYMBOLS = {
 """A shape for each outcome, distinct without colour."""
 
 
+SEVERITY_SYMBOLS = {Severity.INFO: "–", Severity.SUCCESS: "✓", Severity.WARNING: "△", Severity.ERROR: "✕"}
+"""A shape for each severity, distinct without colour."""
+
+
 def outcome_severity(outcome: Outcome) -> Severity:
     """Return the severity with which an outcome is shown."""
     return SEVERITIES.get(outcome, Severity.ERROR)

@@ -181,16 +181,25 @@ def read_value(model: "type[BaseModel]", name: str, value: Any, shown: tuple[flo
     if field is None or unit is None:
         return value
     if get_origin(field.annotation) is tuple:
-        items = _split(value) if isinstance(value, str) else value
+        items = (value,) if isinstance(value, str) else value
         return tuple(
             number
             for item in items
-            for number in (_to_si(read_range(item, shown[1] or unit), shown) if isinstance(item, str) else (item,))
+            for number in (read_numbers(item, unit, shown) if isinstance(item, str) else (item,))
         )
     if isinstance(value, str):
         (number,) = _to_si((to_number(value, shown[1] or unit),), shown)
         return int(number) if field.annotation is int and number.is_integer() else number
     return value
+
+
+def read_numbers(text: str, unit: str, shown: tuple[float, str] = (1.0, "")) -> tuple[float, ...]:
+    """Return the numbers of a list in SI: `25, 50, 100...200 step 5`; for `shown` see `read_value`.
+
+    Raises:
+        UnitError: an entry is neither a number nor a range.
+    """
+    return tuple(number for item in _split(text) for number in _to_si(read_range(item, shown[1] or unit), shown))
 
 
 def _to_si(values: tuple[float, ...], shown: tuple[float, str]) -> tuple[float, ...]:

@@ -224,7 +224,7 @@ class WindowState:
             case BenchState.HV_OFF:
                 return f"{'paused; ' * self.paused}rest measured, high voltage off"
             case BenchState.AT_REST if self.rest is not None:
-                return f"on the specimen; the amplifier's input is at {self.rest.measured_v:.3f} V"
+                return f"on the specimen; input at {self.rest.measured_v:.3f} V"
             case BenchState.GOING_TO_REST if self.may_be_live:
                 return "may be live: switch the high voltage OFF at the amplifier now"
             case BenchState.GOING_TO_REST:

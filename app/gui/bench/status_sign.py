@@ -6,9 +6,12 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.gui.bench.symbols import SYMBOLS
 
-LARGEST_PX, SMALLEST_PX = 110, 9
+LARGEST_PX, SMALLEST_PX = 110, 11
 NOTE_SHARE = 0.30
 """Of the sign's height."""
+
+TWO_LINE_HEIGHT = 64
+"""Least height of a sign in which a note may take two lines."""
 
 
 class StatusSign(QWidget):
@@ -62,9 +65,11 @@ class StatusSign(QWidget):
             painter.restore()
             area = area.adjusted(side + 10, 0, 0, 0)
         if self.note:
-            note = QRectF(
-                area.left(), area.bottom() - NOTE_SHARE * area.height(), area.width(), NOTE_SHARE * area.height()
-            )
+            height = NOTE_SHARE * area.height()
+            smallest = QFontMetricsF(_font_of_size(self.font(), SMALLEST_PX, bold=False))
+            if area.height() >= TWO_LINE_HEIGHT and smallest.horizontalAdvance(self.note) > area.width():
+                height = max(height, 2 * smallest.lineSpacing())
+            note = QRectF(area.left(), area.bottom() - height, area.width(), height)
             self._draw_text(painter, note, self.note, bold=False, max_px=26)
             area = area.adjusted(0, 0, 0, -note.height())
         self._draw_text(painter, area, self.text, bold=True, max_px=LARGEST_PX)
@@ -95,7 +100,7 @@ def _fit_text(font: QFont, text: str, area: QRectF, bold: bool, max_px: int) -> 
     halves = [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
     one, two = [text], min(halves, key=lambda lines: max(map(len, lines)), default=[text])
     px, px_of_two = (_largest_font_px(font, lines, area, bold, max_px) for lines in (one, two))
-    if px_of_two > px + 2:
+    if px_of_two > px + 2 or px < SMALLEST_PX <= px_of_two:
         px, one = px_of_two, two
     return one, _font_of_size(font, max(px, SMALLEST_PX), bold)
 

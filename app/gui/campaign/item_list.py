@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 ITEM_ROLE = Qt.ItemDataRole.UserRole
 STATUS_SYMBOLS = {
     "done": "tick",
+    "doubtful": "question",
     "stale": "again",
     "missing": "open",
     "waiting": "dots",
@@ -152,7 +153,8 @@ class CampaignItemDelegate(QStyledItemDelegate):
         if row.name in (self.next_item, self.running_item):  # a bar at the edge marks the next or running item
             painter.fillRect(QRect(area.left(), area.top(), 5, area.height()), QColor(theme.accent))
         running = row.name == self.running_item
-        status = "running" if running else str(row.state.status)
+        doubtful = row.is_doubtful and row.state.status == "done"
+        status = "running" if running else "doubtful" if doubtful else str(row.state.status)
         side = 0.52 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
         color = self._text_color(status)
@@ -166,7 +168,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         duration = "" if row.duration_s is None else format_duration(row.duration_s)
         self._draw_line(painter, option, top, (row.name, theme.text), (row.state.title, theme.text), duration)
         head = ("running" if running else row.status_text, color)
-        reason = "" if status in ("done", "running") else row.state.reason
+        reason = "" if status in ("done", "doubtful", "running") else row.state.reason
         by_hand = "by hand" if row.needs_operator else ""
         self._draw_line(painter, option, bottom, head, (reason, theme.secondary_text), by_hand)
         painter.setPen(QColor(theme.line))
@@ -203,6 +205,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         theme = self.theme
         return {
             "done": theme.success,
+            "doubtful": theme.warning,
             "stale": theme.warning,
             "unfinished": theme.warning,
             "failed": theme.error,

@@ -8,6 +8,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 
+from app.common import SEVERITY_SYMBOLS
 from app.gui.plots import ResultPlots
 from app.gui.results.card import ResultCard
 from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
@@ -118,7 +119,7 @@ class ReviewPane(QWidget):
             label.setVisible(shown)
             if shown:
                 indicator = review.indicators[at]
-                label.setText(f"● {indicator.text}")
+                label.setText(f"{SEVERITY_SYMBOLS[indicator.severity]} {indicator.text}")
                 label.setStyleSheet(f"color: {self._theme.severity_color(indicator.severity)}")
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.

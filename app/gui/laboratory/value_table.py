@@ -19,8 +19,8 @@ AS_TEXT = " as text"
 
 CELL_MARGIN, BOLD_SHARE = 12, 1.06
 """Free width of a cell in pixels, and width of text with bold rows over that of the usual one."""
-LAST_COLUMN = 120
-"""Width that the last column always has, in pixels."""
+LAST_COLUMN, LEAST_COLUMN = 120, 24
+"""Width that the last column always has, and that of the narrowest column, in pixels."""
 
 
 class ValueTableModel(QAbstractTableModel):
@@ -116,6 +116,17 @@ def write_csv(worker: BackgroundWorker, table: Table, path: Path, say: Callable[
     )
 
 
+def share_width(wanted: Sequence[int], free: int) -> list[int]:
+    """Return the widths of columns in a free width: as wanted, except that the widest are cut to one width where it is too little."""
+    limit, left = max(wanted, default=0), free
+    for rank, width in enumerate(sorted(wanted)):
+        if width * (len(wanted) - rank) > left:
+            limit = max(left, 0) // (len(wanted) - rank)
+            break
+        left -= width
+    return [min(width, limit) for width in wanted]
+
+
 def _sort_key(value: CellValue) -> tuple[int, float, str]:
     if isinstance(value, str):
         return (1, 0.0, value.casefold())
@@ -176,7 +187,7 @@ class ValueTable(QTableView):
         return self._values.order[index.row()] if index.isValid() else -1
 
     def _fit_columns(self) -> None:
-        """Give each column the width of its contents, and the last one what is left; all of them less if there is too little."""
+        """Give each column the width of its contents, and the last one what is left; only the wide ones less if there is too little."""
         header, count = self.horizontalHeader(), self._values.columnCount()
         for at in range(count):
             last = at == count - 1
@@ -188,9 +199,8 @@ class ValueTable(QTableView):
         wanted = [max(contents[at], header.sectionSizeHint(at) + 6) for at in range(count)]
         least_last = min(wanted[-1], LAST_COLUMN) if wanted else 0
         free = self.viewport().width() - least_last
-        shrink = min(1.0, free / max(sum(wanted[:-1]), 1))
-        for at, width in enumerate(wanted[:-1]):
-            self.setColumnWidth(at, max(int(width * shrink), 24))
+        for at, width in enumerate(share_width(wanted[:-1], free)):
+            self.setColumnWidth(at, max(width, LEAST_COLUMN))
 
     def resizeEvent(self, event: Any) -> None:
         super().resizeEvent(event)

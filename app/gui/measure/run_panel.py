@@ -12,6 +12,7 @@ from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.results.card import ResultCard
 from app.gui.widgets import (
     ACTIONS,
+    STRETCH,
     ProtocolForm,
     SheetButton,
     Theme,
@@ -34,8 +35,11 @@ from protocols.rehearsal import rehearse
 
 BenchGetter = Callable[[], Bench | None]
 
-MIN_CONTENT_HEIGHT = 140
-"""Of what is above the button Run."""
+MIN_CONTENT_HEIGHT = 90
+"""Of what scrolls between the protocol's name and the button Run."""
+
+ABOUT_LINES = 3
+"""Height kept for what is known of the protocol, or of the field with the keyboard."""
 
 
 class RunPanel(QWidget):
@@ -107,11 +111,9 @@ class RunPanel(QWidget):
             toolTip="Choose the folder",
             accessibleName="choose the folder",
         )
-        self._scroll = make_scroll_area(
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumHeight=40,
-        )
+        self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
+        self._form_place = column(margins=(0, 0, 0, 0))
         self._content_area = make_scroll_area(
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
@@ -156,14 +158,20 @@ class RunPanel(QWidget):
         self._on_edited()
 
     def _show_form(self, protocol: Protocol) -> None:
+        for last in self.findChildren(ProtocolForm):
+            last.setParent(None)  # it leaves the layout now, not when the event loop deletes it
+            last.deleteLater()
         self.form = ProtocolForm(protocol)
-        self._scroll.setWidget(self.form)  # deletes the previous form
-        self.form.setAutoFillBackground(False)
+        self._form_place.addWidget(self.form)
         self.form.changed.connect(self._on_edited)
-        self.about_label.setText(protocol_summary(type(protocol)))
+        self.form.help_changed.connect(self._show_help)
+        self._show_help("")
         self.preset_button.kind = type(protocol)
         with QSignalBlocker(self.protocol_box):
             self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
+
+    def _show_help(self, text: str) -> None:
+        self.about_label.setText(text or protocol_summary(self.form.kind))
 
     def choose_protocol(self, name: str) -> None:
         """Show a protocol with the parameters that it had last."""
@@ -266,22 +274,29 @@ class RunPanel(QWidget):
         where.addWidget(self._browse, 1, 2)
         content = QWidget()
         column(
-            row((self.protocol_box, 1), self.preset_button),
-            self.about_label,
-            (self._scroll, 1),
+            self._form_place,
             where,
             self.rehearsal_label,
             self.warnings_label,
             self.estimates_panel,
             self.result_card,
+            STRETCH,
             parent=content,
-            margins=(0, 2, 8, 0),
+            margins=(0, 0, 8, 0),
             spacing=8,
         )
         # A low window scrolls what is above the button; a result is never squeezed.
         self._content_area.setWidget(content)
         content.setAutoFillBackground(False)
-        column((self._content_area, 1), self.run_button, parent=self, margins=(0, 0, 0, 0), spacing=8)
+        column(
+            row((self.protocol_box, 1), self.preset_button),
+            self.about_label,
+            (self._content_area, 1),
+            self.run_button,
+            parent=self,
+            margins=(0, 2, 0, 0),
+            spacing=8,
+        )
 
 
 def protocol_summary(kind: type[Protocol]) -> str:

@@ -79,7 +79,9 @@ def style_axes(plot: Any, font: QFont) -> None:
         axis.setStyle(tickFont=font)
         axis.label.setFont(font)
         axis.logTickStrings = log_tick_texts
-    plot.getViewBox().sigResized.connect(lambda box: _hide_long_name(plot.getAxis("left"), box.height()))
+    box = plot.getViewBox()
+    for changed in (box.sigResized, box.sigYRangeChanged):  # a new range comes with a new name
+        changed.connect(lambda *_: _shorten_long_name(plot.getAxis("left"), box.height()))
 
 
 def log_tick_texts(values: Sequence[float], scale: float, _spacing: float) -> list[str]:
@@ -95,9 +97,16 @@ def log_tick_texts(values: Sequence[float], scale: float, _spacing: float) -> li
     return texts
 
 
-def _hide_long_name(axis: Any, height: float) -> None:
-    """Hide the label of a vertical axis that is shorter than the label, which would be cut off."""
-    axis.label.setVisible(bool(axis.labelText) and axis.label.boundingRect().width() <= height)
+def _shorten_long_name(axis: Any, height: float) -> None:
+    """Show the unit alone at a vertical axis that is shorter than its name, which would be cut off."""
+    name = axis.labelText or ""
+    width_of = QFontMetricsF(axis.label.font()).horizontalAdvance
+    fitting = [each for each in (name, name.rpartition("(")[2].rstrip(")")) if each and width_of(each) + 8 <= height]
+    shown = fitting[0] if fitting else ""
+    if shown and axis.label.toPlainText().strip() != shown:
+        axis.label.setHtml(axis.labelString().replace(name, shown, 1))
+    axis.label.setVisible(bool(shown))
+    axis.resizeEvent()  # places the name in the middle
 
 
 class CornerLabel:

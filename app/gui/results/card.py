@@ -8,7 +8,18 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QSizePolicy
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
-from app.gui.widgets import SELECTABLE, STRETCH, Theme, column, configure, grid, make_button, make_label, row, tooltip
+from app.gui.widgets import (
+    SELECTABLE,
+    STRETCH,
+    Theme,
+    WrappedRow,
+    column,
+    configure,
+    make_button,
+    make_label,
+    row,
+    tooltip,
+)
 from app.session import WindowState
 from protocols.base import RunEnded
 from protocols.base.verdict import Outcome
@@ -90,7 +101,6 @@ class ResultCard(QFrame):
             )  # fmt: skip
             return
         values = (label for pair in self.value_labels for label in pair)
-        places = ((button, at // 3, at % 3) for at, button in enumerate(self.buttons.values()))
         column(
             row((self.verdict_label, 1), self.simulated_label),
             self.reason_label,
@@ -99,7 +109,7 @@ class ResultCard(QFrame):
             self.more_label,
             self.note_label,
             self.file_label,
-            row(grid(*places, spacing=(6, 4)), STRETCH),
+            WrappedRow(*self.buttons.values(), spacing=6),
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=2,

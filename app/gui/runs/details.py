@@ -24,6 +24,7 @@ from app.gui.widgets import (
     grid,
     make_button,
     make_label,
+    make_scroll_area,
     row,
     set_style_kind,
     shortcut_label,
@@ -108,14 +109,27 @@ class RunDetailsPane(QWidget):
         buttons = row(
             self.open_button, self.continue_button, self.explore_button, STRETCH, self.export_button, spacing=6
         )
+        content = QWidget()
         column(
-            self.heading,
             (self.plot, 1),
             (self.result_plots, 1),
             (self.empty_label, 1),
             self.facts_label,
             self.card,
             fields,
+            parent=content,
+            margins=(0, 0, 0, 0),
+            spacing=6,
+        )
+        area = make_scroll_area(
+            focusPolicy=Qt.FocusPolicy.NoFocus, horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff
+        )
+        area.setWidget(content)
+        content.setAutoFillBackground(False)
+        self._content_layout = content.layout()
+        column(
+            self.heading,
+            (area, 1),
             self.message_label,
             self.progress_row,
             buttons,
@@ -193,8 +207,8 @@ class RunDetailsPane(QWidget):
         self.result_plots.show_results(kind, run.points, run.curves, found, run.simulated)
         self.result_plots.show()
         self.empty_label.hide()
-        if self.isVisible() and (layout := self.layout()) is not None:
-            layout.activate()  # now: the plot takes the place of what was shown before
+        if self.isVisible() and self._content_layout is not None:
+            self._content_layout.activate()  # now: the plot takes the place of what was shown before
 
     def _save_notes(self) -> None:
         texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QWidget
 
@@ -215,10 +215,8 @@ Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
 MAIN_FIELDS = 3
 """Fields of a form that are always shown."""
 
-HELP_LINES = 3
-
-LIST_HEIGHT_LINES = (3, 7)
-"""Minimum and maximum height of an editor for many numbers."""
+LIST_LINES = 4
+"""Height of an editor for many numbers; more of them scroll."""
 
 
 class FieldRow:
@@ -268,9 +266,11 @@ class FieldRow:
 
 
 class ProtocolForm(QWidget):
-    """Editable parameters of one protocol: the first ones, and the others on request; help for the one with the keyboard."""
+    """Editable parameters of one protocol: the first ones, and the others on request."""
 
     changed = Signal()
+    help_changed = Signal(str)
+    """What the field with the keyboard means; empty when the keyboard is elsewhere."""
 
     def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -278,8 +278,6 @@ class ProtocolForm(QWidget):
         self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
         self.more_button = configure(QPushButton(), "form.more", kind="choice", checkable=True)
         self.more_button.toggled.connect(self._show_more)
-        self.help_label = make_label(kind="note", name="form.help")
-        self.help_label.setMinimumHeight(HELP_LINES * self.help_label.fontMetrics().lineSpacing())
         layout, at = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1}), 0
         for place, row in enumerate(self.rows.values()):
             if place == MAIN_FIELDS:
@@ -293,13 +291,10 @@ class ProtocolForm(QWidget):
             layout.addWidget(row.unit, at, 2, alignment)
             layout.addWidget(row.note_label, at + 1, 0, 1, 3)
             layout.setRowMinimumHeight(at + 2, 3)
-            layout.setRowStretch(at, 20 if many else 0)
             at += 3
-            row.note_label.hide()  # errors only: help is below the form
+            row.note_label.hide()  # errors only: help is above the form
             row.edited.connect(self._on_edited)
             row.editor.installEventFilter(self)
-        layout.addWidget(self.help_label, at, 0, 1, 3, Qt.AlignmentFlag.AlignTop)
-        layout.setRowStretch(at + 1, 1)
         self.more_button.setVisible(len(self.rows) > MAIN_FIELDS)
         changed = any(
             getattr(protocol, row.field.name) != self.kind.model_fields[row.field.name].get_default()
@@ -317,7 +312,9 @@ class ProtocolForm(QWidget):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.FocusIn:
             row = next(row for row in self.rows.values() if row.editor is watched)
-            self.help_label.setText(f"{row.field.label}: {row.meaning}")
+            self.help_changed.emit(f"{row.field.label}: {row.meaning}")
+        elif event.type() == QEvent.Type.FocusOut:
+            self.help_changed.emit("")
         return super().eventFilter(watched, event)
 
     @property
@@ -351,20 +348,13 @@ def set_style_kind(widget: QWidget, kind: str) -> None:
 
 
 class NumberListEdit(QPlainTextEdit):
-    """Editor for many numbers: a few lines, more if there is space."""
+    """Editor for many numbers, a few lines high."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setTabChangesFocus(True)
         self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
-        self.setMinimumHeight(self._height(LIST_HEIGHT_LINES[0]))
-        self.setMaximumHeight(self._height(LIST_HEIGHT_LINES[1]))
-
-    def sizeHint(self) -> QSize:
-        return QSize(super().sizeHint().width(), self._height(LIST_HEIGHT_LINES[0]))
-
-    def _height(self, lines: int) -> int:
-        return QFontMetrics(self.font()).lineSpacing() * lines + 12
+        self.setFixedHeight(QFontMetrics(self.font()).lineSpacing() * LIST_LINES + 12)
 
 
 def _make_editor(field: FormField) -> Editor:

@@ -165,7 +165,7 @@ def style_sheet(theme: Theme, scale: float = 1.0) -> str:
     if scale == 1.0:
         return sheet
     base = f"QWidget {{ font-size: {scale * QGuiApplication.font().pointSizeF():.3g}pt; }}"
-    return base + re.sub(r"(\d+)pt", lambda m: f"{scale * float(m[1]):.3g}pt", sheet)
+    return base + re.sub(r"([\d.]+)pt", lambda m: f"{scale * float(m[1]):.3g}pt", sheet)
 
 
 def _style_sheet(theme: Theme) -> str:
@@ -193,11 +193,11 @@ def _style_sheet(theme: Theme) -> str:
     }}
     QListWidget:focus {{ border: 2px solid {theme.accent}; }}
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
-    QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8pt; }}
+    QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8.5pt; }}
     QLabel[kind="read-out"] {{
         background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 3px; padding: 1px 5px;
     }}
-    QLabel[kind="small"] {{ font-size: 8pt; }}
+    QLabel[kind="small"] {{ font-size: 8.5pt; }}
     QLabel[kind="value"] {{ font-size: 13pt; font-weight: bold; }}
     QLabel[kind="fault"] {{ color: {theme.error}; font-size: 9pt; }}
     QLabel[kind="caution"] {{ color: {theme.warning}; font-size: 9pt; }}
