@@ -15,6 +15,7 @@ from .queue import CampaignRunner as CampaignRunner
 from .queue import check_bench_kind as check_bench_kind
 from .queue import first_item as first_item
 from .queue import next_item_after as next_item_after
+from .queue import next_value as next_value
 from .queue import rehearse_campaign as rehearse_campaign
 from .review import QualityIndicator as QualityIndicator
 from .review import ResultReview as ResultReview
@@ -23,6 +24,7 @@ from .review import review_run as review_run
 from .series import read_series_values as read_series_values
 from .series import series_curves as series_curves
 from .series import series_parameters as series_parameters
+from .series import varied_label as varied_label
 from .status import ItemState as ItemState
 from .summary import CampaignEstimates as CampaignEstimates
 from .summary import CampaignSummary as CampaignSummary

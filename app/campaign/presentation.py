@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from app.campaign.series import varied_label
 from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
 from app.common import format_bytes, format_duration, format_quantity
@@ -136,6 +137,9 @@ def _dependents_text(summary: CampaignSummary, item: ItemSummary) -> str:
 
 
 def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
+    if item.state.steps:
+        values = f"{len(item.state.steps)} values of {varied_label(item.state.item)}"
+        return _question(summary, item, f"{values}: the results are curves over it, below.")
     estimates = [format_named_estimate(estimate) for estimate in item.state.reviewed_estimates]
     more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
     found = (
@@ -143,16 +147,15 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
         if estimates
         else "It determines no parameter; its points are in the run file."
     )
-    goes = (CampaignAction.ACCEPT, CampaignAction.REJECT) + (
-        (CampaignAction.RUN,) if summary.next_item is not None else ()
-    )
-    return NextStep(
-        f"Accept what {item.name} found?",
-        f"{item.state.title}. {_dependents_text(summary, item)}",
-        found,
-        goes,
-        item.name,
-    )
+    return _question(summary, item, found)
+
+
+def _question(summary: CampaignSummary, item: ItemSummary, found: str) -> NextStep:
+    """Return the question whether to accept what was found."""
+    follows = () if summary.next_item is None else (CampaignAction.RUN,)
+    actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
+    why = f"{item.state.title}. {_dependents_text(summary, item)}"
+    return NextStep(f"Accept what {item.name} found?", why, found, actions, item.name)
 
 
 def _join_names(names: list[str]) -> str:

@@ -120,7 +120,12 @@ def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -
     line = campaign.next_item(hands_free)
     if line is None or line.item.name != previous.item.name:
         return line
-    return line if line.step is not None and line.next_action is NextAction.RUN else None
+    return next_value(line)
+
+
+def next_value(state: ItemState) -> ItemState | None:
+    """Return the state of a series that has a value that was never measured; None of one that has none, and of a single run."""
+    return state if state.step is not None and state.next_action is NextAction.RUN else None
 
 
 @dataclass(frozen=True, slots=True)

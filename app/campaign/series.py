@@ -11,7 +11,7 @@ from app.archive import RunSummary
 from app.archive.figures import RunFigure
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
-from app.common import UnitError, display_unit, read_numbers, unit_of
+from app.common import UnitError, display_unit, field_label, read_numbers, unit_of
 from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve
 from protocols.registry import PROTOCOLS
 
@@ -61,7 +61,7 @@ def evaluate_series(
         reason = f"{count}; next {value_text(item, _value_of(item, following))}: {following.reason}"
         do = following.next_action
     elif len(measured) == len(steps):
-        status, reason, do = ItemStatus.DONE, f"{count} of {item.varied}", NextAction.NONE
+        status, reason, do = ItemStatus.DONE, f"{count} of {varied_label(item)}", NextAction.NONE
     else:
         waiting = next(step for step in steps if step.status not in HAS_VALID_RUN)
         status, reason, do = waiting.status, f"{count}; {waiting.reason}", NextAction.WAIT
@@ -145,7 +145,13 @@ def read_series_values(
 def value_text(item: CampaignItem, value: float) -> str:
     """Return a value of the varied parameter as text."""
     factor, unit = display_unit(varied_unit(item))
-    return f"{item.varied} = {factor * value:.6g} {unit}".rstrip()
+    return f"{varied_label(item)} {factor * value:.6g} {unit}".rstrip()
+
+
+def varied_label(item: CampaignItem) -> str:
+    """Return the varied parameter in words."""
+    kind = PROTOCOLS.get(item.protocol)
+    return item.varied if kind is None else field_label(kind, item.varied)
 
 
 def _value_of(item: CampaignItem, step: ItemState) -> float:

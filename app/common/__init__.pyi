@@ -56,6 +56,7 @@ from .units import PLAIN_NUMBER as PLAIN_NUMBER
 from .units import UnitError as UnitError
 from .units import description_of as description_of
 from .units import display_unit as display_unit
+from .units import field_label as field_label
 from .units import read_number as read_number
 from .units import read_numbers as read_numbers
 from .units import read_stated as read_stated

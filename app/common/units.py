@@ -193,6 +193,12 @@ def read_value(model: "type[BaseModel]", name: str, value: Any, shown: tuple[flo
     return value
 
 
+def field_label(model: "type[BaseModel]", name: str) -> str:
+    """Return the name of a field in words, without its unit: `peak to peak` for `peak_to_peak_v`."""
+    unit = unit_of(model, name) or ""
+    return name.removesuffix(f"_{unit.lower().replace('/', '_per_')}").replace("_", " ")
+
+
 def read_numbers(text: str, unit: str, shown: tuple[float, str] = (1.0, "")) -> tuple[float, ...]:
     """Return the numbers of a list in SI: `25, 50, 100...200 step 5`; for `shown` see `read_value`.
 

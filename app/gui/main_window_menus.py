@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.gui.help.palette import PaletteEntry
 
 MENUS = {
-    "&File": ("runs.import", "campaign.new", "campaign.open", "", "settings"),
+    "&File": ("runs.import", "campaign.add", "campaign.new", "campaign.open", "", "settings"),
     "&Run": ("run", "pause", "stop", "", "reconnect", "faults.toggle", "faults.clear"),
     "&View": (
         "page.measure",

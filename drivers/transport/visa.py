@@ -242,6 +242,6 @@ def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
         )
     if "zeroconf not installed" in debug_info:
         missing.append(
-            "HiSLIP instruments were not searched for: that needs 'pip install zeroconf'; --host queries a given host"
+            "HiSLIP instruments were not searched for: that needs 'pip install zeroconf'; a host that is given is queried"
         )
     return [name for name in names if not name.startswith("PRLGX")], missing

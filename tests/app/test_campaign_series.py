@@ -59,7 +59,7 @@ def test_a_series_is_one_item_and_its_results_are_a_curve(tmp_path: Path, capsys
     campaign = Campaign.open(tmp_path, "T1")  # after a restart
     state = campaign.item_state("levels")
     assert (state.status, state.next_action) == (ItemStatus.MISSING, NextAction.RUN)
-    assert state.reason == "1 of 3 values; next peak_to_peak_v = 3 V: not measured yet"
+    assert state.reason == "1 of 3 values; next peak to peak 3 V: not measured yet"
     with pytest.raises(CampaignError, match="before all of its values are measured"):
         campaign.accept("levels")
     # The queue goes through the values in their order, and then to the next item: the runs of the series are not its runs.

@@ -5,7 +5,7 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QWidget
 
 from app.gui.bench.symbols import SYMBOLS
-from app.gui.widgets import SELECTABLE, column, configure, make_label, row
+from app.gui.widgets import SELECTABLE, column, configure, make_label, row, set_style_kind
 
 
 class SymbolIcon(QWidget):
@@ -15,6 +15,11 @@ class SymbolIcon(QWidget):
         super().__init__()
         self._symbol, self._label = symbol, label
         self.setFixedSize(QSize(40, 40))
+
+    def set_symbol(self, symbol: str) -> None:
+        """Show another symbol."""
+        self._symbol = symbol
+        self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)
@@ -46,6 +51,16 @@ class Notice(QFrame):
             (self.symbol, 0, top), (self.text_layout, 1), *placed, parent=self, margins=(16, 10, 12, 10), spacing=14
         )
         configure(self, name, kind=kind).hide()
+
+    def set_style(self, kind: str, symbol: str) -> None:
+        """Change the kind of the style sheet, that of the texts too, and the symbol."""
+        if self.property("kind") == kind:
+            return
+        set_style_kind(self, kind)
+        for label in (self.message_label, self.detail_label):  # their colour follows from the frame's kind
+            label.style().unpolish(label)
+            label.style().polish(label)
+        self.symbol.set_symbol(symbol)
 
     def show_message(self, text: str, detail: str = "") -> None:
         """Show a message and, smaller, its details; an empty message hides the notice."""

@@ -16,7 +16,6 @@ from app.gui.widgets import (
     add_actions,
     column,
     make_button,
-    set_style_kind,
     shortcut_label,
 )
 from app.session import WindowState
@@ -93,7 +92,7 @@ class NoticeArea(FittedScrollArea):
         self.verdict.show_message(heading, "\n".join(details))
         if view.outcome is not None:
             failed = outcome_severity(view.outcome.verdict.outcome) is Severity.ERROR
-            set_style_kind(self.verdict, "trouble" if failed else "caution")
+            self.verdict.set_style(*(("trouble", "cross") if failed else ("caution", "question")))
         self._update_visibility()
 
     def show_prompt(self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor, QPixmap, QResizeEvent
+from PySide6.QtGui import QColor, QPixmap, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QLabel, QTableWidgetItem, QWidget
 
 from app.gui.widgets import (
@@ -56,7 +56,7 @@ class CommissioningPanel(QWidget):
             "Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop", minimumHeight=36
         )
         self.confirm_button = make_button(
-            "High voltage is off", self._confirm, name="bench.commission.confirm", minimumHeight=36
+            "High voltage is off   (Enter)", self._confirm, name="bench.commission.confirm", minimumHeight=36
         )
         self.prompt = make_panel(
             make_label(
@@ -67,6 +67,8 @@ class CommissioningPanel(QWidget):
             spacing=6,
             kind="prompt",
         )
+        for key in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            QShortcut(key, self.confirm_button, self.confirm_button.click, context=Qt.ShortcutContext.WidgetShortcut)
         self.message_label = configure(StatusLine(), "bench.commission.message")
         self.verdict_label = make_label(kind="caption", name="bench.commission.verdict")
         self.table = make_read_only_table(

@@ -255,6 +255,12 @@ class BenchPage(QSplitter):
     def _on_error(self, error: Exception) -> None:
         self.show_message(str(error))
 
+    def _begin_bench(self) -> None:
+        """Show a new bench, whose name is typed first."""
+        self.show_bench("")
+        self.editor.name_edit.setFocus()
+        self.editor.name_edit.selectAll()
+
     def _update_buttons(self) -> None:
         draft = self.draft
         edited = draft is not None and draft.edited
@@ -321,5 +327,5 @@ class BenchPage(QSplitter):
         self.commissioning.stop_pressed.connect(self.stop_requested)
         self.wiring.start_pressed.connect(lambda: self.run_requested.emit(WiringCheck()))
         self.benches.selected.connect(self.show_bench)
-        self.benches.new_pressed.connect(lambda: self.show_bench(""))
+        self.benches.new_pressed.connect(self._begin_bench)
         self.editor.changed.connect(self._update_buttons)

@@ -96,7 +96,7 @@ class CampaignHeader(QWidget):
     """Specimen, progress bar and error message of the open campaign."""
 
     action_requested = Signal(str)
-    """`new` or `open`."""
+    """`add`, `new` or `open`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class CampaignHeader(QWidget):
                 tooltip(f"campaign.{action}"),
                 name=f"campaign.{action}",
             )
-            for action, text in (("new", "New …"), ("open", "Open …"))
+            for action, text in (("add", "Add …"), ("new", "New …"), ("open", "Open …"))
         )
         self.simulated_label = make_label(
             "SIMULATED",

@@ -193,10 +193,12 @@ class CampaignController(QObject):
     def run_ended(self, has_result: bool) -> None:
         """Refresh after a run, and continue the queue if it has a result."""
         before, self.running_item = self.running_item, ""
-        self.queue_active = self.queue_active and has_result and bool(before)
+        queued, self.queue_active = self.queue_active, self.queue_active and has_result and bool(before)
         self.refresh()
         if self.queue_active:
             self._continue_queue(before)
+        elif has_result and before and not queued:
+            self._continue_series(before)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -215,6 +217,22 @@ class CampaignController(QObject):
             return None if line is None else self._runner.prepare(line)
 
         self._file_worker.submit(work, self._on_next_request, self._on_error)
+
+    def _continue_series(self, name: str) -> None:
+        """Measure the next value, if the item is a series and has one that was never measured."""
+
+        def work() -> RunRequest | None:
+            from app.campaign import next_value
+
+            state = next_value(self._current_campaign().item_state(name))
+            assert self._runner is not None
+            return None if state is None else self._runner.prepare(state)
+
+        def submit(request: RunRequest | None) -> None:
+            if request is not None:
+                self.run_requested.emit(request)
+
+        self._file_worker.submit(work, submit, self._on_error)
 
     def _on_next_request(self, request: RunRequest | None) -> None:
         if request is not None and self.queue_active:

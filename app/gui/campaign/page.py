@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QSettings, Signal
 from PySide6.QtWidgets import QStackedWidget
 
+from app.gui.campaign.add_item import AddItemPane
 from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
@@ -18,7 +19,7 @@ from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongat
 from app.session import WindowState
 
 if TYPE_CHECKING:
-    from app.campaign import CampaignRunner, ItemSummary, ResultReview
+    from app.campaign import CampaignItem, CampaignRunner, ItemSummary, ResultReview
     from protocols.runner.request import RunRequest
 
 
@@ -56,6 +57,10 @@ class CampaignPage(QStackedWidget):
         self._reviewed: tuple[Path, Path | None] | None = None
         self.start_pane = CampaignStart()
         self.board = CampaignBoard(LivePane(feed, overlay.amplifier, theme), theme)
+        self.add_pane: AddItemPane | None = None
+        """Made when it is needed."""
+        self._added = ""
+        """Name of the item that was added and is to be selected."""
         for part in (self.start_pane, self.board):
             self.addWidget(part)
         self.toast = Toast(self)
@@ -80,7 +85,8 @@ class CampaignPage(QStackedWidget):
 
     def activate(self) -> None:
         """Take the keyboard focus."""
-        self._show_part(self.start_pane if self.currentIndex() == 0 else self.board)
+        part = self.currentWidget()
+        self._show_part(part if isinstance(part, AddItemPane | CampaignStart) else self.board)
 
     def tick(self) -> None:
         """Refresh what changes between events; called at every tick while the page is visible."""
@@ -121,7 +127,7 @@ class CampaignPage(QStackedWidget):
             self.controller.open(Path(path))
 
     def go_back(self) -> None:
-        """Return from the start pane to the open campaign."""
+        """Return from another pane to the open campaign."""
         if self.controller.summary is not None:
             self._show_part(self.board)
 
@@ -228,15 +234,42 @@ class CampaignPage(QStackedWidget):
         """Show the campaign again, and turn to it when another one was opened."""
         self._show_campaign()
         sheet = self.controller.summary
+        if self._added in self.board.item_list.names:
+            self.board.item_list.select_item(self._added)
+            self._added = ""
         if sheet is not None and sheet.path != self._shown_path:
             self._shown_path = sheet.path
             self._show_part(self.board)
 
-    def _show_part(self, part: CampaignBoard | CampaignStart) -> None:
-        """Show one of the two panes and give it the focus if this page is visible."""
+    def _show_part(self, part: CampaignBoard | CampaignStart | AddItemPane) -> None:
+        """Show one of the panes and give it the focus if this page is visible."""
         self.setCurrentWidget(part)
         if self.isVisible():
-            (self.board.item_list if part is self.board else self.start_pane.specimen_edit).setFocus()
+            first = {
+                CampaignBoard: self.board.item_list,
+                CampaignStart: self.start_pane.specimen_edit,
+                AddItemPane: None if self.add_pane is None else self.add_pane.protocol_box,
+            }[type(part)]
+            if first is not None:
+                first.setFocus()
+
+    def _show_add(self) -> None:
+        """Show the fields of a new item of the open campaign."""
+        if self.controller.summary is None or self._busy:
+            return
+        if self.add_pane is None:
+            self.add_pane = AddItemPane()
+            self.addWidget(self.add_pane)
+            self.add_pane.add_requested.connect(self._add_item)
+            self.add_pane.closed.connect(self.go_back)
+        self.add_pane.begin([row.name for row in self.controller.summary.items])
+        self._show_part(self.add_pane)
+
+    def _add_item(self, item: CampaignItem) -> None:
+        self._show_message("")
+        self.go_back()
+        self._added = item.name
+        self.controller.modify(lambda campaign: campaign.add(item), f"{item.name} is added")
 
     def _show_message(self, text: str) -> None:
         for pane in (self.board.header, self.start_pane):
@@ -270,9 +303,8 @@ class CampaignPage(QStackedWidget):
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
         self.start_pane.browse_pressed.connect(self._choose_campaign_file)
-        self.board.header.action_requested.connect(
-            lambda action: self._show_start() if action == "new" else self._choose_campaign_file()
-        )
+        header_actions = {"add": self._show_add, "new": self._show_start, "open": self._choose_campaign_file}
+        self.board.header.action_requested.connect(lambda action: header_actions[action]())
         self.board.action_requested.connect(self.perform_action)
         self.board.item_moved.connect(
             lambda name, before: self.controller.modify(
@@ -285,6 +317,7 @@ class CampaignPage(QStackedWidget):
                 "campaign.queue": self._toggle_queue,
                 "campaign.undo": self.controller.undo,
                 "campaign.redo": lambda: self.controller.undo(forward=True),
+                "campaign.add": self._show_add,
                 "campaign.new": self._show_start,
                 "campaign.open": self._choose_campaign_file,
             },

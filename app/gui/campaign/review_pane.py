@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -47,6 +48,14 @@ class ReviewPane(QWidget):
         self._theme = theme
         self.review: ResultReview | None = None
         self._series: tuple[ResultCurve, ...] = ()
+        """Figures of a series over its parameter; the one that is drawn is the last."""
+        self.figure_box = configure(
+            QComboBox(),
+            "review.figure",
+            accessibleName="figure over the varied parameter",
+            toolTip="What is drawn over the parameter of the series",
+        )
+        self.figure_box.activated.connect(lambda _: self._draw())
         """Results of a series over its parameter, drawn in place of the curves of a run."""
         self.plots = ResultPlots(theme)
         self.plots.response.strip_box.setCurrentIndex(RESIDUAL_INDEX)
@@ -74,7 +83,7 @@ class ReviewPane(QWidget):
         runs_label = QLabel("run")
         runs_label.setBuddy(self.run_box)
         head = row((self.card, 1), runs_label, (self.run_box, 1), spacing=8)
-        indicators = row(*self.indicator_labels, STRETCH, spacing=16)
+        indicators = row(*self.indicator_labels, STRETCH, self.figure_box, spacing=16)
         parts = make_splitter(
             "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]
         )
@@ -90,10 +99,16 @@ class ReviewPane(QWidget):
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the one that is shown."""
-        from app.campaign import series_curves  # imports HDF5, which a background thread has loaded
+        from app.campaign import series_curves, varied_label  # imports HDF5, which a background thread has loaded
 
         state = item.state
-        self._series = series_curves(state)
+        label = varied_label(state.item) if state.steps else ""
+        self._series = tuple(_with_x_in_words(curve, label) for curve in series_curves(state))
+        chosen = self.figure_box.currentText()
+        self.figure_box.clear()
+        self.figure_box.addItems([curve.y for curve in reversed(self._series)])
+        self.figure_box.setCurrentIndex(max(self.figure_box.findText(chosen), 0))
+        self.figure_box.setVisible(len(self._series) > 1)
         counting = "" if state.run is None else state.run.name
         with QSignalBlocker(self.run_box):
             self.run_box.clear()
@@ -121,11 +136,19 @@ class ReviewPane(QWidget):
                 indicator = review.indicators[at]
                 label.setText(f"{SEVERITY_SYMBOLS[indicator.severity]} {indicator.text}")
                 label.setStyleSheet(f"color: {self._theme.severity_color(indicator.severity)}")
+        self._draw()
+        self._fill_table(review)
+
+    def _draw(self) -> None:
+        """Draw the run, or what was found over the parameter of a series."""
+        if self.review is None:
+            return
+        run, chosen = self.review.run, self.figure_box.currentText()
+        series = tuple(sorted(self._series, key=lambda curve: curve.y == chosen))
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
-        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates)
-        self.plots.show_results(kind, run.points, self._series or run.curves, found, run.simulated)
-        self._fill_table(review)
+        found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.estimates)
+        self.plots.show_results(kind, run.points, series or run.curves, found, run.simulated)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the points."""
@@ -145,6 +168,12 @@ class ReviewPane(QWidget):
         columns = zip(*((row.value, row.limits, row.before, row.paper, row.others) for row in review.rows), strict=True)
         for place, texts_of in enumerate(columns, 2):  # nothing to compare with: no empty column
             self.table.setColumnHidden(place, not any(texts_of))
+
+
+def _with_x_in_words(curve: ResultCurve, label: str) -> ResultCurve:
+    """Return a curve whose x column has another name, as the axis is called."""
+    columns = {label if name == curve.x else name: column for name, column in curve.columns.items()}
+    return replace(curve, x=label, columns=columns)
 
 
 def _describe_run(run: RunSummary, item: ItemSummary, counting: str) -> str:

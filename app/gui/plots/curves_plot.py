@@ -31,7 +31,7 @@ from app.gui.plots.curve_layers import (
     layer_series,
     layers_of,
 )
-from app.gui.plots.items import BarsItem, CurveItem, linear_data
+from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import Theme, make_choice, make_label, row
@@ -45,6 +45,9 @@ MAX_DRAWN_POINTS = 4000
 SIGMAS = 2.0
 
 LEGEND_COLUMN_WIDTH = 190
+
+MAX_MARKED_POINTS = 30
+"""A curve of at most this number of points has a mark and an error bar at each."""
 
 
 class CurvesPlot(PlotBase):
@@ -123,9 +126,12 @@ class CurvesPlot(PlotBase):
             line, fill = CurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
             line.setData(*decimate_to_drawn(x, y), connect="finite")
             self.plot.addItem(line)
+            if few := x.size <= MAX_MARKED_POINTS:
+                there = np.isfinite(y)
+                self._add_further(ScatterItem(x=x[there], y=y[there], size=8, pen=None, brush=colour))
             fill.set_color(colour.name())
             if errors is not None:
-                alone = isolated(errors)
+                alone = np.isfinite(errors) if few else isolated(errors)
                 half = np.where(alone, np.nan, SIGMAS * errors)
                 (places, low), (_, high) = (decimate_to_drawn(x, y + side * half) for side in (-1, 1))
                 fill.show_band(places, (low, high))
@@ -139,7 +145,9 @@ class CurvesPlot(PlotBase):
                     )
                     self._add_further(bars)
             if (fitted := curve.columns.get(f"{curve.y}_fit")) is not None:
-                dotted = CurveItem(pen=pg.mkPen(self._theme.model, width=1.5, style=Qt.PenStyle.DotLine))
+                # A fit of one curve among several has its colour: the model's would hide which is which.
+                pen = pg.mkPen(colour if len(shown) > 1 else self._theme.model, width=1.5, style=Qt.PenStyle.DotLine)
+                dotted = CurveItem(pen=pen)
                 factor = display_unit(curve.columns[curve.y].unit)[0]
                 dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
                 self._add_further(dotted)

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QSizePolicy
+from PySide6.QtWidgets import QFrame
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_severity, summarize_result
 from app.gui.widgets import (
@@ -113,9 +113,6 @@ class ResultCard(QFrame):
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=2,
-        )
-        self.setSizePolicy(
-            QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred if scrolls else QSizePolicy.Policy.Maximum
         )
         self.hide()
 

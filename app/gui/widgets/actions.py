@@ -110,6 +110,9 @@ ACTIONS = {
         ),
         ActionInfo("campaign.undo", "Undo", ("Ctrl+Z",), page="Campaign"),
         ActionInfo("campaign.redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Campaign"),
+        ActionInfo(
+            "campaign.add", "Add a measurement, or a series over a parameter", ("Ctrl+Shift+N",), page="Campaign"
+        ),
         ActionInfo("campaign.new", "Create another campaign", ("Ctrl+N",), page="Campaign"),
         ActionInfo("campaign.open", "Open a campaign", ("Ctrl+O",), page="Campaign"),
         # An answer to a prompt may have the same letter as one of these: they are disabled during a run.

@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QWidget
 
-from app.common import UnitError, description_of, read_value, unit_of
+from app.common import UnitError, description_of, field_label, read_value, unit_of
 from app.gui.widgets.layouts import configure, grid, make_label
 from protocols.base import Protocol
 
@@ -59,7 +59,7 @@ def form_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
     """Return the fields of a form in bench units; descriptions refer to other fields by their labels."""
 
     def label(name: re.Match[str]) -> str:
-        return f"'{_field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
+        return f"'{field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
 
     return tuple(
         replace(field, description=re.sub(r"\w+_\w+", label, field.description)) for field in bench_fields(kind)
@@ -142,7 +142,7 @@ def make_field(kind: type[BaseModel], name: str) -> FormField:
     many = get_origin(annotation) is tuple
     return FormField(
         name=name,
-        label=_field_label(kind, name),
+        label=field_label(kind, name),
         unit=unit,
         description=description_of(kind, name),
         limits=_format_limits(_interval_of(kind, name), unit),
@@ -156,11 +156,6 @@ def _choices(annotation: Any) -> tuple[str, ...]:
     if isinstance(annotation, type) and issubclass(annotation, StrEnum):
         return tuple(annotation)
     return tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else ()
-
-
-def _field_label(kind: type[BaseModel], name: str) -> str:
-    unit = unit_of(kind, name) or ""
-    return name.removesuffix(f"_{unit.lower().replace('/', '_per_')}").replace("_", " ")
 
 
 def _interval_of(kind: type[BaseModel], name: str) -> Interval | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtWidgets import QFrame, QWidget
 
 from app.gui.widgets.layouts import configure, make_button, make_label, row
@@ -53,9 +53,20 @@ class Toast(QFrame):
             self._undo()
 
     def _place(self) -> None:
-        page = self._page.visibleRegion().boundingRect()  # a page may be scrolled
+        page = _unclipped_rect(self._page)
         width = min(page.width() - 2 * MARGIN, 60 * self.fontMetrics().averageCharWidth() + 140)
         self.setFixedWidth(max(width, 80))
         height = max(self.heightForWidth(width), self.sizeHint().height())
         self.setGeometry(page.left() + MARGIN, page.bottom() - height - MARGIN, width, height)
         self.raise_()
+
+
+def _unclipped_rect(widget: QWidget) -> QRect:
+    """Return the part of a widget that its ancestors show: a page may be scrolled. Its own children do not count as cover."""
+    shown, at, parent = widget.rect(), QPoint(0, 0), widget.parentWidget()
+    inner = widget
+    while parent is not None and not inner.isWindow():
+        at += inner.pos()
+        shown &= parent.rect().translated(-at)
+        inner, parent = parent, parent.parentWidget()
+    return shown
