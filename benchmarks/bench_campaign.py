@@ -2,7 +2,7 @@
 
     python benchmarks/bench_campaign.py [--bench sim] [--items wiring,steps] [--memory] [--sweeps]
 
-Told per item: bench time, wall time, their ratio, and how the item stands. At the end what the paper's chain identified,
+Per item: bench time, wall time, processor time, and its state. At the end what the paper's chain identified,
 against the truth of the simulated tactor, and the largest memory. `--memory` runs one mass of the mass resonance in 30 s and
 in 300 s, each in a process of its own, and tells by how much the longer one needs more. `--sweeps` compares the bench time of sweeps
 with the time that was asked for.
@@ -31,7 +31,8 @@ from app.session.session import Session
 from protocols.registry import PROTOCOLS
 from protocols.runner.request import RunRequest
 
-GOAL_S = 90.0
+GOAL_S = {"ideal": 30.0}
+"""Wall time on two quiet cores; `sim` may take 1.5 times as long."""
 
 
 def main() -> None:
@@ -50,10 +51,11 @@ def main() -> None:
     elif asked.memory:
         memory()
     else:
-        campaign([name for name in asked.items.split(",") if name], load_bench(asked.bench))
+        goal_s = GOAL_S.get(asked.bench, 1.5 * GOAL_S["ideal"])
+        campaign([name for name in asked.items.split(",") if name], load_bench(asked.bench), goal_s)
 
 
-def campaign(only: list[str], config: BenchConfig) -> None:
+def campaign(only: list[str], config: BenchConfig, goal_s: float) -> None:
     items = drop_unknown_protocols([item for item in PAPER_ITEMS if not only or item.name in only], PROTOCOLS)
     items = tuple(item for item in items)
     missing = [item.protocol for item in PAPER_ITEMS if item.protocol not in PROTOCOLS]
@@ -65,15 +67,16 @@ def campaign(only: list[str], config: BenchConfig) -> None:
         conductor = CampaignRunner(told)
         session = Session(lambda: nullcontext(lab), [conductor], lab.operator)
         session.start()
-        print(f"{'item':12} {'bench time':>11} {'wall time':>10} {'ratio':>6}  how it stands")
+        print(f"{'item':12} {'bench time':>11} {'wall time':>10} {'processor':>10}  state")
         while (line := told.next_item()) is not None:
-            bench_s, wall_s = lab.bench.clock.now(), time.monotonic()
+            bench_s, wall_s, used_s = lab.bench.clock.now(), time.monotonic(), time.process_time()
             conductor.start(session, line)
             session.finished.wait()
             bench_s, wall_s = lab.bench.clock.now() - bench_s, time.monotonic() - wall_s
+            used_s = time.process_time() - used_s
             stands = told.item_state(line.item.name)
             print(
-                f"{line.item.name:12} {bench_s:>9.0f} s {wall_s:>8.1f} s {bench_s / wall_s:>6.0f}  "
+                f"{line.item.name:12} {bench_s:>9.0f} s {wall_s:>8.1f} s {used_s:>8.1f} s  "
                 f"{stands.status}: {stands.reason}",
                 flush=True,
             )
@@ -81,7 +84,8 @@ def campaign(only: list[str], config: BenchConfig) -> None:
                 break
         session.close()
         print(
-            f"together {lab.bench.clock.now():.0f} s of bench time in {time.monotonic() - began:.1f} s (goal {GOAL_S:g} s)"
+            f"together {lab.bench.clock.now():.0f} s of bench time in {time.monotonic() - began:.1f} s (goal {goal_s:g} s), "
+            f"processor time {time.process_time():.1f} s"
         )
         found = identify_campaign_runs(told)
         if isinstance(found, str):

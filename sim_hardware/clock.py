@@ -1,6 +1,11 @@
 """Virtual clock for tests and `--speed max`: time advances only in `sleep`."""
 
+import ctypes
 import threading
+from contextlib import suppress
+
+KEPT_ARRAY_BYTES, KEPT_BYTES = 16 << 20, 64 << 20
+"""Arrays up to the first are taken from the memory of the process, of which up to the second is kept when they are freed."""
 
 
 class VirtualClock:
@@ -17,3 +22,12 @@ class VirtualClock:
     def sleep(self, seconds: float) -> None:
         with self._lock:
             self._now += max(0.0, seconds)
+
+
+def keep_freed_memory() -> None:
+    """Let glibc keep the memory of freed arrays: to get each page anew from the system takes longer than the work on it."""
+    mmap_threshold, trim_threshold = -3, -1  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of malloc.h
+    with suppress(AttributeError, OSError, TypeError):  # another C library, or Windows
+        library = ctypes.CDLL(None)
+        library.mallopt(mmap_threshold, KEPT_ARRAY_BYTES)
+        library.mallopt(trim_threshold, KEPT_BYTES)

@@ -106,8 +106,9 @@ def connect(
             yield connection
         elif speed is None:
             from sim_hardware.bench import SimulatedBench
-            from sim_hardware.clock import VirtualClock
+            from sim_hardware.clock import VirtualClock, keep_freed_memory
 
+            keep_freed_memory()
             virtual = SimulatedBench(config.simulation_parameters, VirtualClock())
             if config.source.kind == "card-output":  # input and output are one card, served in its own time
                 from sim_hardware.service.served_bench import ServedBench

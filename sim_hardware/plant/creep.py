@@ -34,18 +34,19 @@ class CreepModel:
             s = (-1 / TIME_CONSTANTS_S).astype(complex)
             T, W = first_order_hold(s, -s, np.full(s.size, self._share, complex), step_s)
             T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += self._instant
-            self._of_drive = np.hstack((T, W.real))
-            self._of_lags = self._share * np.exp(np.multiply.outer(s.real * step_s, np.arange(BLOCK) + 1))
+            of_lags = self._share * np.exp(np.multiply.outer(s.real * step_s, np.arange(BLOCK) + 1))
+            self._of_drive, self._pulls = np.vstack((T, of_lags)), W.real
             self._advance = np.exp(s.real * self._block_s)
 
     def process(self, drive: Array, previous: float) -> Array:
         """Return a drive (n BLOCK,) with its creep; `previous` is the drive just before."""
         if not self._share or not (previous or drive.any() or self._lags.any()):
             return drive
-        both = with_previous(drive, previous) @ self._of_drive
-        lags = linear_recursion(self._advance, self._lags, both[:, BLOCK:])
+        inputs = with_previous(drive, previous, self._lags.size)
+        lags = linear_recursion(self._advance, self._lags, inputs[:, : BLOCK + 1] @ self._pulls)
         self._lags = lags[-1].copy()
-        return np.asarray(both[:, :BLOCK] + lags[:-1] @ self._of_lags).ravel()
+        inputs[:, BLOCK + 1 :] = lags[:-1]
+        return (inputs @ self._of_drive).ravel()
 
     def crept(self, drive: float) -> float:
         """Return a drive with what has crept on until now."""

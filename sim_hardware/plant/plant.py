@@ -319,7 +319,7 @@ class Plant:
             return None
         ringing = self._state - stepper.steady_state(self._previous_bending_v, self._previous_force_n)
         tolerance_m = CREEP_TOLERANCE_M if self._parameters.beyond.creep_per_decade else RINGING_TOLERANCE_M
-        if np.abs(ringing).max(initial=0.0) * np.abs(stepper.O).max() > tolerance_m:
+        if np.abs(ringing).max(initial=0.0) * stepper.ringing > tolerance_m:
             return None
         constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
         if constant is None:
@@ -343,7 +343,7 @@ class Plant:
         newtons = side * self._force_creep.hold(pressing_n, blocks)
         self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
         self._state = stepper.steady_state(self._previous_bending_v, self._previous_force_n)
-        edges = stepper.steady_displacement(1.0, 0.0) * volts + stepper.steady_displacement(0.0, 1.0) * newtons
+        edges = stepper.yield_V * volts + stepper.yield_F * newtons
         rise = (np.arange(BLOCK) + 1) / BLOCK
         return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
 

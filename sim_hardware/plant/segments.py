@@ -5,7 +5,7 @@ amplitude changes, and a finite burst returns to its idle level by itself.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -55,6 +55,11 @@ class ArbitraryWaveform:
 
     points: Array
     interpolated: bool = False
+    _rises: Array = field(init=False, repr=False)
+    """From each point to the next."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_rises", np.roll(self.points, -1) - self.points)
 
     @property
     def low(self) -> float:
@@ -67,16 +72,19 @@ class ArbitraryWaveform:
     def values_at(self, periods: Array, period_s: float) -> Array:
         """Values after that many periods, same shape."""
         size = self.points.size
-        place = (periods - np.floor(periods)) * size  # a slow sweep spends most of its simulated time here
-        first = place.astype(np.int64)
+        place = np.floor(periods)  # in place, because a slow sweep spends most of its simulated time here
+        np.subtract(periods, place, out=place)
+        place *= size
+        first = place.astype(np.intp)
         np.minimum(first, size - 1, out=first)
-        share = place - first
-        if self.interpolated:
-            before, after = self.points.take(first), self.points.take(first + 1, mode="wrap")
-        else:
-            share = np.minimum(share / min(1.0, _EDGE_S * size / period_s), 1.0)
-            before, after = self.points.take(first - 1, mode="wrap"), self.points.take(first)
-        return np.asarray(before + (after - before) * share)
+        place -= first
+        if not self.interpolated:
+            place /= min(1.0, _EDGE_S * size / period_s)
+            np.minimum(place, 1.0, out=place)
+            first -= 1
+        place *= self._rises.take(first, mode="wrap")
+        place += self.points.take(first, mode="wrap")
+        return place
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +126,15 @@ class PeriodicSegment:
         since = np.asarray(t, float) - self.origin_s
         if math.isfinite(self.period_s):
             since = np.mod(since, self.period_s)
-        turns = self.frequency_hz * since + self.phase_rad / (2 * np.pi)
-        shape = self.waveform.values_at(turns, 1 / self.frequency_hz) if self.waveform else np.sin(2 * np.pi * turns)
-        wave = shape * self.amplitude_v + self.offset_v
+        turns = self.frequency_hz * since
+        turns += self.phase_rad / (2 * np.pi)
+        if self.waveform:
+            wave = self.waveform.values_at(turns, 1 / self.frequency_hz)
+        else:
+            turns *= 2 * np.pi
+            wave = np.sin(turns, out=turns)
+        wave *= self.amplitude_v
+        wave += self.offset_v
         if math.isfinite(self.cycles):
             wave[since >= self.cycles / self.frequency_hz] = self.idle_v
         return wave

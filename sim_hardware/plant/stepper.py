@@ -22,9 +22,13 @@ BLOCK = 128
 class Stepper:
     """Matrices of one block for one situation: displacement and next state from the drives at steps -1..BLOCK-1."""
 
-    R_V: Array  # (BLOCK + 1, BLOCK + 2 m), volts to displacement and to the state after the block, real and imaginary
-    R_F: Array  # (BLOCK + 1, BLOCK + 2 m), of newtons
-    O: Array  # (2 m, BLOCK), real and imaginary part of the state to displacement  # noqa: E741
+    R_V: Array  # (BLOCK + 1 + 2 m, BLOCK), volts and the state before the block, real and imaginary, to displacement
+    R_F: Array  # (BLOCK + 1, BLOCK), newtons to displacement
+    W_V: Array  # (BLOCK + 1, 2 m), volts to the state after the block, real and imaginary
+    W_F: Array  # (BLOCK + 1, 2 m), of newtons
+    yield_V: float  # steady displacement per volt
+    yield_F: float  # and per newton
+    ringing: float  # largest displacement for a state of 1
     advance: Complex  # (m,), state over one block
     poles: Complex  # (k,), those that are stepped lead, those beyond the grid follow
     b_V: Complex  # (k,), z' = s z + b_V V + b_F F
@@ -63,8 +67,16 @@ class Stepper:
         advance = np.exp(held * step_s * BLOCK)
         slowest = float(np.min(-s.real))
         # Real matrices, side by side: a product of real and complex ones costs several times as much.
-        R_V, R_F = np.hstack((T_V, W_V.real, W_V.imag)), np.hstack((T_F, W_F.real, W_F.imag))
-        return cls(R_V, R_F, np.vstack((powers.real, -powers.imag)), advance, s, b_V, b_F, X, inverse, slowest)
+        O = np.vstack((powers.real, -powers.imag))  # noqa: E741
+        pull_V, pull_F = (np.hstack((W.real, W.imag)) for W in (W_V, W_F))
+        rests = [-(b / s)[:slow] for b in (b_V, b_F)]
+        yield_V, yield_F = (
+            float(T[:, -1].sum() + np.append(rest.real, rest.imag) @ O[:, -1])
+            for T, rest in zip((T_V, T_F), rests, strict=True)
+        )
+        largest = float(np.abs(O).max())
+        R_V = np.vstack((T_V, O))
+        return cls(R_V, T_F, pull_V, pull_F, yield_V, yield_F, largest, advance, s, b_V, b_F, X, inverse, slowest)
 
     def steady_state(self, volts: float, newtons: float) -> Complex:
         """Return the steady state under constant `volts` and `newtons`."""
@@ -73,10 +85,7 @@ class Stepper:
 
     def steady_displacement(self, volts: float, newtons: float) -> float:
         """Return the steady displacement."""
-        w, _ = self.run(
-            np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.steady_state(volts, newtons)
-        )
-        return float(w[-1])
+        return self.yield_V * volts + self.yield_F * newtons
 
     def converted_state(self, previous: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
         """Return the state of this stepper with the coordinates and velocities of another one's state."""
@@ -90,13 +99,16 @@ class Stepper:
     ) -> tuple[Array, Complex]:
         """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
         m = self.advance.size
-        both = np.zeros((volts.size // BLOCK, BLOCK + 2 * m))
-        for drive, before, R in ((volts, previous_v, self.R_V), (newtons, previous_n, self.R_F)):
-            if before or drive.any():  # half of a bench's time nothing drives it
-                both += with_previous(drive, before) @ R
-        states = linear_recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
-        w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
-        w += both[:, :BLOCK]
+        inputs = with_previous(volts, previous_v, 2 * m)
+        pulls = inputs[:, : BLOCK + 1] @ self.W_V
+        pressing = with_previous(newtons, previous_n) if previous_n or newtons.any() else None
+        if pressing is not None:
+            pulls += pressing @ self.W_F
+        states = linear_recursion(self.advance, state, pulls[:, :m] + 1j * pulls[:, m:])
+        inputs[:, BLOCK + 1 : BLOCK + 1 + m], inputs[:, BLOCK + 1 + m :] = states[:-1].real, states[:-1].imag
+        w = inputs @ self.R_V
+        if pressing is not None:
+            w += pressing @ self.R_F
         return w.ravel(), states[-1]
 
 
@@ -110,10 +122,12 @@ def linear_recursion(advance: N, state: N, inputs: Any) -> N:
     return states
 
 
-def with_previous(drive: Array, previous: float) -> Array:
-    """Blocks (n, BLOCK + 1), each led by the value before it."""
-    blocks = drive.reshape(-1, BLOCK)
-    return np.concatenate((np.concatenate(([previous], blocks[:-1, -1]))[:, None], blocks), axis=1)
+def with_previous(drive: Array, previous: float, room: int = 0) -> Array:
+    """Blocks (n, BLOCK + 1 + room), each led by the value before it, with room behind it."""
+    out = np.empty((drive.size // BLOCK, BLOCK + 1 + room))
+    out[:, 1 : BLOCK + 1] = drive.reshape(-1, BLOCK)
+    out[0, 0], out[1:, 0] = previous, out[:-1, BLOCK]
+    return out
 
 
 def first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:

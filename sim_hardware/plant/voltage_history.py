@@ -120,14 +120,16 @@ class VoltageHistory:
     def read(self, t: ArrayLike) -> tuple[Array, Mask]:
         """Volts at the input, and whether high voltage was on, at past times `t`, ascending, both shape (n,)."""
         times = np.asarray(t, float)
-        volts, hv = np.zeros(times.shape), np.zeros(times.shape, bool)
         if not times.size:
-            return volts, hv
+            return np.zeros(times.shape), np.zeros(times.shape, bool)
         with self._lock:
             self.mark_read(float(times[-1]))
             first = bisect_right(self._starts, float(times[0])) - 1
             last = bisect_right(self._starts, float(times[-1])) - 1
             pieces, starts = self._entries[first : last + 1], self._starts[first : last + 1]
+        if len(pieces) == 1:
+            return pieces[0].segment.volts(times), np.full(times.shape, pieces[0].hv)
+        volts, hv = np.zeros(times.shape), np.zeros(times.shape, bool)
         edges = [0, *np.searchsorted(times, starts[1:], side="left"), times.size]
         for piece, (begin, end) in zip(pieces, pairwise(edges), strict=True):
             if end > begin:
