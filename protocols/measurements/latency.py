@@ -173,7 +173,7 @@ class OnsetLatency(Protocol):
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         return tuple(
-            PlanEntry(f"{name}, repeat {repeat}", (drive,), drive.duration_s + 0.3, (kind, value, float(repeat)))
+            PlanEntry(f"{name}, repeat {repeat}", (drive,), 2 * (drive.duration_s + 0.3), (kind, value, float(repeat)))
             for kind, value, name, drive in self._onsets(rest_v)
             for repeat in range(1, self.repeats + 1)
         )
@@ -187,6 +187,8 @@ class OnsetLatency(Protocol):
             yield SINE, f, f"sine of {f:g} Hz", Sine(f, self.peak_to_peak_v / 2, rest_v, cycles)
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
+        # Driven twice: a specimen with hysteresis answers differently to the first onset after another drive.
+        yield Record(entry.drives[0].duration_s, entry.drives[0])
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LatencyPoint:

@@ -48,11 +48,14 @@ def true_step(
 
 
 def true_sine(parameters: SimulationParameters, frequency_hz: float, amplitude_v: float = 2.5) -> TrueLatency:
-    """Return what a sine that begins at rest does."""
+    """Return what a sine that begins at rest does, after an equal one that conditions the hysteresis."""
     history, plant = _plant(parameters)
-    rest_v, begin_s, span_s = parameters.amplifier.map.rest_v, 0.5, 0.2
-    sine = PeriodicSegment(begin_s, frequency_hz, amplitude_v, rest_v, 0.0, rest_v, round(span_s * frequency_hz))
-    history.append(begin_s, sine)
+    rest_v, first_s, span_s = parameters.amplifier.map.rest_v, 0.5, 0.2
+    begin_s = first_s + SPACING_S
+    for at_s in (first_s, begin_s):
+        cycles = round(span_s * frequency_hz)
+        history.append(at_s, PeriodicSegment(at_s, frequency_hz, amplitude_v, rest_v, 0.0, rest_v, cycles))
+        history.append(at_s + span_s, ConstantSegment(rest_v))
     time, moved = _motion(plant, begin_s, span_s)
     period = round(GRID_HZ / frequency_hz)
     steady = moved[-3 * period : -2 * period]
