@@ -4,6 +4,7 @@ import math
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -275,6 +276,10 @@ class Run(Closeable):
     @property
     def trace(self) -> RunTrace:
         """The sampled data."""
+        return self._trace
+
+    @cached_property
+    def _trace(self) -> RunTrace:
         return RunTrace(self.path, self._entry, lambda: self.sensor, self._rest_record)
 
     def recordings(self) -> Iterator[Recording]:

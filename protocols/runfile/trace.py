@@ -79,6 +79,7 @@ class RunTrace:
     ) -> None:
         self.path = path
         self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
+        self._calibrations: dict[str, ChannelCalibration] = {}
 
     @property
     def interference(self) -> tuple[InterferenceLine, ...]:
@@ -161,12 +162,20 @@ class RunTrace:
 
     def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
         """Return volts at the amplifier's input, rows start..stop, (N,)."""
-        return ChannelCalibration(self.channel_scale("drive")).to_si(self.read_raw("drive", start, stop))
+        return self._calibration("drive").to_si(self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
         """Return the displacement, m, (N,); a Recording's quality states where it is not valid."""
-        channel = ChannelCalibration(self.channel_scale("displacement"), self._sensor())
-        return channel.to_si(self.read_raw("displacement", start, stop))
+        return self._calibration("displacement").to_si(self.read_raw("displacement", start, stop))
+
+    def _calibration(self, channel: str) -> ChannelCalibration:
+        """Return the conversion of a channel, read once: it takes as long as ten thousand samples."""
+        if (known := self._calibrations.get(channel)) is None:
+            sensor = self._sensor() if channel == "displacement" else None
+            known = ChannelCalibration(self.channel_scale(channel), sensor)
+            if known.scale.coefficients:  # a file that is being written may not have them yet
+                self._calibrations[channel] = known
+        return known
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings of this file, in order, exactly as in the live run."""
