@@ -1,24 +1,32 @@
 """The command `label`: labels of specimens to print, with a QR code for a barcode scanner."""
 
+from argparse import ArgumentTypeError
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.cli.options import CommandSyntax, folder_option, option
-from app.common import ExitCode, UsageError, path_argument, print_line, print_message, usage_errors
+from app.cli.options import CommandSyntax, folder_option, option, switch
+from app.common import ExitCode, UsageError, path_argument, print_line, print_message, specimen_argument, usage_errors
 from app.identification import SheetError
 from app.identification.specimen_label import make_label
 from protocols.runfile.names import safe_name
 
 SUFFIXES = (".pdf", ".png", ".svg")
 SMALLEST_MM, LARGEST_MM = 10.0, 300.0
+MAX_LIST_BYTES, MOST_PLACES = 1_000_000, 1000
 
 
 @dataclass(frozen=True)
 class LabelCommand:
     """Draw the labels of specimens."""
 
-    specimens: Sequence[str] = option(nargs="+", metavar="SPECIMEN", help="names of specimens")
+    specimens: Sequence[str] = option(nargs="*", metavar="SPECIMEN", help="names of specimens")
+    names: Path | None = option(
+        "--list",
+        type=path_argument,
+        metavar="FILE",
+        help="further names: one per line, or the first column of a CSV file",
+    )
     folder: Path = folder_option()
     out: Path | None = option(
         "--out",
@@ -28,23 +36,39 @@ class LabelCommand:
     )
     size: str = option("--size", default="50x25", metavar="WxH", help="width and height in mm (default: 50x25)")
 
+    sheet: bool = switch("--sheet", "many labels on each A4 page, as many as fit, in its middle")
+    gap: str = option("--gap", default="0x0", metavar="WxH", help="between the labels of a sheet, mm (default: 0x0)")
+    used: int = option(
+        "--used", type=int, default=0, metavar="N", help="first places of the sheet that have no label any more"
+    )
+
     @usage_errors(SheetError)
     def execute(self) -> int:
-        from app.plotting.label_figure import draw_labels
+        from app.plotting.label_figure import draw_label_sheets, draw_labels
 
-        path = self.out or Path(
-            f"{safe_name(self.specimens[0])}_label.pdf" if len(self.specimens) == 1 else "labels.pdf"
-        )
+        specimens = [*self.specimens, *_read_names(self.names)]
+        if not specimens:
+            raise UsageError("name the specimens: 'tactor-bench label T7 T8', or --list FILE")
+        path = self.out or Path(f"{safe_name(specimens[0])}_label.pdf" if len(specimens) == 1 else "labels.pdf")
         if path.suffix.casefold() not in SUFFIXES:
             raise UsageError(f"--out {path}: write a name that ends in .pdf, .png or .svg")
-        if len(self.specimens) > 1 and path.suffix.casefold() != ".pdf":
-            raise UsageError(f"--out {path}: several labels go into a .pdf, a page each")
-        size = _read_size(self.size)
+        if (self.sheet or len(specimens) > 1) and path.suffix.casefold() != ".pdf":
+            raise UsageError(f"--out {path}: several labels and sheets go into a .pdf")
+        size = _read_size("--size", self.size, SMALLEST_MM, LARGEST_MM)
+        gap = _read_size("--gap", self.gap, 0.0, LARGEST_MM)
+        if not 0 <= self.used < MOST_PLACES:
+            raise UsageError(f"--used {self.used}: from 0 to {MOST_PLACES - 1}")
         try:
-            labels = [make_label(self.folder, specimen) for specimen in self.specimens]
-            draw_labels(labels, size, path)
+            labels = [make_label(self.folder, specimen) for specimen in specimens]
+            if self.sheet:
+                places = draw_label_sheets(labels, size, gap, self.used, path)
+                print_message(f"{places} labels on a sheet; print at 100 %, without fitting to the page")
+            else:
+                draw_labels(labels, size, path)
         except OSError as error:
             raise UsageError(f"{error.filename or path} cannot be read or written: {error.strerror or error}") from None
+        except ValueError as error:
+            raise UsageError(f"--size {self.size}: {error}") from None
         for label in labels:
             if not label.sheet_hash:
                 print_message(
@@ -54,13 +78,32 @@ class LabelCommand:
         return ExitCode.DONE
 
 
-def _read_size(text: str) -> tuple[float, float]:
+def _read_names(path: Path | None) -> list[str]:
+    """Return the names of a list: of each line what precedes the first comma or semicolon; blank and `#` lines are skipped."""
+    if path is None:
+        return []
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            lines = file.read(MAX_LIST_BYTES).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--list {path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    cells = [line.replace(";", ",").split(",")[0].strip().strip('"') for line in lines if not line.startswith("#")]
+    names = [cell for cell in cells if cell]
+    if names and names[0].casefold() == "specimen":  # the head of a table that was exported
+        names = names[1:]
+    if not names:
+        raise UsageError(f"--list {path} has no name; write one specimen per line")
+    with usage_errors(ArgumentTypeError):
+        return [specimen_argument(name) for name in names]
+
+
+def _read_size(option_name: str, text: str, low: float, high: float) -> tuple[float, float]:
     try:
         width, height = (float(part) for part in text.casefold().replace("mm", "").split("x"))
     except ValueError:
-        raise UsageError(f"--size {text}: write width and height in mm, such as 50x25") from None
-    if not all(SMALLEST_MM <= each <= LARGEST_MM for each in (width, height)):
-        raise UsageError(f"--size {text}: from {SMALLEST_MM:g} to {LARGEST_MM:g} mm")
+        raise UsageError(f"{option_name} {text}: write width and height in mm, such as 50x25") from None
+    if not all(low <= each <= high for each in (width, height)):
+        raise UsageError(f"{option_name} {text}: from {low:g} to {high:g} mm")
     return width, height
 
 
@@ -69,6 +112,6 @@ COMMANDS: Mapping[str, CommandSyntax] = {
         LabelCommand,
         "Labels to print: name, batch and serial number of the specimen, the first digits of the SHA-256 of its sheet, and a QR code of name and hash. A scanner types "
         "it into the field Specimen of the window, which says whether the sheet has changed since.",
-        "example: tactor-bench label T7 T8 T9 --out labels.pdf --size 50x25",
+        "example: tactor-bench label --list specimens.txt --sheet --size 63.5x38.1 --gap 2.5x0 --out labels.pdf",
     ),
 }
