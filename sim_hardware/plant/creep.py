@@ -52,14 +52,14 @@ class CreepModel:
         """Return a drive with what has crept on until now."""
         return self._instant * drive + self._share * float(self._lags.sum()) if self._share else drive
 
-    def hold(self, drive: float, blocks: int) -> Array:
-        """Return a constant drive with what has crept on at the edges of the next blocks, (blocks + 1,)."""
+    def hold(self, drive: float, blocks: int) -> tuple[Array, Array]:
+        """Return a constant drive with its creep at the edges of the next blocks, and how fast it creeps, (blocks + 1,) each."""
         if not self._share:
-            return np.full(blocks + 1, drive)
+            return np.full(blocks + 1, drive), np.zeros(blocks + 1)
         edges_s = self._block_s * np.arange(blocks + 1)[:, None]
-        lags = drive + (self._lags - drive) * np.exp(-edges_s / TIME_CONSTANTS_S)
-        self._lags = lags[-1].copy()
-        return np.asarray(self._instant * drive + self._share * lags.sum(axis=1))
+        behind = (drive - self._lags) * np.exp(-edges_s / TIME_CONSTANTS_S)
+        crept = self._instant * drive + self._share * (drive - behind).sum(axis=1)
+        return crept, self._share * (behind @ (1 / TIME_CONSTANTS_S))
 
     def advance(self, drive: float, gap_s: float) -> None:
         """Advance by `gap_s` of constant drive."""

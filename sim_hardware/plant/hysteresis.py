@@ -60,26 +60,26 @@ class HysteresisModel:
     def _branches(self, volts: Array) -> tuple[list[int], list[float], list[float]]:
         """Advance over `volts`; return where each branch begins, the turning point that began it, and the plays there."""
         starts, turned_v, plays = [], [], []
-        turned, turned_plays = self._turned[-1]
-        begin = 0
-        for end in [*_turns(volts, self._last_v), volts.size]:  # one way only from turn to turn
-            last = float(volts[end - 1])
-            way = self._way if last == self._last_v else 1.0 if last > self._last_v else -1.0
-            if way != self._way:
-                self._turned = [*self._turned, (self._last_v, self._plays_at(self._last_v))]
-                turned, turned_plays = self._turned[-1]
-                self._way = way
-            while len(self._turned) > 2 and way * last > way * (closing_v := self._turned[-2][0]):
+        ends = [*_turns(volts, self._last_v), volts.size]  # one way only from turn to turn
+        turned, way, last_v, begin = list(self._turned), self._way, self._last_v, 0
+        top_v, top_plays = turned[-1]
+        for end, next_v in zip(ends, volts[np.array(ends) - 1].tolist(), strict=True):
+            if next_v != last_v and (next_v > last_v) != (way > 0):
+                top_v, top_plays = last_v, top_plays + way * _sum_of_plays(abs(last_v - top_v))
+                turned.append((top_v, top_plays))
+                way = -way
+            while len(turned) > 2 and (next_v > turned[-2][0] if way > 0 else next_v < turned[-2][0]):
                 starts.append(begin)
-                turned_v.append(turned)
-                plays.append(turned_plays)
-                begin += _count_until(volts[begin:end], closing_v, way)
-                self._turned = self._turned[:-2]  # the loop is closed and forgotten
-                turned, turned_plays = self._turned[-1]
+                turned_v.append(top_v)
+                plays.append(top_plays)
+                begin += _count_until(volts[begin:end], turned[-2][0], way)
+                del turned[-2:]  # the loop is closed and forgotten
+                top_v, top_plays = turned[-1]
             starts.append(begin)
-            turned_v.append(turned)
-            plays.append(turned_plays)
-            self._last_v, begin = last, end
+            turned_v.append(top_v)
+            plays.append(top_plays)
+            last_v, begin = next_v, end
+        self._turned, self._way, self._last_v = turned, way, last_v
         return starts, turned_v, plays
 
     def _answer(self, volts: float) -> float:

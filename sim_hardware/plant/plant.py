@@ -317,10 +317,6 @@ class Plant:
         first_s = self._next_step / self._rate
         if first_s <= change.end_s + TOUCHDOWN_S or self._faults.was_ever_active("amplifier-limited"):
             return None
-        ringing = self._state - stepper.steady_state(self._previous_bending_v, self._previous_force_n)
-        tolerance_m = CREEP_TOLERANCE_M if self._parameters.beyond.creep_per_decade else RINGING_TOLERANCE_M
-        if np.abs(ringing).max(initial=0.0) * stepper.ringing > tolerance_m:
-            return None
         constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
         if constant is None:
             return None
@@ -329,21 +325,31 @@ class Plant:
         if specimen_v != self._previous_specimen_v:
             return None
         bent_v = float(self._hysteresis.process(np.array([specimen_v]))[0])
-        side, blocks = change.state.side, (stop - self._next_step) // BLOCK
-        jump_v = side * self._voltage_creep.crept(bent_v) - self._previous_bending_v
-        pressing_n = side * change.final_force_n  # seen from the specimen, which keeps what has crept when it is turned
-        jump_n = side * self._force_creep.crept(pressing_n) - self._previous_force_n
-        if abs(stepper.steady_displacement(jump_v, jump_n)) > tolerance_m:
+        pressing_n = change.state.side * change.final_force_n  # keeps what has crept when it is turned
+        blocks = (stop - self._next_step) // BLOCK
+        drives = [
+            [change.state.side * each for each in creep.hold(drive, blocks)]
+            for creep, drive in ((self._voltage_creep, bent_v), (self._force_creep, pressing_n))
+        ]
+        (volts, volts_per_s), (newtons, newtons_per_s) = drives
+        starts = [float(each[0]) for each in (volts, newtons, volts_per_s, newtons_per_s)]
+        ends = [float(each[-1]) for each in (volts, newtons, volts_per_s, newtons_per_s)]
+        jump_m = stepper.yield_V * (starts[0] - self._previous_bending_v)
+        jump_m += stepper.yield_F * (starts[1] - self._previous_force_n)
+        ringing = np.abs(self._state - stepper.steady_state(*starts)).max(initial=0.0) * stepper.ringing
+        tolerance_m = CREEP_TOLERANCE_M if self._parameters.beyond.creep_per_decade else RINGING_TOLERANCE_M
+        if max(ringing, abs(jump_m)) > tolerance_m:
             return None
         if not self._parameters.beyond.creep_per_decade:
-            w_m = stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
-            return np.full(stop - self._next_step, w_m)
+            return np.full(stop - self._next_step, stepper.yield_V * starts[0] + stepper.yield_F * starts[1])
+        gap_s = blocks * BLOCK / self._rate
+        self._voltage_creep.advance(bent_v, gap_s)
+        self._force_creep.advance(pressing_n, gap_s)
         self._previous_bent_v, self._previous_pressing_n = bent_v, pressing_n
-        volts = side * self._voltage_creep.hold(bent_v, blocks)
-        newtons = side * self._force_creep.hold(pressing_n, blocks)
-        self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
-        self._state = stepper.steady_state(self._previous_bending_v, self._previous_force_n)
+        self._previous_bending_v, self._previous_force_n = ends[:2]
+        self._state = stepper.steady_state(*ends)
         edges = stepper.yield_V * volts + stepper.yield_F * newtons
+        edges += stepper.delay_V * volts_per_s + stepper.delay_F * newtons_per_s
         rise = (np.arange(BLOCK) + 1) / BLOCK
         return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * rise).ravel()
 

@@ -28,6 +28,8 @@ class Stepper:
     W_F: Array  # (BLOCK + 1, 2 m), of newtons
     yield_V: float  # steady displacement per volt
     yield_F: float  # and per newton
+    delay_V: float  # displacement per volt and second of a slow rise, beside the steady one
+    delay_F: float  # and per newton and second
     ringing: float  # largest displacement for a state of 1
     advance: Complex  # (m,), state over one block
     poles: Complex  # (k,), those that are stepped lead, those beyond the grid follow
@@ -74,14 +76,20 @@ class Stepper:
             float(T[:, -1].sum() + np.append(rest.real, rest.imag) @ O[:, -1])
             for T, rest in zip((T_V, T_F), rests, strict=True)
         )
+        delay_V, delay_F = (-float((c[:slow] * b[:slow] / (held * held)).real.sum()) for b in (b_V, b_F))
         largest = float(np.abs(O).max())
-        R_V = np.vstack((T_V, O))
-        return cls(R_V, T_F, pull_V, pull_F, yield_V, yield_F, largest, advance, s, b_V, b_F, X, inverse, slowest)
+        R_V, pulls = np.vstack((T_V, O)), (pull_V, pull_F)
+        yields = yield_V, yield_F, delay_V, delay_F
+        return cls(R_V, T_F, *pulls, *yields, largest, advance, s, b_V, b_F, X, inverse, slowest)
 
-    def steady_state(self, volts: float, newtons: float) -> Complex:
-        """Return the steady state under constant `volts` and `newtons`."""
+    def steady_state(
+        self, volts: float, newtons: float, volts_per_s: float = 0.0, newtons_per_s: float = 0.0
+    ) -> Complex:
+        """Return the state under `volts` and `newtons` that are constant or rise slowly."""
         slow = self.advance.size
-        return (-(self.b_V * volts + self.b_F * newtons) / self.poles)[:slow]
+        s = self.poles[:slow]
+        steady = -(self.b_V[:slow] * volts + self.b_F[:slow] * newtons) / s
+        return steady - (self.b_V[:slow] * volts_per_s + self.b_F[:slow] * newtons_per_s) / (s * s)
 
     def steady_displacement(self, volts: float, newtons: float) -> float:
         """Return the steady displacement."""

@@ -16,8 +16,9 @@ def test_a_step_creeps_alike_in_every_decade_from_a_millisecond_on() -> None:
     t = STEP_S * (np.arange(crept.size) + 1)
     late = t > 1e-3
     assert crept[late] == pytest.approx(1 + SHARE * np.log10(t[late] / REFERENCE_S), abs=1e-4)
-    on = creep.hold(1.0, 100)
+    on, per_s = creep.hold(1.0, 100)
     assert on[0] == pytest.approx(crept[-1], abs=1e-6)
+    assert per_s[0] == pytest.approx(SHARE / np.log(10) / t[-1], rel=0.02)
     creep.advance(1.0, 1e3)
     assert creep.crept(1.0) == pytest.approx(1 + SHARE * np.log10(1e3 / REFERENCE_S), abs=1e-4)
 

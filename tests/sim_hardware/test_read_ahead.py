@@ -8,7 +8,7 @@ import pytest
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq import read_ahead
-from sim_hardware.plant import PeriodicSegment, SimulationParameters
+from sim_hardware.plant import PeriodicSegment, SimulationParameters, plant
 from sim_hardware.plant.nonidealities import Nonidealities
 
 RATE_HZ, BLOCK_SCANS = 5000.0, 250
@@ -78,3 +78,24 @@ def test_what_was_delivered_cannot_be_changed_and_what_was_computed_ahead_can() 
     bench.history.switch_high_voltage(now, hv=True)
     sine(bench, 100.0)
     assert np.ptp(stream.read().raw[1].astype(int)) > 5000
+
+
+def test_a_held_level_creeps_as_if_it_were_simulated_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    def creeping() -> np.ndarray:
+        bench = SimulatedBench(PARAMETERS["realistic"], VirtualClock())
+        bench.perform_action("place-weight", {"mass_kg": 0.2})
+        bench.clock.sleep(5.0)
+        bench.perform_action("remove-weight", {})
+        bench.clock.sleep(5.0)
+        bench.enable_hv()
+        with bench.history.at_instant(bench.clock) as t:
+            bench.history.append(t, PeriodicSegment(t, 50.0, 2.5, 2.5, 0.0, 4.0, 20.25))
+        bench.clock.sleep(4.0)
+        return np.concatenate([bench.plant.displacement(np.arange(k, k + 1, 2e-4)) for k in range(13)])
+
+    held = creeping()
+    monkeypatch.setattr(plant, "CREEP_TOLERANCE_M", -1.0)
+    simulated = creeping()
+    assert np.abs(held - simulated).max() < 2e-9
+    assert not np.array_equal(held, simulated)
+    assert np.ptp(simulated) > 5e-4
