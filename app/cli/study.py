@@ -2,12 +2,16 @@
 
 import importlib.util
 import logging
+import os
+import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from math import prod
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +115,19 @@ CONNECT_TIMEOUT_S = 10
 
 @contextmanager
 def study_executor(address: str | None) -> Iterator[Executor | None]:
-    """Yield an executor on the cluster at `address`, on one started here for `local`, or None for no address.
+    """Yield an executor on the Dask cluster at `address`, on all cores of this computer for `local`, or None for no address.
 
     Raises:
         UsageError: Dask is not installed, or no scheduler answers at the address.
+        BrokenExecutor, CancelledError: within the block, where processes or the cluster ended meanwhile.
     """
     if address is None:
         yield None
+        return
+    if address == "local":
+        ignore_interrupts = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)  # this process ends the others
+        with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), ignore_interrupts) as pool:
+            yield pool
         return
     if importlib.util.find_spec("distributed") is None:
         raise UsageError(
@@ -127,19 +137,14 @@ def study_executor(address: str | None) -> Iterator[Executor | None]:
 
     logging.getLogger("distributed").setLevel(logging.ERROR)  # otherwise it logs every connection
     try:
-        if address == "local":
-            # Bound to this computer only.
-            here = "127.0.0.1:0"
-            client = Client(processes=False, dashboard_address=here, worker_dashboard_address=here)
-        else:
-            client = Client(address, timeout=CONNECT_TIMEOUT_S)
+        client = Client(address, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"no Dask scheduler answers at '{address}' ({error}); start one with 'dask scheduler', "
-            "or compute here with --cluster local"
+            "or compute on all cores of this computer with --cluster local"
         ) from None
-    with client, client.get_executor() as pool:
-        yield pool
+    with client, client.get_executor() as dask:
+        yield dask
 
 
 class CountingExecutor(Executor):
@@ -195,7 +200,7 @@ class StudyCommand:
     )
     seed: int = option("--seed", inherited=True, type=int, default=1, help="for the indices (default: 1)")
     cluster: str | None = option(
-        "--cluster", metavar="ADDRESS|local", help="compute on a Dask cluster, or on one started here"
+        "--cluster", metavar="ADDRESS|local", help="compute on all cores of this computer (local), or on a Dask cluster"
     )
 
     def execute(self) -> int:
@@ -211,6 +216,12 @@ class StudyCommand:
             result = replace(result, notes=(*result.notes, choice.describe()))
         except StorageError as error:
             print_message(f"tactor-bench: {error}")
+            return ExitCode.FAILED
+        except (BrokenExecutor, CancelledError):
+            print_message(
+                f"tactor-bench: the processes of --cluster {self.cluster} ended before the study was computed, and nothing was written; "
+                "compute it again, without --cluster if it happens again"
+            )
             return ExitCode.FAILED
         except KeyboardInterrupt:
             print_message("tactor-bench: stopped; nothing was written")

@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+from concurrent.futures import BrokenExecutor, CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +118,9 @@ def test_sensitivity_at_rest_is_all_the_couplings(ask: Any, tmp_path: Path) -> N
     assert sheet.read_text(encoding="utf-8").startswith("output [],first_mu [],first_c0 []")
 
 
-@needs_dask
+@pytest.mark.deep
 @pytest.mark.parametrize("more", [[], ["--sensitivity", "--samples", "16"]])
-def test_a_local_cluster_gives_the_same(more: list[str], ask: Any) -> None:
+def test_all_cores_give_the_same(more: list[str], ask: Any) -> None:
     there = ask(*SMALL, *more, "--cluster", "local")
     here = ask(*SMALL, *more)
     assert there == here
@@ -142,8 +143,22 @@ def test_without_dask_a_sentence_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert main([*SMALL, "--cluster", "local"]) == ExitCode.USAGE
+    assert main([*SMALL, "--cluster", "127.0.0.1:8786"]) == ExitCode.USAGE
     assert "run \"pip install 'tactor-bench[cluster]'\"" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ended", [BrokenExecutor, CancelledError])
+def test_processes_that_end_early_are_a_sentence(
+    ended: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def chunks(*_: Any) -> Any:
+        raise ended
+        yield
+
+    monkeypatch.setattr(Study, "chunks", chunks)
+    assert main([*SMALL, "--cluster", "local", "--out", str(tmp_path / "study.h5")]) == ExitCode.FAILED
+    assert "the processes of --cluster local ended before the study was computed" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
