@@ -1,15 +1,19 @@
-"""Run file: writing blocks against plain h5py in SWMR mode, reading a sweep in units against h5py times a gain.
+"""Run file: writing blocks against plain h5py in SWMR mode, reading a sweep in units against h5py times a gain, loss by a kill.
 
     python benchmarks/bench_runfile.py [--json]
 
 Both writers flush every block, keep the numbers of its first scan and HDF5's checksums, so that a killed program loses no block
 that was written. The ways take turns block by block, and times are of the processor: another load of the computer meets both.
+For the loss a process writes blocks of 50 ms as they would come from a card and is killed (SIGKILL); what it acquired and the
+file does not have is lost.
 """
 
 import tempfile
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
-from time import process_time, thread_time
+from time import monotonic, process_time, sleep, thread_time
 
 import h5py
 import numpy as np
@@ -27,6 +31,8 @@ BLOCKS = 300
 SIZES = ((5e3, 0.05), (250e3, 0.05), (500e3, 0.05), (5e6, 0.05), (20e6, 0.05))
 """Rate and duration of the blocks."""
 SWEEP_S, SWEEP_RATE_HZ = 300.0, 5e3
+KILLED_RATES_HZ, KILLS, KILLED_AFTER_S = (5e6, 10e6, 20e6), 5, 1.5
+MOST_LOST_S = 0.2
 
 
 class PlainWriter:
@@ -63,7 +69,40 @@ def measure() -> dict[str, float]:
         for rate_hz, block_s in SIZES:
             numbers |= written(Path(folder), rate_hz, round(rate_hz * block_s))
         numbers |= read_in_units(Path(folder))
+        for rate_hz in KILLED_RATES_HZ:
+            lost = [lost_by_a_kill(Path(folder), rate_hz, KILLED_AFTER_S + 0.017 * i) for i in range(KILLS)]
+            numbers[f"{rate_hz / 1e6:g} MS/s x 2: lost by a kill, at most, s"] = max(lost)
     return numbers
+
+
+def lost_by_a_kill(folder: Path, rate_hz: float, after_s: float) -> float:
+    """Seconds between what was acquired when the writer was killed and what its file has."""
+    folder = Path(tempfile.mkdtemp(dir=folder))
+    here, there = get_context("spawn").Pipe(duplex=False)
+    writer = get_context("spawn").Process(target=_write_as_acquired, args=(folder, rate_hz, there))
+    writer.start()
+    began = here.recv()
+    sleep(max(began + after_s - monotonic(), 0.0))
+    writer.kill()
+    acquired_s = monotonic() - began
+    writer.join()
+    (path,) = folder.glob("*.h5")
+    with Run(path) as run:
+        lost_s = acquired_s - run.trace.sample_count / rate_hz
+    path.unlink()
+    return lost_s
+
+
+def _write_as_acquired(folder: Path, rate_hz: float, began: Connection) -> None:
+    scans = round(0.05 * rate_hz)
+    raw = np.random.default_rng(1).integers(-30000, 30000, (2, scans)).astype(np.int16)
+    writer = RunFileWriter.new(folder, run_metadata("killed", (100.0,), 5000.0))
+    writer.start_stream(rate_hz, SCALES)
+    start = monotonic()
+    began.send(start)
+    for number in range(10_000):
+        sleep(max(start + (number + 1) * 0.05 - monotonic(), 0.0))
+        writer.append_block(Block(number * scans, raw), 0.0)
 
 
 def written(folder: Path, rate_hz: float, scans: int) -> dict[str, float]:
@@ -126,5 +165,8 @@ if __name__ == "__main__":
         "Run file: writing and reading against plain h5py.",
         measure,
         [(f"{rate_hz / 1e3:g} kS/s: ratio to plain h5py", "<", 1.05) for rate_hz, _ in SIZES]
-        + [("300 s in units: ratio to h5py times gain", "<", 1.3)],
+        + [("300 s in units: ratio to h5py times gain", "<", 1.3)]
+        + [
+            (f"{rate_hz / 1e6:g} MS/s x 2: lost by a kill, at most, s", "<", MOST_LOST_S) for rate_hz in KILLED_RATES_HZ
+        ],
     )
