@@ -5,6 +5,7 @@ where SQLite locking is unreliable. Tags and notes are in a small file next to e
 """
 
 import hashlib
+import marshal
 import os
 import sqlite3
 import tempfile
@@ -20,32 +21,17 @@ from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 from app.common import NO_PROGRESS, Progress
 
-SCHEMA = 10
-"""Raise it when `RunSummary` changes: an index of another schema is thrown away."""
-
-FIGURE_FIELDS = frozenset(
-    [
-        "path",
-        "state",
-        "protocol",
-        "specimen",
-        "start_time",
-        "simulated",
-        "verdict",
-        "failed_checks",
-        "operator",
-        "bench",
-        "sensor",
-        "figures_json",
-    ]
-)
-"""Fields by which runs are compared; the others, of which some are long, are not read for it."""
+SCHEMA = 10 * 11 + marshal.version
+"""Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""
 
 SHORT_SCAN_FILES = 20
 """A scan of so few files ends before a text could be read."""
 
 PAGE_BYTES, MAPPED_BYTES = 65_536, 200_000_000
 """Largest pages of SQLite and a mapped file: a list of ten thousand runs takes two thirds of the time."""
+
+STAMP_COLUMNS = ("path", "state", "modified_ns", "size", "notes_ns")
+"""What a scan compares. The whole summary is one column beside them: thirty columns take SQLite twice as long."""
 
 UNSETTLED, SETTLED_NS = -1, 2_000_000_000
 """Two changes within this time may give a folder the same modification time: some file systems store even seconds."""
@@ -115,17 +101,25 @@ class Catalogue:
 
     def entries(self) -> list[RunSummary]:
         """Return every indexed run, newest first."""
-        with self._connection() as db:
-            rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs").fetchall()  # noqa: S608
-        # Sorting here takes a fifth of the time that SQLite needs, which copies the rows.
-        return sorted(map(RunSummary._make, rows), key=attrgetter("start_time", "path"), reverse=True)
+        return sorted(self._summaries(), key=attrgetter("start_time", "path"), reverse=True)
 
     def figure_entries(self) -> list[RunSummary]:
-        """Return the indexed runs that have figures, oldest first, with only the fields by which they are compared."""
+        """Return the indexed runs that have figures, oldest first."""
+        found = (each for each in self._summaries() if each.figures_json != "[]")
+        return sorted(found, key=attrgetter("start_time", "path"))
+
+    def _summaries(self) -> list[RunSummary]:
+        try:
+            return self._read_summaries()
+        except (EOFError, TypeError, ValueError):  # a damaged row: the index is rebuilt from the files
+            self.index.unlink(missing_ok=True)
+            self.scan()
+            return self._read_summaries()
+
+    def _read_summaries(self) -> list[RunSummary]:
         with self._connection() as db:
-            names = ", ".join(name if name in FIGURE_FIELDS else f"'' AS {name}" for name in RunSummary._fields)
-            rows = db.execute(f"SELECT {names} FROM runs WHERE figures_json != '[]' ORDER BY start_time, path")  # noqa: S608
-            return list(map(RunSummary._make, rows))
+            rows = db.execute("SELECT summary FROM runs").fetchall()
+        return [RunSummary._make(marshal.loads(row)) for (row,) in rows]  # noqa: S302 - only this user writes the index
 
     def scan(self, progress: Progress = NO_PROGRESS, exclude: Collection[Path] = ()) -> ScanResult:
         """Update the index: read files that were added, changed or moved, remove those that were deleted.
@@ -141,7 +135,7 @@ class Catalogue:
         with self._connection() as db:
             known = {
                 path: (_FileStamp(*seen), state)
-                for path, state, *seen in db.execute("SELECT path, state, modified_ns, size, notes_ns FROM runs")
+                for path, state, *seen in db.execute(f"SELECT {', '.join(STAMP_COLUMNS)} FROM runs")  # noqa: S608
             }
             gone = known.keys() - walk.runs.keys()
             db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
@@ -231,7 +225,7 @@ class Catalogue:
             return False
         db.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         db.execute("PRAGMA journal_mode = WAL")
-        db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(RunSummary._fields[1:])}) WITHOUT ROWID")
+        db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(STAMP_COLUMNS[1:])}, summary) WITHOUT ROWID")
         db.execute(f"PRAGMA user_version = {SCHEMA}")
         db.commit()
         return True
@@ -247,12 +241,30 @@ def index_path(folder: Path) -> Path:
         place.mkdir(parents=True, exist_ok=True)
         if os.access(place, os.W_OK):
             return place / name
-    return Path(tempfile.gettempdir()) / f"tactor-bench-{name}"
+    return _own_temporary_folder() / name
+
+
+def _own_temporary_folder() -> Path:
+    """Return a folder in the temporary directory into which only this user writes: what is in the index is trusted."""
+    if not hasattr(os, "getuid"):
+        return Path(tempfile.gettempdir())
+    place = Path(tempfile.gettempdir()) / f"tactor-bench-{os.getuid()}"
+    place.mkdir(mode=0o700, exist_ok=True)
+    stat = place.lstat()
+    return place if stat.st_uid == os.getuid() and not stat.st_mode & 0o022 else Path(tempfile.mkdtemp())
 
 
 def _upsert(db: sqlite3.Connection, entries: Sequence[RunSummary]) -> None:
-    marks = ", ".join("?" * len(RunSummary._fields))
-    db.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", entries)  # noqa: S608
+    stamps = attrgetter(*STAMP_COLUMNS)
+    rows = ((*stamps(each), marshal.dumps(tuple(map(_plain, each)))) for each in entries)
+    db.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?)", rows)
+
+
+def _plain(value: str | float | None) -> str | float | None:
+    """Return a value of a built-in type: of an enumeration its text, of NumPy its number."""
+    if value is None or type(value) in (str, int, float):
+        return value
+    return str(value) if isinstance(value, str) else int(value) if isinstance(value, int) else float(value)
 
 
 def _list_file(walk: _FolderListing, folder: Path, path: str, item: os.DirEntry[str]) -> None:

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import shutil
+import tempfile
 from pathlib import Path
 from unittest import mock
 
@@ -130,6 +131,24 @@ def test_the_index_can_be_thrown_away(damage: str, catalogue: Catalogue) -> None
     assert catalogue.entries() == []
     catalogue.scan()
     assert catalogue.entries() == before
+
+
+@pytest.mark.parametrize("row", [b"", b"\0", None, "text"])
+def test_a_damaged_row_is_read_from_the_files_again(row: object, catalogue: Catalogue) -> None:
+    before = catalogue.entries()
+    with catalogue._connection() as db:
+        db.execute("UPDATE runs SET summary = ? WHERE path = ?", (row, before[0].path))
+    assert catalogue.entries() == before
+
+
+def test_a_shared_temporary_directory_has_a_folder_of_its_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.archive.catalogue.os.access", lambda *_: False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    place = index_path(tmp_path / "runs").parent
+    assert place.parent == tmp_path
+    assert not place.stat().st_mode & 0o022
+    place.chmod(0o777)  # another user may write in it
+    assert index_path(tmp_path / "runs").parent != place
 
 
 def test_tags_and_notes_outlive_the_index_and_a_move(catalogue: Catalogue, folder: Path) -> None:
