@@ -64,6 +64,9 @@ MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
 OPERATOR_POLL_MS = 30_000
 """Interval at which today's operator is read again: another program may set it, and it expires at midnight."""
 
+PRELOAD_PAUSE_MS = 30
+"""Between the creation of two pages."""
+
 TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench", "Laboratory")
 
 
@@ -292,8 +295,7 @@ class MainTabs(QTabWidget):
 
         def make(_: object) -> None:
             self.sheets.start()
-            for at in sorted(range(self.count()), key=lambda at: at != self.currentIndex()):  # the selected page first
-                QTimer.singleShot(0, self, partial(self._preload_page, at))
+            self._preload_page(self.currentIndex())  # the selected page first
 
         self._worker.submit(load, make)
 
@@ -372,12 +374,16 @@ class MainTabs(QTabWidget):
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _preload_page(self, index: int) -> None:
+        """Create a page, and later the next one that is missing: in between, the window paints and answers."""
         if self._worker.closed:  # a page created after shutdown would not be shut down
             return
         awaited = index == self.currentIndex() and index not in self.created_pages
         page = self.page(index)
         if awaited and cast("QWidget", page).isVisible():  # not below the welcome page, which has the keyboard
             page.activate()
+        missing = next((at for at in range(self.count()) if at not in self._created), None)
+        if missing is not None:
+            QTimer.singleShot(PRELOAD_PAUSE_MS, self, partial(self._preload_page, missing))
 
     def _specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
         summary = controller.summary

@@ -1,6 +1,7 @@
 """Live plots of a run: its results, and below them the live traces."""
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
@@ -31,6 +32,7 @@ class LivePane(QSplitter):
         self._feed = feed
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: ResultCurve | None = None
+        self._outdated = False
 
     def add_widget(self, widget: QWidget, share: int) -> None:
         """Add a widget at the bottom."""
@@ -44,8 +46,23 @@ class LivePane(QSplitter):
         self.time_plot.set_theme(theme)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
-        """Show the current or last run; without one, the empty plot of the protocol `otherwise`."""
-        self._state, self._running = (view, otherwise), self._feed.running_response.latest if view.busy else None
+        """Show the current or last run; without one, the empty plot of the protocol `otherwise`.
+
+        On a page that is not selected it is drawn when the page is: two pages show the same run.
+        """
+        self._state = (view, otherwise)
+        self._outdated = not self.isVisibleTo(self.window())
+        if not self._outdated:
+            self._draw(view, otherwise)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if self._outdated and self._state is not None:
+            self._outdated = False
+            self._draw(*self._state)
+
+    def _draw(self, view: WindowState, otherwise: type[Protocol]) -> None:
+        self._running = self._feed.running_response.latest if view.busy else None
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         curves = view.curves if self._running is None else (*view.curves, self._running)
         self.plots.show_results(kind, view.points, curves, view.outcome, view.simulated, view.entries, view.can_run)
