@@ -10,7 +10,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from app.cli.laboratory.people import state_people
 from app.cli.options import BenchOptions, BenchSelection
 from app.cli.prompts import operator_reachable
 from app.common import (
@@ -19,6 +18,7 @@ from app.common import (
     current_conditions,
     print_message,
     remember_conditions,
+    remember_typed_conditions,
     remembered_conditions,
 )
 from app.config import BenchConfig
@@ -93,7 +93,7 @@ def select_bench(options: BenchSelection) -> SelectedBench:
     """
     config, speed = choose_bench(options.bench, options.speed, options.seed, option="--")
     if isinstance(options, BenchOptions):
-        state_people(options.operator, options.temperature, options.humidity)
+        remember_typed_conditions(options.operator, options.temperature, options.humidity)
     reason = getattr(options, "without_commissioning", None)
     after_run = options.after_run if isinstance(options, BenchOptions) else ""
     return SelectedBench(options.bench, config, speed, check_reason(reason, config), after_run)

@@ -31,6 +31,7 @@ from .people import current_conditions as current_conditions
 from .people import read_humidity as read_humidity
 from .people import read_temperature as read_temperature
 from .people import remember_conditions as remember_conditions
+from .people import remember_typed_conditions as remember_typed_conditions
 from .people import remembered_conditions as remembered_conditions
 from .program_version import version as version
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE

@@ -47,6 +47,20 @@ def remembered_conditions(now: datetime | None = None) -> RunConditions:
     return RunConditions(name, GIVEN if name else "", temperature_c, humidity, origin)
 
 
+def remember_typed_conditions(name: str | None, temperature: str | None, humidity: str | None) -> None:
+    """Remember until midnight what is not None; temperature and humidity with their units.
+
+    Raises:
+        UsageError: a value cannot be used.
+    """
+    if not (name is None and temperature is None and humidity is None):
+        remember_conditions(
+            name,
+            None if temperature is None else read_temperature(temperature),
+            None if humidity is None else read_humidity(humidity),
+        )
+
+
 def remember_conditions(
     operator: str | None = None,
     temperature_c: float | None = None,

@@ -21,7 +21,6 @@ from app.session import (
     reduce,
 )
 from protocols.base import Protocol
-from protocols.commissioning.verdict import OutputVerdict, worst_verdict
 from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:
@@ -76,6 +75,8 @@ class SessionController(QObject):
             if job.result is None:
                 message, passed = f"Commissioning: {job.error}", False
             else:
+                from protocols.commissioning.verdict import OutputVerdict, worst_verdict  # the job has imported it
+
                 verdict = worst_verdict(job.result.result.checks)
                 message, passed = f"Commissioning of {job.result.identity}: {verdict}", verdict is OutputVerdict.PASS
             self._apply(CommissioningEnded(message, passed))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.common.audit_log import file_hash
-from app.identification.sheet_file import load_sheet
 from protocols.runfile.names import sheet_path
 
 HASH_DIGITS = 12
@@ -46,6 +45,8 @@ def make_label(folder: Path, specimen: str) -> SpecimenLabel:
         SheetError: the sheet cannot be read, or is of another specimen.
         OSError: the sheet cannot be read.
     """
+    from app.identification.sheet_file import load_sheet  # reading a scanned text needs none of it
+
     sheet = load_sheet(folder, specimen)
     digest = file_hash(sheet_path(folder, specimen)) if sheet.path is not None else ""
     return SpecimenLabel(specimen, digest[:HASH_DIGITS], sheet.batch, sheet.serial)

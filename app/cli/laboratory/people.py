@@ -16,9 +16,7 @@ from app.common import (
     path_argument,
     print_line,
     print_message,
-    read_humidity,
-    read_temperature,
-    remember_conditions,
+    remember_typed_conditions,
     usage_errors,
 )
 from protocols.runfile.reader import RunReadError
@@ -34,7 +32,7 @@ class OperatorCommand:
     json: bool = switch("--json", JSON_OBJECT)
 
     def execute(self) -> int:
-        state_people(self.name, self.temperature, self.humidity)
+        remember_typed_conditions(self.name, self.temperature, self.humidity)
         conditions = current_conditions()
         if self.json:
             print_line(json.dumps(asdict(conditions)))
@@ -42,20 +40,6 @@ class OperatorCommand:
             air = conditions.air_text or "temperature and humidity not stated"
             print_line(f"{conditions.operator or 'nobody'} ({conditions.operator_origin}); {air}")
         return ExitCode.DONE
-
-
-def state_people(name: str | None, temperature: str | None, humidity: str | None) -> None:
-    """Remember until midnight what is not None.
-
-    Raises:
-        UsageError: a value cannot be used.
-    """
-    if not (name is None and temperature is None and humidity is None):
-        remember_conditions(
-            name,
-            None if temperature is None else read_temperature(temperature),
-            None if humidity is None else read_humidity(humidity),
-        )
 
 
 @dataclass(frozen=True)

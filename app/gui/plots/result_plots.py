@@ -1,23 +1,26 @@
 """Result plots of a run: response over frequency, the protocol's own points, whole curves, or a table of checks."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.gui.plots.base import PlotBase
-from app.gui.plots.check_table import CheckTable
-from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import Theme
 from app.live import OverlayCurve
 from protocols.base import Protocol, ResultCurve, RunEnded
-from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.schema import point_columns
+
+if TYPE_CHECKING:
+    from app.gui.plots.check_table import CheckTable
+    from app.gui.plots.curves_plot import CurvesPlot
 
 
 class ResultPlots(QStackedWidget):
@@ -45,6 +48,8 @@ class ResultPlots(QStackedWidget):
     @cached_property
     def curves(self) -> CurvesPlot:
         """The plot of the curves that entries return in addition to points."""
+        from app.gui.plots.curves_plot import CurvesPlot
+
         plot = CurvesPlot(self._theme)
         plot.points_button.clicked.connect(lambda: self._show_points(points=True))
         self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
@@ -56,6 +61,8 @@ class ResultPlots(QStackedWidget):
     @cached_property
     def checks(self) -> CheckTable:
         """The table of checks of a wiring check."""
+        from app.gui.plots.check_table import CheckTable
+
         table = CheckTable(self._theme)
         self.addWidget(table)
         return table
@@ -96,7 +103,7 @@ class ResultPlots(QStackedWidget):
         for each in self._plots:
             each.show_simulated(simulated)
             each.show_estimates(outcome)
-        if kind is WiringCheck and outcome is not None and outcome.verdict.checks:
+        if kind.name == "wiring-check" and outcome is not None and outcome.verdict.checks:
             self.checks.show_verdict(outcome.verdict)
             self.setCurrentWidget(self.checks)
         else:
