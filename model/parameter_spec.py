@@ -91,3 +91,7 @@ def validate_parameters(obj: object) -> None:
     cls: Any = type(obj)
     for quantity in parameter_specs(cls):
         quantity.check(getattr(obj, quantity.name))
+
+
+PERIODIC_FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
+"""Of responses and thresholds; here, so that a threshold does not load the beam model."""

@@ -6,16 +6,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
 
 from app.cli.options import FileOptions
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message
-from model.studies.paper_figures import PaperFigure
 from protocols.base import to_jsonable, visible_text
 from protocols.runfile.schema import is_hdf5
+
+if TYPE_CHECKING:
+    from model.studies.paper_figures import PaperFigure  # loads scipy
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of picture files."""
@@ -32,7 +34,7 @@ class CommandResult:
     tables: tuple[Table, ...]
     notes: tuple[str, ...] = ()
     write_csv: Callable[[Path], None] | None = None
-    figures: tuple[PaperFigure, ...] = ()
+    figures: "tuple[PaperFigure, ...]" = ()
     log_scale: bool = False
     extra: Mapping[str, Any] = field(default_factory=dict)
     heading: tuple[str, ...] = ()

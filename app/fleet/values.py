@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -184,11 +185,15 @@ def read_fleet(
 def _run_values(
     entries: Iterable[RunSummary], batches: Mapping[str, str], threshold: PerceptionThreshold
 ) -> Iterator[FleetValue]:
+    @cache
+    def scale(frequency_hz: float) -> float:
+        return THRESHOLD_M / float(threshold.amplitude_at(frequency_hz))
+
     for entry in entries:
         for record in json.loads(entry.figures_json):
             figure = RunFigure(*record)
             if figure.name == MARGIN:
-                figure = _over(figure, threshold)
+                figure = _over(figure, threshold.marked_label, scale(figure.frequency_hz))
             yield FleetValue(
                 figure.name,
                 figure.value,
@@ -208,14 +213,13 @@ def _run_values(
             )
 
 
-def _over(margin: RunFigure, threshold: PerceptionThreshold) -> RunFigure:
-    """Return a margin over the abdomen's threshold as one over the threshold, which its condition names."""
-    scale = THRESHOLD_M / float(threshold.amplitude_at(margin.frequency_hz))
+def _over(margin: RunFigure, threshold: str, scale: float) -> RunFigure:
+    """Return a margin over the abdomen's threshold as one over another, which its condition names."""
     return margin._replace(
         value=scale * margin.value,
         statistical=scale * margin.statistical,
         total=scale * margin.total,
-        condition=f"{margin.condition}, over {threshold.marked_label}",
+        condition=f"{margin.condition}, over {threshold}",
     )
 
 

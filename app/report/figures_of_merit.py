@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from annotated_types import Interval
 
 from app.common import NO_PROGRESS, Progress
 from app.identification import SpecimenSheet
+from app.report.merits import FIGURES_OF_MERIT, figure_of_merit
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, Effects, SpecimenModel, acting_tactor, fit_specimen
-from model import Array, EstimatedQuantity, Membrane, ParameterSpec, Tactor
-from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
+from model import Array, EstimatedQuantity, Membrane, Tactor
+from model.identification import FrequencyResponseObservation, ObservationSet, parabola_vertex
 from model.response import (
     ABDOMEN_THRESHOLD,
     THRESHOLD_M,
@@ -28,27 +28,6 @@ from model.studies.uncertainty import UncertaintyBand
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Relative difference from the largest drive up to which a drive counts as full."""
-
-PARAMETER_MERITS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-_SPECIMEN_MERITS = (
-    ("resonance", "Hz", "frequency of the largest fundamental as measured, free, full drive"),
-    ("amplitude_at_resonance", "m", "largest max - min as measured, free, full drive"),
-    ("usable_from", "Hz", "lowest frequency felt, free, full drive; by the model, from 5 Hz on"),
-    ("usable_to", "Hz", "highest frequency felt, free, full drive; by the model, up to 250 Hz"),
-    ("smallest_margin", "1", "smallest max - min over the threshold, 5 to 250 Hz, free, by the model"),
-    ("smallest_margin_on_membrane", "1", "the same at the largest elongation that was measured"),
-    ("latency", "s", "from a step to the highest voltage until it is felt, by the model"),
-    ("rise_time", "s", "10 to 90 % after that step, by the model"),
-)
-FIGURES_OF_MERIT = {
-    name: ParameterSpec(name, unit, Interval(gt=0), words, None) for name, unit, words in _SPECIMEN_MERITS
-} | {name: SPECIMEN_PARAMETERS[name] for name in PARAMETER_MERITS}
-"""Quantities that limits can be set on: name, unit, description."""
-
-
-def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
-    """Return a quantity that limits can be set on, SI."""
-    return EstimatedQuantity(name, float(value), float(standard_error), FIGURES_OF_MERIT[name].unit, "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,8 @@ from pydantic import Field, ValidationError, create_model, model_validator
 from app.common import display_unit, parse_toml, typeset_unit
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
-from app.report.figures_of_merit import FIGURES_OF_MERIT
-from app.report.rounding import MINUS, typeset_measurement, typeset_number
-from app.report.specimen import COVERAGE_FACTOR_95
+from app.report.merits import FIGURES_OF_MERIT
+from app.report.rounding import COVERAGE_FACTOR_95, MINUS, typeset_measurement, typeset_number
 from model import EstimatedQuantity
 
 LIMITS_FILE_NAME = "limits.toml"

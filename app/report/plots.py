@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
 from app.plotting.threshold_line import threshold_line
-from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, Effects, SpecimenModel, acting_tactor
+from app.report.rounding import COVERAGE_FACTOR_95
+from app.report.specimen import GRID_HZ, Effects, SpecimenModel, acting_tactor
 from model import Array, Mask
 from model.identification import (
     LOADING_TIME_S,

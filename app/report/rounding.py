@@ -5,6 +5,9 @@ import math
 from app.common import SUPERSCRIPTS, display_unit, typeset_unit
 from protocols.base import format_with_uncertainty
 
+COVERAGE_FACTOR_95 = 1.959964
+"""Standard errors to either side that cover 95 % of a normal distribution."""
+
 MINUS = "−"
 SPACE = "\N{NO-BREAK SPACE}"
 """Keeps number, error and unit on one line."""

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from app.identification import IdentificationResult, SpecimenSheet, identify_observations
+from app.report.rounding import COVERAGE_FACTOR_95
 from app.report.runs import ReportRun
 from model import (
     NONIDEAL_NAMES,
@@ -55,9 +56,6 @@ HIGH_GRID_HZ = np.linspace(40.0, HIGH_HZ, 85)
 GRID_HZ = np.concatenate((LOW_GRID_HZ, HIGH_GRID_HZ))
 BAND_HZ = np.concatenate((LOW_GRID_HZ[::4], HIGH_GRID_HZ[::3]))
 """Where the width of a band is computed; relative to the curve it changes slowly."""
-COVERAGE_FACTOR_95 = 1.959964
-"""Standard errors to either side that cover 95 % of a normal distribution."""
-
 FREE_RESPONSE_PARAMETERS = frozenset(("mu", "m_add", "c0"))
 """Parameters that determine the response of the free tactor."""
 

@@ -22,8 +22,9 @@ from app.identification import (
 )
 from app.plotting.panels import PlotPanel, ReportPlot, StackedBar
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
-from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin, SpecimenSummary
+from app.report.figures_of_merit import PerceptionMargin, SpecimenSummary
 from app.report.limits import Limits
+from app.report.merits import FIGURES_OF_MERIT
 from app.report.plots import CurveAgreement, curve_agreements
 from app.report.rounding import (
     MINUS,

@@ -4,7 +4,6 @@ from .drive_spectrum import fourier_series as fourier_series
 from .fast_response import operating_deflection_shape as operating_deflection_shape
 from .fast_response import response_curve as response_curve
 from .harmonic_response import FREQUENCY_SPEC as FREQUENCY_SPEC
-from .harmonic_response import PERIODIC_FREQUENCY_SPEC as PERIODIC_FREQUENCY_SPEC
 from .harmonic_response import Excitation as Excitation
 from .harmonic_response import PeriodicResponse as PeriodicResponse
 from .harmonic_response import amplifier_response as amplifier_response
@@ -21,7 +20,6 @@ from .lag import REFERENCE_S as REFERENCE_S
 from .lag import lag_factor as lag_factor
 from .lag import with_lag as with_lag
 from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
-from .latency import THRESHOLD_SPEC as THRESHOLD_SPEC
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC
 from .latency import Latency as Latency
 from .latency import PublishedLatency as PublishedLatency
@@ -32,8 +30,10 @@ from .modes import mode_shapes as mode_shapes
 from .modes import natural_frequencies as natural_frequencies
 from .modes import natural_frequencies_of as natural_frequencies_of
 from .perception import ABDOMEN_THRESHOLD as ABDOMEN_THRESHOLD
+from .perception import PERIODIC_FREQUENCY_SPEC as PERIODIC_FREQUENCY_SPEC
 from .perception import SITES as SITES
 from .perception import THRESHOLD_M as THRESHOLD_M
+from .perception import THRESHOLD_SPEC as THRESHOLD_SPEC
 from .perception import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
 from .perception import UNCOMFORTABLE_SOURCE as UNCOMFORTABLE_SOURCE
 from .perception import PerceptionThreshold as PerceptionThreshold

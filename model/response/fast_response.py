@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from model import AmplifierMap, Array, Complex, Specimen
 from model.beam import ModalForm, matrices, modal_form, receptance
+from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import fourier_series
-from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
+from model.response.harmonic_response import interpolated_maximum, output_rows
 from model.response.lag import lag_factor
 
 HARMONIC_ORDERS = 48

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from model import NO_SKIN, AmplifierMap, Array, Complex, ParameterSpec, Skin, Tactor
 from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
+from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import Waveform, fourier_series
 
 Excitation = Literal["voltage", "load"]
@@ -142,9 +143,6 @@ def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> Perio
     H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size)
     W = H * V
     return PeriodicResponse(f, np.concatenate((W[:, :1], 1j * W[:, 1:]), axis=1), peak_to_peak(W))
-
-
-PERIODIC_FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
 
 
 def peak_to_peak(W: Complex) -> Array:

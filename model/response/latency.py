@@ -8,12 +8,12 @@ from annotated_types import Interval
 
 from model import AmplifierMap, Array, Mask, ParameterSpec, Skin, Tactor
 from model.beam import ModalForm, receptance
+from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import fourier_series
-from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, harmonic_orders, tactor_modal_form
-from model.response.perception import THRESHOLD_M
+from model.response.harmonic_response import harmonic_orders, tactor_modal_form
+from model.response.perception import THRESHOLD_M, THRESHOLD_SPEC
 from model.response.time_response import onset_response, unit_step
 
-THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 TOLERANCE_SPEC = ParameterSpec(
     "tolerance", "", Interval(gt=0, lt=1), "settling band as a fraction of the final value", 0.02
 )

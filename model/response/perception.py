@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 from model import THRESHOLD_M as THRESHOLD_M
 from model import UNCOMFORTABLE_HZ as UNCOMFORTABLE_HZ
 from model import Array, ParameterError, ParameterSpec
-from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC
+from model.parameter_spec import PERIODIC_FREQUENCY_SPEC as PERIODIC_FREQUENCY_SPEC
+
+THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 
 THRESHOLD_AMPLITUDE = ParameterSpec(
     "threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M

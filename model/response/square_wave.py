@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from model import AmplifierMap, Complex, ParameterError, Skin, Tactor
 from model.beam import receptance
+from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import check_input_range
 from model.response.harmonic_response import (
-    PERIODIC_FREQUENCY_SPEC,
     PeriodicResponse,
     check_frequency,
     harmonic_orders,

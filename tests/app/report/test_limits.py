@@ -8,8 +8,8 @@ import pytest
 from app.cli import report as command
 from app.cli.main import main
 from app.report.document import Paragraph
-from app.report.figures_of_merit import FIGURES_OF_MERIT, figure_of_merit
 from app.report.limits import Limit, Limits, LimitsError, judge_limits, read_limits
+from app.report.merits import FIGURES_OF_MERIT, figure_of_merit
 from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
 from tests.helpers.report_specimen import blocks_of
 
