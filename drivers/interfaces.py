@@ -46,8 +46,12 @@ class Scale:
     def to_volts(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
         """Return volts at the card's terminals, same shape as `raw`."""
         counts = raw.astype(np.float64)
-        volts = np.full_like(counts, self.coefficients[-1])
-        for coefficient in self.coefficients[-2::-1]:
+        *lower, highest = self.coefficients
+        if not lower:
+            return np.full_like(counts, highest)
+        volts = counts * highest
+        volts += lower[-1]
+        for coefficient in lower[-2::-1]:
             volts *= counts
             volts += coefficient
         return volts

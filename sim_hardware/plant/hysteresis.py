@@ -63,7 +63,7 @@ class HysteresisModel:
         ends = [*_turns(volts, self._last_v), volts.size]  # one way only from turn to turn
         turned, way, last_v, begin = list(self._turned), self._way, self._last_v, 0
         top_v, top_plays = turned[-1]
-        for end, next_v in zip(ends, volts[np.array(ends) - 1].tolist(), strict=True):
+        for end, next_v, before_v in zip(ends, *(volts[np.array(ends) - k].tolist() for k in (1, 2)), strict=True):
             if next_v != last_v and (next_v > last_v) != (way > 0):
                 top_v, top_plays = last_v, top_plays + way * _sum_of_plays(abs(last_v - top_v))
                 turned.append((top_v, top_plays))
@@ -72,7 +72,11 @@ class HysteresisModel:
                 starts.append(begin)
                 turned_v.append(top_v)
                 plays.append(top_plays)
-                begin += _count_until(volts[begin:end], turned[-2][0], way)
+                closing_v = turned[-2][0]
+                if end - begin > 1 and (before_v <= closing_v if way > 0 else before_v >= closing_v):
+                    begin = end - 1  # passed by the last sample before the turn, as by most sines of constant amplitude
+                else:
+                    begin += _count_until(volts[begin:end], closing_v, way)
                 del turned[-2:]  # the loop is closed and forgotten
                 top_v, top_plays = turned[-1]
             starts.append(begin)
