@@ -31,6 +31,9 @@ from app.session.session import Session
 from protocols.registry import PROTOCOLS
 from protocols.runner.request import RunRequest
 
+RATE_HZ = 5000.0
+"""Scans per second of the campaign."""
+
 GOAL_S = {"ideal": 30.0}
 """Wall time on two quiet cores; `sim` may take 1.5 times as long."""
 
@@ -85,7 +88,7 @@ def campaign(only: list[str], config: BenchConfig, goal_s: float) -> None:
         session.close()
         print(
             f"together {lab.bench.clock.now():.0f} s of bench time in {time.monotonic() - began:.1f} s (goal {goal_s:g} s), "
-            f"processor time {time.process_time():.1f} s"
+            f"processor time {time.process_time():.1f} s, {1e6 * time.process_time() / lab.bench.clock.now() / RATE_HZ:.2f} us a scan"
         )
         found = identify_campaign_runs(told)
         if isinstance(found, str):
@@ -122,9 +125,9 @@ def memory() -> None:
     print(f"ten times as long needs {peaks[1] - peaks[0]:+.0f} MB, {100 * (peaks[1] / peaks[0] - 1):+.1f} %")
 
 
-def sweep(seconds: float) -> float:
+def sweep(seconds: float, bench: str = "ideal") -> float:
     """Run one mass of the mass resonance; return the bench time that it took."""
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("ideal"), None, UNATTENDED_BLOCK_S) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench(bench), None, UNATTENDED_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
         protocol = PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds)

@@ -25,11 +25,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import h5py
 import numpy as np
+from bench_campaign import sweep
 from bench_model import eig_and_residues
 from bench_runfile import PlainWriter
 from bench_signals import scipys
 from bench_sine import ORDERS, written_out
 from campaigns import SHARED, Noise, World, perfect
+from scipy.signal import butter, sosfilt
 
 from app.archive.catalogue import Catalogue
 from app.archive.importing import read_table
@@ -155,6 +157,19 @@ def import_of_a_table(folder: Path) -> Iterator[Pair]:
     yield lambda: read_table(path), lambda: np.loadtxt(path, delimiter=",", skiprows=1)
 
 
+@contextmanager
+def sweep_on_the_virtual_clock(_: Path) -> Iterator[Pair]:
+    """A run of 20 s on the ideal bench, against scipy's sosfilt of four sections over as many steps of the plant's grid."""
+    sections, drive = butter(8, 0.01, output="sos"), np.random.default_rng(1).standard_normal(100_000)
+    yield lambda: sweep(20.0), lambda: [sosfilt(sections, drive) for _ in range(20)]
+
+
+@contextmanager
+def realistic_bench(_: Path) -> Iterator[Pair]:
+    """The same run on the realistic bench, against the ideal one."""
+    yield lambda: sweep(20.0, "sim"), lambda: sweep(20.0)
+
+
 CASES = (
     response_of_the_model,
     joint_fit_of_a_campaign,
@@ -164,6 +179,8 @@ CASES = (
     reading_in_units,
     index_of_new_runs,
     import_of_a_table,
+    sweep_on_the_virtual_clock,
+    realistic_bench,
 )
 
 
