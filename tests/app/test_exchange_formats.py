@@ -168,6 +168,11 @@ def test_matlab_7_3_opens_with_plain_hdf5_and_comes_back_in(path: Path, tmp_path
         text = plain["about/specimen"]
         assert text.attrs["MATLAB_class"] == b"char"
         assert text.shape == (2, 1)  # a row of two characters
+    with Run(path) as run:
+        (whole,) = export_run(run, tmp_path / "whole", "mat73")
+        drive = run.trace.drive_v()
+    with h5py.File(whole) as plain:
+        np.testing.assert_array_equal(plain["raw/drive"][0], drive)
     table = read_table(file)
     assert table.metadata["specimen"] == "T7"
     (frequency,) = [c for c in table.columns if c.name == "frequency"]

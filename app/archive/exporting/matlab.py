@@ -45,9 +45,9 @@ def write_mat73(run: Run, parts: Sequence[Part], path: Path, progress: Progress)
 
 
 def _columns_upright(part: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a structure whose vectors of numbers are columns, (N, 1)."""
+    """Return a structure whose vectors of numbers are columns, (N, 1): plain arrays, the library knows no other kind."""
     return {
-        name: value.reshape(-1, 1)
+        name: np.asarray(value).reshape(-1, 1)
         if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype != object
         else value
         for name, value in part.items()
