@@ -1,5 +1,6 @@
 """Composition root: opens the real or simulated instruments of a bench file."""
 
+import importlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -136,7 +137,9 @@ def connect(
         else:
             from sim_hardware.service.process import BenchProcess
 
-            process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
+            process = stack.enter_context(
+                BenchProcess(config.simulation_parameters, speed, meanwhile=_import_for_a_run)
+            )
             clock = HeartbeatClock(speed, process.time)
             connection = _open_instruments(
                 config,
@@ -151,6 +154,14 @@ def connect(
             yield BenchConnection(
                 connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
             )
+
+
+def _import_for_a_run() -> None:
+    """Import what opening served instruments and running a protocol on them need: about as long as the server takes to start."""
+    from protocols.runner.runner import PRELOADED_MODULES
+
+    for name in ("grpc", "nidaqmx.system", "pyvisa_py", *PRELOADED_MODULES):
+        importlib.import_module(name)
 
 
 def _gate(config: BenchConfig, bench: Bench, without_commissioning: str = "") -> None:

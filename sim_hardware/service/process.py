@@ -6,7 +6,7 @@ import queue
 import subprocess
 import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,13 +25,18 @@ class BenchProcess(Closeable):
         parameters: of the simulated bench.
         speed: bench seconds per wall second; default is that of `parameters`.
         timeout_s: longest wait for the start or any reply.
+        meanwhile: called while the process starts, which takes most of a second.
 
     Raises:
         BenchError: the process did not start, or an action was rejected; the message has the reason.
     """
 
     def __init__(
-        self, parameters: SimulationParameters | None = None, speed: float | None = None, timeout_s: float = 20.0
+        self,
+        parameters: SimulationParameters | None = None,
+        speed: float | None = None,
+        timeout_s: float = 20.0,
+        meanwhile: Callable[[], object] = lambda: None,
     ) -> None:
         parameters = parameters or SimulationParameters()
         parameters = parameters if speed is None else replace(parameters, speed=speed)
@@ -58,7 +63,10 @@ class BenchProcess(Closeable):
         self._reader.start()
         try:
             time_file = "" if self.time is None else str(self.time.path)
-            ports = self._exchange({"truth": parameters.as_record(), "time_file": time_file})
+            with self._lock:
+                self._send({"truth": parameters.as_record(), "time_file": time_file})
+                meanwhile()
+                ports = self._receive()
         except BaseException:
             self.close()
             raise
@@ -133,17 +141,26 @@ class BenchProcess(Closeable):
 
     def _exchange(self, request: dict[str, Any]) -> Any:
         with self._lock:
-            try:
-                if self._child.stdin is None or self._child.stdin.closed:
-                    raise BenchError("the simulated bench has been closed")
-                self._child.stdin.write(json.dumps(request) + "\n")
-                self._child.stdin.flush()
-                line = self._answers.get(timeout=self._timeout_s)
-            except (OSError, queue.Empty):
-                line = None
-            if line is None:
-                raise BenchError(f"the simulated bench does not answer{self._exit_description()}")
-            answer = json.loads(line)
+            self._send(request)
+            return self._receive()
+
+    def _send(self, request: dict[str, Any]) -> None:
+        if self._child.stdin is None or self._child.stdin.closed:
+            raise BenchError("the simulated bench has been closed")
+        try:
+            self._child.stdin.write(json.dumps(request) + "\n")
+            self._child.stdin.flush()
+        except OSError:
+            raise BenchError(f"the simulated bench does not answer{self._exit_description()}") from None
+
+    def _receive(self) -> Any:
+        try:
+            line = self._answers.get(timeout=self._timeout_s)
+        except queue.Empty:
+            line = None
+        if line is None:
+            raise BenchError(f"the simulated bench does not answer{self._exit_description()}")
+        answer = json.loads(line)
         if "error" in answer:
             raise BenchError(answer["error"])
         return answer["result"]

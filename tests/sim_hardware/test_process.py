@@ -138,3 +138,16 @@ def test_a_bench_that_cannot_start_says_why(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(BenchError, match="ended with code 1"):
         BenchProcess()
+
+
+def test_the_parent_works_while_the_bench_starts_and_its_error_ends_the_bench():
+    children = []
+
+    def import_something():
+        children.extend(psutil.Process().children())
+        raise ImportError("a broken installation")
+
+    with pytest.raises(ImportError, match="broken installation"):
+        BenchProcess(meanwhile=import_something)
+    assert children
+    assert all(gone(child.pid) for child in children)
