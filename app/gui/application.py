@@ -20,6 +20,7 @@ from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
 from app.gui.main_window import MainWindow
 from app.gui.tabs import BENCH
+from app.gui.widgets import collect_garbage_here
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings
 from protocols.base import Protocol
@@ -95,7 +96,32 @@ def open_window(
             shown.
     """
     qt_application()
-    kept = settings or QSettings()
+    with collect_garbage_here():
+        return _open_windows(
+            bench,
+            protocol,
+            folder,
+            specimen,
+            autostart,
+            settings or QSettings(),
+            make_session,
+            bench_factory,
+            bench_given,
+        )
+
+
+def _open_windows(
+    bench: OpenedBench,
+    protocol: Protocol,
+    folder: Path | None,
+    specimen: str | None,
+    autostart: bool,
+    kept: QSettings,
+    make_session: MakeSession,
+    bench_factory: BenchFactory | None,
+    bench_given: bool,
+) -> int:
+    """Show windows one after the other, as `open_window`: a change of the bench opens another one."""
     # pint reads the units of the form and takes half a second to import: import it neither at a key press nor during the
     # first paint.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")

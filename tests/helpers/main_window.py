@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
+from app.gui.widgets import collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
 from app.session.session import SessionEvent
@@ -149,13 +150,14 @@ def whole_window(
     bench: Bench, config: BenchConfig, protocol: Protocol, folder: Path, settings: QSettings
 ) -> Iterator[MainWindow]:
     """A window that is active and has its simulated bench, with specimen T7."""
-    window = MainWindow(bench, config, protocol, folder, "T7", settings, open_bench="ideal")
-    window.show()
-    window.activateWindow()
-    assert QTest.qWaitForWindowActive(window, 30_000)
-    until(lambda: window.state.connected, "for the bench")
-    yield window
-    end(window)
+    with collect_garbage_here():
+        window = MainWindow(bench, config, protocol, folder, "T7", settings, open_bench="ideal")
+        window.show()
+        window.activateWindow()
+        assert QTest.qWaitForWindowActive(window, 30_000)
+        until(lambda: window.state.connected, "for the bench")
+        yield window
+        end(window)
 
 
 def end(window: MainWindow) -> None:

@@ -26,8 +26,18 @@ SCALES = (1.0, 1.25, 1.5, 2.0)
 ALWAYS_WHOLE = ("status.state", "status.stop", "status.pause")
 """State sign, Stop and Pause: never cut, never scrolled away."""
 
-STATES = {"idle": range(6), "finished": range(6), "live": (0, 4), "unsafe": (0, 4)}
-"""States with the pages that are looked at; the first and third in light, the others in dark."""
+STATES = {
+    "idle": range(6),
+    "finished": range(6),
+    "adding": (1,),
+    "stopped": (0, 1, 3),
+    "prompt": (0, 1, 4),
+    "live": (0, 1, 4),
+    "unsafe": (0, 1, 4),
+}
+"""States with the pages that are looked at, every second one in dark. A campaign is open, and its result is to be accepted."""
+MAX_PAGES_AT_TWO_SIZES = 3
+WEIGHT = "Put the 200 g weight on the centre of the tactor, and wait until it rests."
 FRAME = (4, 32)
 SIDEWAYS_BELOW = 900
 """Only a narrower window scrolls its pages sideways."""
@@ -70,9 +80,12 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
+    from app.campaign.campaign import Campaign
+    from app.campaign.plan import PAPER_ITEMS, CampaignItem, campaign_path
     from app.config.bench_file import load_bench
     from app.gui.application import qt_application
     from app.gui.widgets.theme import DARK, LIGHT
+    from protocols.base import Prompt, PromptAnswered, PromptShown
     from protocols.measurements.sine_dwell import SineDwell
     from tests.helpers.main_window import Bench, until, whole_window
     from tests.helpers.session_events import LIVE, LOST
@@ -80,18 +93,37 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
     qt_application()
     settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
     config, runs = load_bench("ideal"), folder / "runs"
-    with whole_window(Bench(config), config, SineDwell(frequencies_hz=(100.0, 160.0)), runs, settings) as window:
+    runs.mkdir()
+    dwell = CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (100.0, 160.0)})
+    Campaign.create(runs, "T7", True, (dwell, *PAPER_ITEMS[:4]))
+    settings.setValue("campaign/open", str(campaign_path(runs, "T7")))
+    bench = Bench(config)
+    with whole_window(bench, config, SineDwell(frequencies_hz=(100.0, 160.0)), runs, settings) as window:
         until(lambda: len(window.tabs.created_pages) == window.tabs.count(), "for the pages")
+        campaign, weight = window.tabs.campaign, Prompt("place-weight", WEIGHT, {"mass_kg": 0.2})
         for at, (state, pages) in enumerate(STATES.items()):
             theme = (LIGHT, DARK)[at % 2]
             window.set_theme(theme)
-            if state == "finished":
+            if state in ("finished", "stopped"):
+                bench.at_a_point = lambda _, stops=state == "stopped": bench.session.stop() if stops else None
+                window.tabs.setCurrentIndex(0)
                 window.start_run()
-                until(lambda: window.state.outcome is not None, "for the run")
-            for event in {"live": LIVE, "unsafe": LOST}.get(state, ()):
+                until(lambda: window.state.busy, "for the run")
+                until(lambda: not window.state.busy, "for the end of the run")
+                _select_newest(window)
+                until(lambda: campaign.board.details.review_pane.review is not None, "for the result")
+            if state == "adding":
+                window.tabs.setCurrentIndex(1)
+                campaign.board.header.action_requested.emit("add")
+            else:
+                campaign.go_back()
+            shown = {"prompt": (*LIVE, PromptShown(1, weight)), "live": (PromptAnswered(1, "done"),), "unsafe": LOST}
+            for event in shown.get(state, ()):
                 window.adapter.observe(event)
+            if state == "prompt":
+                window.adapter.mailbox.show(1, weight)
             window.tick()
-            for width, height in SCREENS:
+            for width, height in SCREENS if len(pages) > MAX_PAGES_AT_TWO_SIZES else SCREENS[::2]:
                 window.resize(round(width / scale) - FRAME[0], round(height / scale) - FRAME[1])
                 for page in pages:
                     window.tabs.setCurrentIndex(page)
@@ -109,6 +141,18 @@ def _faults(folder: Path, scale: float, pictures: Path | None) -> Iterator[str]:
                     yield from (f"{where}: {fault}" for fault in cut_widgets(window) if fault in found)
 
 
+def _select_newest(window: "MainWindow") -> None:
+    """Select the last run on the page Runs, and wait for its card."""
+    from tests.helpers.main_window import until
+
+    assert window.state.outcome is not None
+    runs, newest = window.tabs.runs, Path(window.state.outcome.path).name
+    window.tabs.setCurrentIndex(3)
+    until(lambda: any(entry.name == newest for entry in runs.model.summaries), "for the list")
+    runs.select_paths([entry.path for entry in runs.model.summaries if entry.name == newest])
+    until(lambda: runs.details.card.isVisibleTo(window), "for the card of the run")
+
+
 def cut_widgets(window: "MainWindow") -> Iterator[str]:
     """Yield what is cut, out of reach, or elided although it must not be."""
     from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QScrollArea, QWidget
@@ -119,7 +163,7 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
     if least.width() > window.width() or least.height() > window.height():
         yield f"the window is {window.width()} x {window.height()} and its contents need {least.width()} x {least.height()}"
     page = cast("QWidget", window.tabs.current_page)
-    area = page.parentWidget().parentWidget()
+    area = cast("QWidget", page.parentWidget()).parentWidget()
     if isinstance(area, QScrollArea) and window.width() >= SIDEWAYS_BELOW and area.horizontalScrollBar().maximum():
         yield f"the page scrolls sideways: it needs {page.minimumSizeHint().width()} points of {area.width()}"
     for name in ALWAYS_WHOLE:
@@ -156,6 +200,7 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
 
 def _outside(widget: "QWidget") -> str:
     """Return the name of what cuts a widget; what can be scrolled into view is not cut."""
+    from PySide6.QtCore import Qt
     from PySide6.QtWidgets import QAbstractScrollArea, QMainWindow
 
     inner: QRect = widget.rect()
@@ -166,8 +211,9 @@ def _outside(widget: "QWidget") -> str:
         if isinstance(grandparent, QAbstractScrollArea) and parent is grandparent.viewport():
             area = grandparent
             sideways, upright = area.horizontalScrollBar(), area.verticalScrollBar()
-            if sideways.maximum() == 0 and (inner.left() < 0 or inner.right() > parent.width()):
-                return f"the width of {area.objectName() or type(area).__name__}"
+            fixed = area.horizontalScrollBarPolicy() == Qt.ScrollBarPolicy.ScrollBarAlwaysOff
+            if (fixed or sideways.maximum() == 0) and (inner.left() < 0 or inner.right() > parent.width()):
+                return f"the width of {area.objectName() or type(area).__name__} ({inner.right()} of {parent.width()})"
             if upright.maximum() == 0 and (inner.top() < 0 or inner.bottom() > parent.height()):
                 return f"the height of {area.objectName() or type(area).__name__}"
             return ""

@@ -51,6 +51,8 @@ ACTION_BUTTON_LABELS = {
 
 STEP_HEIGHT_LINES = 9
 MIN_LIVE_WIDTH = 460
+MAX_NAME_WIDTH = 220
+"""Up to which the name of the campaign is not elided; what is done is elided first."""
 
 
 class NextStepPane(QFrame):
@@ -131,7 +133,7 @@ class CampaignHeader(QWidget):
             self.progress_label,
             (self.bar, 1),
             *buttons,
-            spacing=12,
+            spacing=8,
         )
         column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
@@ -139,7 +141,9 @@ class CampaignHeader(QWidget):
         """Show the progress of the campaign and the present run."""
         from app.campaign import format_progress  # imports HDF5, which a background thread has loaded
 
-        self.name_label.setText(f"Campaign of {summary.specimen}")
+        name = f"Campaign of {summary.specimen}"
+        self.name_label.setText(name)
+        self.name_label.setMinimumWidth(min(self.name_label.fontMetrics().horizontalAdvance(name) + 2, MAX_NAME_WIDTH))
         self.name_label.setToolTip(str(summary.path))
         self.simulated_label.setVisible(summary.simulated)
         progress = state.progress if running and state.busy else None

@@ -50,6 +50,9 @@ from model import ParameterError
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
 
+LEFT_WIDTH = 424
+"""Of the sliders with their numbers, units and a scroll bar."""
+
 CARD_WIDTH = 250
 PAINT_PAUSE_S = 0.02
 """Pause of the worker after the curve, so that it is painted before the motion is computed."""
@@ -330,7 +333,7 @@ class ExplorePage(QSplitter):
             self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
             parent=left, margins=(0, 2, 4, 0), spacing=6,
         )  # fmt: skip
-        left.setMinimumWidth(400)
+        left.setMinimumWidth(LEFT_WIDTH)
         return left
 
     def _right_column(self) -> QWidget:

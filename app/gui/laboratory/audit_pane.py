@@ -10,6 +10,7 @@ from app.common import Column, OperationCancelled, Table, pluralize
 from app.common.audit_log import AuditEntry
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
+    STRETCH,
     BackgroundWorker,
     ProgressRow,
     Theme,
@@ -60,7 +61,8 @@ class AuditPane(QWidget):
             WrappedRow(self.verify_button, self.head_edit, self.begin_button, spacing=6),
             self.progress_row,
             self.result_label,
-            (self.table, 1),
+            (self.table, 1000),
+            STRETCH,
             parent=self,
             margins=(0, 0, 0, 0),
             spacing=4,

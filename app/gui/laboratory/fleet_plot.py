@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QWidget
 from app.common import display_unit, format_quantity
 from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
-from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, legend_share
+from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, curve_symbol, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.widgets import Theme
 
@@ -68,7 +68,9 @@ class FleetPlot(PlotBase):
             there = np.isfinite(group.times_s) & np.isfinite(group.values)
             x, y = group.times_s[there], factor * group.values[there]
             sources = np.array(group.sources, object)[there]
-            scatter = ScatterItem(size=7, hoverable=True, hoverSize=11, tip=_describe, pen=pg.mkPen(color))
+            scatter = ScatterItem(
+                size=7, symbol=curve_symbol(at), hoverable=True, hoverSize=11, tip=_describe, pen=pg.mkPen(color)
+            )
             scatter.setBrush(pg.mkBrush(color))
             scatter.setData(x=x, y=y, data=sources)
             self.plot.addItem(scatter)

@@ -5,6 +5,7 @@ from .base import PlotBase as PlotBase
 from .base import TracePlotBase as TracePlotBase
 from .base import caption_label as caption_label
 from .base import curve_color as curve_color
+from .base import curve_symbol as curve_symbol
 from .base import finite_max as finite_max
 from .base import legend_share as legend_share
 from .base import limit_ticks as limit_ticks

@@ -49,6 +49,8 @@ TICK_LINES = 0.85
 
 CURVE_COLORS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
 
+CURVE_SYMBOLS = ("o", "s", "t1", "d", "t", "p", "star", "h")
+
 
 def trace_pen(color: str) -> QPen:
     """Return a pen of one pixel at any scaling: a wider one costs more than the data (docs/decisions/0006-live-plot.md)."""
@@ -62,6 +64,11 @@ def curve_color(index: int, theme: Theme) -> QColor:
     """Return the colour of the n-th of several curves."""
     colour = QColor(CURVE_COLORS[index % len(CURVE_COLORS)])
     return colour.lighter(160) if theme.dark else colour
+
+
+def curve_symbol(index: int) -> str:
+    """Return the symbol of the n-th of several curves: shapes are told apart without colours."""
+    return CURVE_SYMBOLS[index % len(CURVE_SYMBOLS)]
 
 
 def style_axes(plot: Any, font: QFont) -> None:

@@ -27,6 +27,10 @@ HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
 
 
+MAX_WIDENING = 3.0
+"""Up to which the range of the points is widened for their error bars."""
+
+
 class PointsPlot(PlotBase):
     """One symbol per point, hollow if no fit may use it; its text is shown on hover, a click selects it."""
 
@@ -158,6 +162,14 @@ class PointsPlot(PlotBase):
 
     def _rescale(self) -> None:
         self.plot.autoRange(padding=0.08)
+        if self.log_axes[1] or self.scatter.linear is None or not self.scatter.linear[1].size:
+            return
+        # The bars are not cut either, unless one is so wide that nothing else would be seen.
+        y, errors = self.scatter.linear[1], self._bars.errors
+        low, high = self.plot.getViewBox().viewRange()[1]
+        ends = min(low, float((y - errors).min())), max(high, float((y + errors).max()))
+        if ends != (low, high) and ends[1] - ends[0] <= MAX_WIDENING * (high - low):
+            self.plot.setYRange(*ends, padding=0.02)
 
     def _series(self) -> Iterable[PlotSeries]:
         return series_of(self.caption.text(), self.scatter, self._bars)

@@ -13,6 +13,7 @@ from app.gui.plots import (
     PlotBase,
     PlotSeries,
     curve_color,
+    curve_symbol,
     finite_max,
     legend_share,
     round_step,
@@ -64,7 +65,7 @@ class ComparePlot(PlotBase):
             there = np.isfinite(run.peak_to_peak)  # an imported table may have the fundamental only
             fills = [pg.mkBrush(colour if good else self._theme.panel) for good in run.usable[there]]
             item = pg.PlotDataItem(
-                run.frequency_hz[there], 1e6 * run.peak_to_peak[there], pen=pg.mkPen(colour, width=1), symbol="o", symbolSize=7,
+                run.frequency_hz[there], 1e6 * run.peak_to_peak[there], pen=pg.mkPen(colour, width=1), symbol=curve_symbol(at), symbolSize=7,
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,
             )  # fmt: skip
             self.plot.addItem(item)

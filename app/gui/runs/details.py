@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QSizePolicy, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
 from app.common import typeset
@@ -137,6 +137,8 @@ class RunDetailsPane(QWidget):
             margins=(8, 0, 0, 0),
             spacing=6,
         )
+        for plot in (self.plot, self.result_plots):  # as low as they may be where the area scrolls
+            plot.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:

@@ -10,7 +10,7 @@ from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QSizePolicy, QWidget
 
 from app.common import UnitError, description_of, field_label, read_value, unit_of
 from app.gui.widgets.layouts import configure, grid, make_label
@@ -207,6 +207,7 @@ def field_error(kind: type[BaseModel], error: Any, shown: Mapping[str, FormField
 
 Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
 
+ROW_GAP = 3
 MAIN_FIELDS = 3
 """Fields of a form that are always shown."""
 
@@ -273,7 +274,10 @@ class ProtocolForm(QWidget):
         self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
         self.more_button = configure(QPushButton(), "form.more", kind="choice", checkable=True)
         self.more_button.toggled.connect(self._show_more)
-        layout, at = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1}), 0
+        self._layout = layout = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1})
+        self._gaps: dict[str, int] = {}
+        """Row of the layout below each field."""
+        at = 0
         for place, row in enumerate(self.rows.values()):
             if place == MAIN_FIELDS:
                 layout.addWidget(self.more_button, at, 0, 1, 3, Qt.AlignmentFlag.AlignLeft)
@@ -285,7 +289,8 @@ class ProtocolForm(QWidget):
             layout.addWidget(row.editor, at, 1)
             layout.addWidget(row.unit, at, 2, alignment)
             layout.addWidget(row.note_label, at + 1, 0, 1, 3)
-            layout.setRowMinimumHeight(at + 2, 3)
+            layout.setRowMinimumHeight(at + 2, ROW_GAP)
+            self._gaps[row.field.name] = at + 2
             at += 3
             row.note_label.hide()  # errors only: help is above the form
             row.edited.connect(self._on_edited)
@@ -321,6 +326,7 @@ class ProtocolForm(QWidget):
         for row in self._further_rows:
             for widget in (row.label, row.editor, row.unit):
                 widget.setVisible(shown)
+            self._layout.setRowMinimumHeight(self._gaps[row.field.name], ROW_GAP * shown)
 
     def _on_edited(self) -> None:
         texts = {name: row.text for name, row in self.rows.items()}
@@ -349,6 +355,8 @@ class NumberListEdit(QPlainTextEdit):
         super().__init__()
         self.setTabChangesFocus(True)
         self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
+        # Otherwise a form that has one would be stretched, not what is below it.
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setFixedHeight(QFontMetrics(self.font()).lineSpacing() * LIST_LINES + 12)
 
 
