@@ -56,7 +56,9 @@ def build_report(
     laboratory = laboratory or Laboratory()
     names = _section_names(laboratory, full)
     runs = _read_specimen_runs(folder, specimen, progress)
-    known = summarize_specimen(specimen, runs, progress, load_sheet(folder, specimen), threshold)
+    known = summarize_specimen(
+        specimen, runs, progress, load_sheet(folder, specimen), threshold, every_margin="perception" in names
+    )
     whole = bool({"figures", "agreement", "provenance"} & set(names))
     if whole:
         known = replace(known, specimen=with_damping_by_elongation(known.specimen))
@@ -66,7 +68,7 @@ def build_report(
         if limits.golden not in ("", specimen):
             golden_runs = _read_specimen_runs(folder, limits.golden, progress)
             golden = summarize_specimen(
-                limits.golden, golden_runs, progress, load_sheet(folder, limits.golden), threshold
+                limits.golden, golden_runs, progress, load_sheet(folder, limits.golden), threshold, False
             ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")

@@ -193,8 +193,9 @@ def summarize_specimen(
     progress: Progress = NO_PROGRESS,
     sheet: SpecimenSheet | None = None,
     threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
+    every_margin: bool = True,
 ) -> SpecimenSummary:
-    """Identify a specimen from its runs, then compute margins and latency."""
+    """Identify a specimen from its runs, then compute margins and latency; not `every_margin`: free and at the largest elongation."""
     progress.update(0.0, "identifying")
     found, observations = fit_specimen(
         name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying"), sheet
@@ -205,9 +206,8 @@ def summarize_specimen(
     responses = observations.of_type(FrequencyResponseObservation)
     elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
     free = perception_margin_of(found, None, threshold) if found.identifies_free_response else None
-    pressed = [
-        perception_margin_of(found, each, threshold) for each in elongations if found.identifies_response_at(each)
-    ]
+    known = [each for each in elongations if found.identifies_response_at(each)]
+    pressed = [perception_margin_of(found, each, threshold) for each in (known if every_margin else known[-1:])]
     latency = step_latency_of(found) if found.identifies_free_response else None
     merits = figures_of_merit(found, observations, free, pressed[-1] if pressed else None, latency)
     return SpecimenSummary(found, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)

@@ -38,7 +38,7 @@ def read_text_table(path: Path, sha256: str, data: bytes, progress: Progress = N
         TableImportError: the file is not text, or has no table.
     """
     try:
-        return _parse_table(path, sha256, _decode(path, data), progress)
+        return _parse_table(path, sha256, _decode(path, data), progress, data)
     except csv.Error as error:
         raise TableImportError(f"{path} is not a table of cells ({error}); save it again as CSV") from None
 
@@ -55,10 +55,13 @@ def _decode(path: Path, data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> ImportTable:
+def _parse_table(path: Path, sha256: str, text: str, progress: Progress, data: bytes = b"") -> ImportTable:
     if "\r" in text:
         text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if len(text) >= LONG_TABLE_CHARACTERS and (table := _read_plain_numbers(path, sha256, text, progress)) is not None:
+    if (
+        len(text) >= LONG_TABLE_CHARACTERS
+        and (table := _read_plain_numbers(path, sha256, data, text, progress)) is not None
+    ):
         return table
     lines = [
         (at, line)
@@ -100,7 +103,7 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> Impo
     return ImportTable(path, sha256, tuple(columns), [f"line {at}" for at, _ in body], _uses_decimal_comma(path, body))
 
 
-def _read_plain_numbers(path: Path, sha256: str, text: str, progress: Progress) -> ImportTable | None:
+def _read_plain_numbers(path: Path, sha256: str, data: bytes, text: str, progress: Progress) -> ImportTable | None:
     """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
 
     What is wrong in a table, and where, is found by reading it cell by cell.
@@ -118,11 +121,11 @@ def _read_plain_numbers(path: Path, sha256: str, text: str, progress: Progress) 
         return None
     width = len(sample.columns)
     delimiter = next((mark for mark in DELIMITERS if len(final.split(mark)) == width), None)
-    values = numeric_columns(text, (begin, end), delimiter, progress)
-    if values is None or values.shape[1] != width:
+    values = numeric_columns(path, data, text, (begin, end), delimiter, progress)
+    if values is None or len(values) != width:
         return None
-    columns = tuple(replace(column, cells=cells) for column, cells in zip(sample.columns, values.T, strict=True))
-    return replace(sample, columns=columns, row_locations=LineLocations(header.count("\n") + 1, len(values)))
+    columns = tuple(replace(column, cells=cells) for column, cells in zip(sample.columns, values, strict=True))
+    return replace(sample, columns=columns, row_locations=LineLocations(header.count("\n") + 1, len(values[0])))
 
 
 def _first_line_of_numbers(text: str) -> int:
