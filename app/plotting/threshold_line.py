@@ -6,7 +6,7 @@ from app.plotting.panels import ReferenceLine
 from model import Array
 from model.response import UNCOMFORTABLE_HZ, PerceptionThreshold
 
-UNCOMFORTABLE_LABEL = "tends to be uncomfortable"
+UNCOMFORTABLE_LABEL = "uncomfortable"
 
 
 def threshold_line(threshold: PerceptionThreshold, frequency_hz: Array) -> ReferenceLine:
