@@ -18,7 +18,7 @@ from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import ElidedLabel, Theme, make_choice, make_label, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, make_choice, row, set_style_kind
 from app.session import describe_point
 from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
@@ -51,7 +51,9 @@ class PointsPlot(PlotBase):
         self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
-        self.caption, self.hint_label = caption_label(), make_label(HOLLOW_HINT, "note", wrap=False)
+        self.caption, self.hint_label = caption_label(), ElidedLabel(HOLLOW_HINT)
+        set_style_kind(self.hint_label, "note")
+        self.hint_label.setToolTip(HOLLOW_HINT)
         self.fit_label = ElidedLabel()
         set_style_kind(self.fit_label, "note")
         self.strip_box = QComboBox()

@@ -1,7 +1,17 @@
-"""Prompt mailbox: a prompt is answered once, by its id; answers to other prompts are ignored."""
+"""Threads beside the window: prompts are answered once, by their id, and reference cycles are collected in the GUI thread.
 
+A worker that collects a cycle disconnects its signals under a lock of Qt, and the window hangs.
+"""
+
+import gc
+import threading
+
+from PySide6.QtCore import QCoreApplication
+
+from app.gui.widgets import collect_garbage_here
 from app.live.session_link import PromptMailbox
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from tests.helpers.main_window import until
 
 
 def test_an_answer_reaches_the_one_who_asked_and_is_gone() -> None:
@@ -36,3 +46,34 @@ def test_a_run_that_ended_takes_its_answer_with_it() -> None:
 
 def test_nobody_waits_for_an_answer_that_was_never_asked() -> None:
     assert not PromptMailbox().reply(1)
+
+
+class Noted:
+    """Notes the thread in which it is collected; it refers to itself."""
+
+    threads: list[threading.Thread]
+
+    def __init__(self, threads: list[threading.Thread]) -> None:
+        self.threads, self.me = threads, self
+
+    def __del__(self) -> None:
+        self.threads.append(threading.current_thread())
+
+
+def allocate() -> None:
+    kept = [[number] for number in range(20 * gc.get_threshold()[0])]
+    assert kept
+
+
+def test_cycles_are_collected_in_the_gui_thread(qt: QCoreApplication) -> None:
+    collected: list[threading.Thread] = []
+    with collect_garbage_here():
+        for _ in range(2 * gc.get_threshold()[0]):
+            Noted(collected)
+        worker = threading.Thread(target=allocate)
+        worker.start()
+        worker.join()
+        assert collected == []
+        until(lambda: collected, "for the collection")
+    assert set(collected) == {threading.main_thread()}
+    assert gc.isenabled()
