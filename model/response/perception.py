@@ -98,7 +98,7 @@ SITES = {
         _sloped(_THENAR_HZ, _THENAR_DB, 2e-7),
         "thenar eminence, contactor of 2.9 cm²",
         "Gescheider and Verrillo, doi:10.1007/978-1-4613-3039-4_10: flat up to 40 Hz, then 12 dB per octave down to 250 Hz",
-        "the level, 0.1 µm peak at 250 Hz",
+        "the level, 0.1 µm peak at 250 Hz, uncertain by a factor of ten",
     ),
     "forearm": PerceptionThreshold(
         _FOREARM_HZ,
