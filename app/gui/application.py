@@ -26,8 +26,8 @@ from app.session import UNSAFE_EXIT, Session, SimulationSettings
 from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
-DELETION_DELAY_MS = 100
-"""After which a window is deleted that another one has taken the place of."""
+DELETION_DELAY_MS, DELETION_PAUSE_MS = 100, 30
+"""After which a window is hidden that another one has taken the place of, and between the deletion of two of its pages."""
 
 WELCOME_SEEN_KEY = "window/seen"
 """Settings key: this window has been opened before."""
@@ -182,9 +182,15 @@ def _start_actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> Aft
 
 def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
     app = qt_application()
-    window.show()
-    for each in _replaced_windows(window):  # once this one is painted: nothing flickers, and it comes sooner
-        QTimer.singleShot(DELETION_DELAY_MS, each, each.deleteLater)
+    replaced = _replaced_windows(window)
+    if not replaced:
+        window.show()
+    else:  # in a turn of the event loop of its own, as is the deletion of each page: together they would stop all input for long
+        QTimer.singleShot(0, window, window.show)
+    for each in replaced:  # once this one is painted: nothing flickers, and it comes sooner
+        QTimer.singleShot(DELETION_DELAY_MS, each, each.hide)
+        for at, part in enumerate((*each.tabs.release_pages(), each), 1):
+            QTimer.singleShot(DELETION_DELAY_MS + at * DELETION_PAUSE_MS, part, part.deleteLater)
     if units.ident is None:
         QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, units.start)
         # Objects of the window live until the end: a garbage collection over them would delay a frame.

@@ -362,6 +362,10 @@ class MainTabs(QTabWidget):
         for page in self._pages_with("save_state"):
             page.save_state(self._settings)
 
+    def release_pages(self) -> list[QWidget]:
+        """Forget the pages other than Measure, after `shutdown`, and return them to be deleted."""
+        return [cast("QWidget", self._created.pop(index)) for index in sorted(self._created) if index != MEASURE]
+
     def shutdown(self) -> None:
         """Stop background threads."""
         self._worker.close()

@@ -170,6 +170,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
 
     def look(app: QApplication) -> int:
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow) and not w.replaced]
+        until(window.isVisible, "for the window")
         seen.append((window.windowTitle(), window.central.is_covered))
         led.extend([window.windowTitle()] * window.central.hint.isVisible())
         if len(seen) == 1:
@@ -219,6 +220,7 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
 
     def look(app: QApplication) -> int:
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow) and not w.replaced]
+        until(window.isVisible, "for the window")
         led.append((window.windowTitle(), window.central.hint.isVisible()))
         if len(led) == 1:
             find(window, "welcome.demo").click()
