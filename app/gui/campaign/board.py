@@ -224,7 +224,8 @@ class CampaignBoard(QWidget):
         self.step = next_step(summary, running, state.busy, queue)
         self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason or _other_kind(summary, state))
         self.item_list.show_summary(summary, running)
-        if self.step.item_name and self.step.item_name != about:
+        follows = about in ("", self.item_list.selected_item)  # another item that was chosen stays chosen
+        if self.step.item_name and self.step.item_name != about and follows:
             self.item_list.select_item(self.step.item_name)
         row = summary.item(running)
         self.live_pane.set_state(

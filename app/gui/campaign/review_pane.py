@@ -87,6 +87,10 @@ class ReviewPane(QWidget):
         parts = make_splitter(
             "campaign/review", (self.plots, 3), (self.table, 1), orientation=Qt.Orientation.Vertical, sizes=[420, 110]
         )
+        self._parts = parts
+        policy = parts.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        parts.setSizePolicy(policy)
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
 
     def set_theme(self, theme: Theme) -> None:
@@ -120,6 +124,7 @@ class ReviewPane(QWidget):
         """Show that a run is being read; what is left of another must not be taken for its result."""
         if self.review is None or self.review.run.path.name != name:
             self.card.show_reading()
+            self._parts.hide()
             self.table.setRowCount(0)
             for label in self.indicator_labels:
                 label.hide()
@@ -127,6 +132,7 @@ class ReviewPane(QWidget):
     def show_review(self, review: ResultReview) -> None:
         """Show a run with its comparisons."""
         self.review = review
+        self._parts.show()
         run = review.run
         self.card.show_summary(run.result)
         for at, label in enumerate(self.indicator_labels):
