@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from app.common import UnitError, UsageError, read_number
-from app.config import LABORATORY_FILE_NAME, read_laboratory
 from model.response import ABDOMEN_THRESHOLD, SITES, THRESHOLD_SPEC, PerceptionThreshold
 
 MAX_LINES = 10_000
@@ -17,6 +16,8 @@ def chosen_threshold(folder: Path, text: str | None = None) -> PerceptionThresho
     """
     if text is not None:
         return read_threshold(text)
+    from app.config import LABORATORY_FILE_NAME, read_laboratory  # slow to import, and needed without an option alone
+
     given = read_laboratory(folder).threshold
     if not given:
         return ABDOMEN_THRESHOLD
