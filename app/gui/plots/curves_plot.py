@@ -8,14 +8,13 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QComboBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
 
 from app.common import display_unit, minmax_decimate
 from app.gui.plots.base import (
     MAX_LEGEND_ENTRIES,
     BandFill,
     PlotBase,
-    caption_label,
     curve_color,
     legend_share,
     stable_range,
@@ -34,7 +33,7 @@ from app.gui.plots.curve_layers import (
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import Theme, make_choice, make_label, row
+from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
 from model import Array
 from protocols.base import ResultCurve
@@ -66,15 +65,19 @@ class CurvesPlot(PlotBase):
         self.drawn_curves: list[tuple[CurveItem, BandFill]] = []
         self._further_items: list[Any] = []
         """Fit lines, and error bars of lines that stand out."""
-        self.layer_box = QComboBox()
+        self.layer_box = configure(QComboBox(), minimumContentsLength=10)
+        self.layer_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.layer_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.layer_box.setToolTip("What is drawn below the curves, on the same axis")
         self.layer_box.setAccessibleName("lower plot")
         self.layer_box.activated.connect(self._on_layer_chosen)
         self._chosen_layers: dict[str, str] = {}
         """Chosen layer by the names of a curve's axes."""
-        self.caption, self.source = caption_label("Curves"), make_label(kind="note", wrap=False)
+        self.caption, self.source = ElidedLabel("Curves"), ElidedLabel()
+        set_style_kind(self.caption, "caption")
+        set_style_kind(self.source, "note")
         self.points_button = make_choice("Show the points")
-        self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=14))
+        self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=10))
         self.plot.getViewBox().sigResized.connect(self._scale)
         self.set_theme(theme)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QComboBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
 
 from app.common import axis_name, display_unit
 from app.gui.plots.base import PlotBase, caption_label
@@ -18,7 +18,7 @@ from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import ElidedLabel, Theme, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, row, set_style_kind
 from app.session import describe_point
 from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
@@ -56,7 +56,9 @@ class PointsPlot(PlotBase):
         self.hint_label.setToolTip(HOLLOW_HINT)
         self.fit_label = ElidedLabel()
         set_style_kind(self.fit_label, "note")
-        self.strip_box = QComboBox()
+        self.strip_box = configure(QComboBox(), minimumContentsLength=10)
+        self.strip_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.strip_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.strip_box.addItems([LAYER_LABELS[layer] for layer in (RESIDUAL, NOTHING)])
         self.strip_box.setAccessibleName("lower plot")
         self.strip_box.currentIndexChanged.connect(lambda _: self._draw())
@@ -72,7 +74,7 @@ class PointsPlot(PlotBase):
                 self.hint_label,
                 self.strip_box,
                 self.curves_button,
-                spacing=14,
+                spacing=10,
             )
         )
         self.set_theme(theme)

@@ -82,7 +82,7 @@ class RunDetailsPane(QWidget):
         self.continue_button = make_button(
             "Continue", self.continue_pressed.emit, "choice", tooltip("runs.continue"), "runs.continue-button"
         )
-        self.result_plots = configure(ResultPlots(theme), "runs.result", minimumHeight=160)
+        self.result_plots = configure(ResultPlots(theme), "runs.result", minimumHeight=160, minimumWidth=120)
         self.result_plots.hide()
         self.explore_button = make_button(
             "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
