@@ -31,9 +31,9 @@ STATES = {
     "finished": range(6),
     "adding": (1,),
     "stopped": (0, 1, 3),
-    "prompt": (0, 1, 4),
-    "live": (0, 1, 4),
-    "unsafe": (0, 1, 4),
+    "prompt": (0, 1),
+    "live": (0, 4),
+    "unsafe": (0, 4),
 }
 """States with the pages that are looked at, every second one in dark. A campaign is open, and its result is to be accepted."""
 MAX_PAGES_AT_TWO_SIZES = 3
