@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
 from app.common import typeset
@@ -34,8 +34,23 @@ from protocols.base import RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
+MIN_PLOT_HEIGHT = 160
 MAX_REASON_LENGTH = 280
 """Characters of the reasons of a run's verdict that are shown next to the list."""
+
+
+class _LowComparePlot(ComparePlot):
+    """Prefers its least height: the pane scrolls only where that has no room."""
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), MIN_PLOT_HEIGHT)
+
+
+class _LowResultPlots(ResultPlots):
+    """Prefer their least height: the pane scrolls only where that has no room."""
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), MIN_PLOT_HEIGHT)
 
 
 class _NoteEdit(QPlainTextEdit):
@@ -66,7 +81,7 @@ class RunDetailsPane(QWidget):
         self.card = ResultCard(theme, "runs.card", ("next", "report"))
         """Of a single selected run."""
         self.progress_row = ProgressRow()
-        self.plot = configure(ComparePlot(theme), "runs.plot", minimumHeight=160)
+        self.plot = configure(_LowComparePlot(theme), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
         self.tags_edit = configure(
             QLineEdit(),
@@ -82,7 +97,9 @@ class RunDetailsPane(QWidget):
         self.continue_button = make_button(
             "Continue", self.continue_pressed.emit, "choice", tooltip("runs.continue"), "runs.continue-button"
         )
-        self.result_plots = configure(ResultPlots(theme), "runs.result", minimumHeight=160, minimumWidth=120)
+        self.result_plots = configure(
+            _LowResultPlots(theme), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120
+        )
         self.result_plots.hide()
         self.explore_button = make_button(
             "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
@@ -137,8 +154,6 @@ class RunDetailsPane(QWidget):
             margins=(8, 0, 0, 0),
             spacing=6,
         )
-        for plot in (self.plot, self.result_plots):  # as low as they may be where the area scrolls
-            plot.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
         self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:
