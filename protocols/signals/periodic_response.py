@@ -74,6 +74,9 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
 EXCITED_POWER_SHARE = 1e-4
 """Share of the strongest line's power from which a line counts as excited."""
 
+HALF_WAVE_POWER_SHARE = 1e-2
+"""Share of the odd lines' power below which the even lines are distortion of a drive whose second half is the first one inverted."""
+
 
 def estimate_periodic_response(
     drive: ArrayLike,
@@ -92,7 +95,7 @@ def estimate_periodic_response(
     away from the card's turns drive and displacement alike, and drops out.
 
     Args:
-        drive: (N,); an incomplete last period is left out.
+        drive: (N,); an incomplete last period is left out. Of one whose second half is the first inverted the odd lines are used.
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
         period_s: a whole number of samples.
@@ -127,7 +130,12 @@ def estimate_periodic_response(
         raise ValueError(
             f"there is no drive between {band_hz[0]:g} and {band_hz[1]:g} Hz: check the drive channel's cable"
         )
-    lines, power = lines[power > EXCITED_POWER_SHARE * power.max()], power[power > EXCITED_POWER_SHARE * power.max()]
+    used = power > EXCITED_POWER_SHARE * power.max()
+    odd = lines % 2 == 1
+    if power[~odd].sum() < HALF_WAVE_POWER_SHARE * power[odd].sum():
+        # A generator's second harmonic drives even lines a little, and the amplifier's second harmonic moves them a lot.
+        used &= odd
+    lines, power = lines[used], power[used]
     X, Y = X[:, lines], Y[:, lines]
     cross = (Y * X.conj()).sum(0)
     H = cross / power

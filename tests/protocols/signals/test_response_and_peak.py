@@ -147,6 +147,21 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
     assert np.sqrt(np.mean([r.standard_error**2 for r in found])) == pytest.approx(gaps.std(), rel=0.05)
 
 
+def test_second_harmonics_of_an_inverting_sweep_are_no_lines_of_the_response() -> None:
+    """The generator's second harmonic, 1 %, moves even lines by the amplifier's, which is much larger than the response there."""
+    rng = np.random.default_rng(5)
+    n, f = 5000, np.arange(25, 525, 2)
+    H = 1e-4 / (1 - (f / 158.3) ** 2 + 0.42j * f / 158.3)
+    X, Y = np.zeros((2, n // 2 + 1), complex)
+    X[f] = np.exp(2j * np.pi * rng.random(f.size))
+    Y[f] = X[f] * H
+    X[f + 1], Y[f + 1] = 0.02 * X[f], 0.2 * Y[f[0]]
+    drive, moved = (np.tile(np.fft.irfft(lines), 7) for lines in (X, Y))
+    found = estimate_periodic_response(drive, moved, 5000.0, 1.0, (20, 530))
+    assert found.frequency_hz.tolist() == f.tolist()
+    assert np.abs(found.response / H - 1).max() < 1e-6
+
+
 @pytest.mark.one_in(100)
 @pytest.mark.parametrize("damping", [0.2, 0.003])
 def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> None:
