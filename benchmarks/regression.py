@@ -10,11 +10,12 @@ load cancel. A ratio above `ALLOWED` times that of the table ends with exit code
 import argparse
 import json
 import os
+import sqlite3
 import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -22,6 +23,8 @@ from time import process_time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from io import BytesIO, StringIO
 
 import h5py
 import numpy as np
@@ -31,10 +34,14 @@ from bench_runfile import PlainWriter
 from bench_signals import scipys
 from bench_sine import ORDERS, written_out
 from campaigns import SHARED, Noise, World, perfect
+from reportlab.pdfgen.canvas import Canvas
 from scipy.signal import butter, sosfilt
 
 from app.archive.catalogue import Catalogue
 from app.archive.importing import read_table
+from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot, draw_plot, new_figure
+from app.report.document import WIDTH_IN
+from app.report.drawings import draw_report_plot
 from drivers.interfaces import Block
 from model.identification import joint_fit
 from model.identification.observations import resample
@@ -170,6 +177,39 @@ def realistic_bench(_: Path) -> Iterator[Pair]:
     yield lambda: sweep(20.0, "sim"), lambda: sweep(20.0)
 
 
+@contextmanager
+def list_of_known_runs(folder: Path) -> Iterator[Pair]:
+    """3000 runs, against SQLite reading ten times the paths alone."""
+    known = Catalogue(folder / "runs", folder / "index.sqlite")
+    finished_run(folder / "runs", "T1")
+    known.scan()
+    (one,) = known.entries()
+    known.upsert([one._replace(path=f"{i:06d}.h5") for i in range(3000)])
+    with closing(sqlite3.connect(known.index)) as db:
+        yield known.entries, lambda: [db.execute("SELECT path FROM runs").fetchall() for _ in range(10)]
+
+
+@contextmanager
+def figure_of_a_report(_: Path) -> Iterator[Pair]:
+    """Drawn for PDF and HTML, against matplotlib's SVG of the same figure."""
+    x = np.linspace(0, 250, 100)
+    curve = PlotLine("model", x, np.sin(x / 40), np.sin(x / 40) - 0.1, np.sin(x / 40) + 0.1)
+    dots = MeasuredPoints("measured", x[::5], curve.y[::5], np.full(20, 0.05), np.ones(20, bool))
+    plot = ReportPlot("a plot", (PlotPanel("(a)", "frequency (Hz)", "displacement (µm)", (curve,), (dots,)),))
+
+    def ours() -> None:
+        canvas = Canvas(BytesIO(), invariant=1)
+        draw_report_plot(plot).paint(canvas)
+        canvas.save()
+
+    def reference() -> None:
+        figure = new_figure(figsize=(WIDTH_IN, 2.5))
+        draw_plot(figure, plot, (0.0, 0.0, WIDTH_IN, 2.5))
+        figure.savefig(StringIO(), format="svg")
+
+    yield ours, reference
+
+
 CASES = (
     response_of_the_model,
     joint_fit_of_a_campaign,
@@ -179,6 +219,8 @@ CASES = (
     reading_in_units,
     index_of_new_runs,
     import_of_a_table,
+    list_of_known_runs,
+    figure_of_a_report,
     sweep_on_the_virtual_clock,
     realistic_bench,
 )
