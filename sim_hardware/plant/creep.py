@@ -61,6 +61,10 @@ class CreepModel:
         crept = self._instant * drive + self._share * (drive - behind).sum(axis=1)
         return crept, self._share * (behind @ (1 / TIME_CONSTANTS_S))
 
+    def curvature(self, drive: float) -> float:
+        """Return a bound of the second derivative of the creep under a constant drive, per s^2."""
+        return self._share * float(np.abs(drive - self._lags) @ TIME_CONSTANTS_S**-2.0)
+
     def advance(self, drive: float, gap_s: float) -> None:
         """Advance by `gap_s` of constant drive."""
         self._lags = drive + (self._lags - drive) * np.exp(-gap_s / TIME_CONSTANTS_S)

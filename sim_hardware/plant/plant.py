@@ -295,9 +295,12 @@ class Plant:
                     self._next_step, self._requested_voltage(self._next_step, stop, change.state)
                 )
                 volts = self._bending_voltage(specimen, change.state)
-                newtons = self._forces(change, self._next_step, stop)
+                if (slow := self._slow_forces(change, stepper, stop)) is not None:
+                    newtons, per_s = slow
+                else:
+                    newtons, per_s = self._forces(change, self._next_step, stop), None
                 w, self._state = stepper.run(
-                    volts, self._previous_bending_v, newtons, self._previous_force_n, self._state
+                    volts, self._previous_bending_v, newtons, self._previous_force_n, self._state, per_s
                 )
                 self._previous_bending_v, self._previous_force_n = float(volts[-1]), float(newtons[-1])
             begin = self._next_step % self._ring.size
@@ -375,6 +378,20 @@ class Plant:
         self._previous_force_n = side * self._force_creep.crept(self._previous_pressing_n)
         self._stepper = self._stepper_for(change.state)
         self._state = self._stepper.steady_state(self._previous_bending_v, self._previous_force_n)
+
+    def _slow_forces(self, change: SetupChange, stepper: Stepper, stop: int) -> tuple[Array, Array] | None:
+        """Return constant weights with their creep, and how fast it is, at the edges of blocks until `stop`; None if it is too fast."""
+        pressing_n = change.state.side * change.final_force_n
+        is_constant = self._next_step / self._rate > change.end_s + TOUCHDOWN_S
+        if not is_constant or self._previous_pressing_n != pressing_n or not self._parameters.beyond.creep_per_decade:
+            return None
+        curvature = self._force_creep.curvature(pressing_n)
+        if abs(stepper.yield_F) * curvature / float(np.abs(stepper.poles).min()) ** 2 > CREEP_TOLERANCE_M:
+            return None
+        newtons, newtons_per_s = self._force_creep.hold(pressing_n, (stop - self._next_step) // BLOCK)
+        self._force_creep.advance(pressing_n, (stop - self._next_step) / self._rate)
+        side = change.state.side
+        return side * newtons, side * newtons_per_s
 
     def _forces(self, change: SetupChange, first: int, stop: int) -> Array:
         """What the weights press with at grid steps first..stop, all under one change, with its creep."""

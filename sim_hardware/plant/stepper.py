@@ -103,9 +103,25 @@ class Stepper:
         return (self.inverse @ (previous.shapes @ z).real)[: self.advance.size]
 
     def run(
-        self, volts: Array, previous_v: float, newtons: Array, previous_n: float, state: Complex
+        self,
+        volts: Array,
+        previous_v: float,
+        newtons: Array,
+        previous_n: float,
+        state: Complex,
+        newtons_per_s: Array | None = None,
     ) -> tuple[Array, Complex]:
-        """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
+        """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them.
+
+        With `newtons_per_s` the force changes slowly: it and its rate are given at the edges of the blocks, (n + 1,) each.
+        """
+        if newtons_per_s is not None:
+            first, last = (self.steady_state(0.0, float(newtons[k]), 0.0, float(newtons_per_s[k])) for k in (0, -1))
+            w, state = self.run(volts, previous_v, np.zeros(0), 0.0, state - first)
+            edges = self.yield_F * newtons + self.delay_F * newtons_per_s
+            blocks = w.reshape(-1, BLOCK)
+            blocks += edges[:-1, None] + np.diff(edges)[:, None] * ((np.arange(BLOCK) + 1) / BLOCK)
+            return w, state + last
         m = self.advance.size
         inputs = with_previous(volts, previous_v, 2 * m)
         pulls = inputs[:, : BLOCK + 1] @ self.W_V
