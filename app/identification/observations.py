@@ -4,7 +4,8 @@ Flagged points are kept but not usable. The gain error of a sensor is shared by 
 number, so that runs with the same sensor share it and runs with different sensors do not.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -14,7 +15,8 @@ import numpy as np
 from app.identification.drive_histories import history_of_levels, history_of_loads
 from app.identification.duplicates import DuplicateFinder
 from app.identification.response_lines import response_lines
-from model import GRAVITY, AmplifierMap, Array, Mask, ParameterError
+from drivers import PeriodicSweep
+from model import GRAVITY, AmplifierMap, Array, Complex, Mask, ParameterError
 from model.identification import (
     DecayPoleObservation,
     ErrorTarget,
@@ -29,8 +31,10 @@ from model.identification import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
+from model.response.lag import loop_share
 from protocols.base import usable_mask
 from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
+from protocols.measurements.sweep import Sweep
 from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -42,6 +46,12 @@ DEFAULT_SHAPE_COUNT = 20
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 """Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
+
+MAX_SWEPT_CYCLES = 2000
+"""Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
+
+SAMPLES_PER_CYCLE = 64
+"""Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
 
 MAX_INPUT_ERRORS = 100
 """Errors of single inputs, such as masses or levels, that a fit takes from one run."""
@@ -291,6 +301,7 @@ def _sweep(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     its lines, as in the fundamental of a sine.
     """
     map_ = run.amplifier_map
+    drives = [] if run.imported else _short_drives(run)
     curves = {curve.entry: curve for curve in run.curves() if curve.name == "frequency response"}
     for i in np.flatnonzero(good).tolist():
         curve = curves.get(int(columns["entry"][i]))
@@ -307,8 +318,28 @@ def _sweep(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
                 drive_amplitude_v=amplitude_v,
                 drive_offset_v=map_.rest_v,
                 swept=True,
+                loop_share=_loop_shares(drives, lines.frequency_hz, map_) if drives else None,
                 **_common_arguments(run),
             )
+
+
+def _short_drives(run: Run) -> tuple[PeriodicSweep, ...]:
+    """Return the drives of a run of the protocol sweep; none if one lasts so long that each of its lines sees a sine."""
+    protocol = protocol_of_run(run, run.path.name)
+    drives = protocol.drives(run.amplifier_map.rest_v) if isinstance(protocol, Sweep) else ()
+    return () if any(drive.period_s * drive.stop_hz > MAX_SWEPT_CYCLES for drive in drives) else drives
+
+
+def _loop_shares(drives: Sequence[PeriodicSweep], frequency_hz: Array, amplifier: AmplifierMap) -> Complex:
+    """Return what a hysteresis of 1 adds at the lines of a sweep, (F,): its loops are no sine's where it begins and turns."""
+    share = np.zeros(frequency_hz.size, complex)
+    for drive in drives:
+        mine = (frequency_hz >= drive.start_hz - 1 / drive.period_s) | (drive is drives[0])
+        lines = np.rint(frequency_hz[mine] * drive.period_s).astype(int)
+        samples = math.ceil(SAMPLES_PER_CYCLE * drive.period_s * drive.stop_hz)
+        volts = drive.volts(np.arange(samples) * drive.period_s / samples)
+        share[mine] = loop_share(np.clip(volts, amplifier.low_v, amplifier.high_v), lines, amplifier)
+    return share
 
 
 def _free_decay(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:

@@ -182,7 +182,10 @@ class NonidealResponse:
         if np.any(v["creep"]):
             factor = factor * lag.crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
-            late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
+            if run.loop_share is not None:
+                late = run.loop_share[run.usable]
+            else:
+                late = loop_harmonic(run, self._amplifier) / specimen_harmonic(run, self._amplifier)
             factor = factor * (1 + _column(v["hysteresis"]) * late)
         if np.any(v["delay"]):
             factor = factor * np.exp(-2j * np.pi * f * _column(v["delay"]))

@@ -215,6 +215,8 @@ class FrequencyResponseObservation(_ObservationBase):
     """Standard error of the phase, where it is not that of the amplitude; `errors_m` is of the amplitude then."""
     swept: bool = False
     """Whether these are the lines of one sweep, not points that were driven one by one."""
+    loop_share: Complex | None = None
+    """What a hysteresis of 1 adds to the volts on the specimen, as a share of them, (F,); None: as under a sine."""
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind show drift."""
 
@@ -229,7 +231,7 @@ class FrequencyResponseObservation(_ObservationBase):
         more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m", "phase_errors_rad")
         self._validate_columns(
             kind,
-            (*columns, *more),
+            (*columns, *more, "loop_share"),
             ("errors_m", "peak_to_peak_errors_m", "harmonic_errors_m", "phase_errors_rad", "frequency_hz"),
             "frequency_hz",
         )

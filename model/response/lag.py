@@ -10,10 +10,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from model import AmplifierMap, Complex, Specimen
-from model.drive_history import rayleigh_loop
+from model import AmplifierMap, Array, Complex, Specimen
+from model.drive_history import rayleigh_loop, rayleigh_response
 from model.response.drive_spectrum import fourier_series
 
 if TYPE_CHECKING:
@@ -45,6 +45,17 @@ def loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float)
     theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
     loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
     return np.asarray(2 * np.fft.rfft(loop)[:6] / LOOP_SAMPLES)
+
+
+def loop_share(volts: Array, lines: NDArray[np.int_], amplifier: AmplifierMap) -> Complex:
+    """Return what a hysteresis of 1 adds to lines of the spectrum, (F,), as a share of the volts on the specimen there.
+
+    `volts` (N,) are one period at the amplifier's input, which begins at rest; line 1 has that period.
+    """
+    low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
+    driven = amplifier.specimen_v(volts)
+    loop = rayleigh_response(np.tile(driven, 2), low, high)[volts.size :] / ((high - low) / 2)
+    return np.asarray(np.fft.rfft(loop)[lines] / np.fft.rfft(driven)[lines])
 
 
 def lag_factor(

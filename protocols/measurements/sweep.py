@@ -234,7 +234,7 @@ class Sweep(Protocol):
         return first_adapted(changes, self, rest_v, reason_unsupported)
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
-        drives = self._drives(rest_v)
+        drives = self.drives(rest_v)
         seconds = sum(drive.duration_s + 0.5 for drive in drives)
         return tuple(PlanEntry(f"sweep {i}", drives, seconds, (i,)) for i in range(1, self.repeats + 1))
 
@@ -343,7 +343,8 @@ class Sweep(Protocol):
         used = max(round(self.periods * self.sweep_s / sweep_s), MIN_PERIODS)
         return math.ceil(SETTLED_S / (2 * sweep_s)), used
 
-    def _drives(self, rest_v: float) -> tuple[PeriodicSweep, ...]:
+    def drives(self, rest_v: float) -> tuple[PeriodicSweep, ...]:
+        """Return the sweep of each piece."""
         if self.pieces == 1:
             return (self._drive(self.start_hz, self.stop_hz, self.sweep_s, rest_v),)
         rate = 2 * self.sample_rate_hz  # of a period, two sweeps, a whole number of samples

@@ -174,7 +174,7 @@ def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], caps
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
     names, notes = list_resources()
     assert all("::" in name for name in names)
-    assert all(note.endswith(("libusb-1.0)", "a given host")) for note in notes)
+    assert all(note.endswith(("libusb-1.0)", "a host that is given is queried")) for note in notes)
 
 
 @pytest.mark.deep

@@ -14,6 +14,7 @@ from model.identification import FitOptions
 from protocols.base import InterferenceMeasured, Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements.sweep import Sweep
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import Ran, laboratory, run
@@ -89,6 +90,22 @@ def test_the_hum_s_frequency_lies_within_four_cramer_rao_bounds_of_the_truth(tmp
     bound_hz = np.sqrt(3) / np.pi * line.error_m / (line.amplitude_m * duration_s)
     assert bound_hz == pytest.approx(line.frequency_error_hz, rel=0.02)
     assert abs(line.frequency_hz - config.simulation_parameters.beyond.mains_hz) < 4 * bound_hz
+
+
+@pytest.mark.deep
+def test_a_sweep_is_explained_with_the_loops_of_its_own_drive(tmp_path: Path) -> None:
+    """As if each line were driven by a sine alone, chi square is over 4000 with 500 degrees of freedom."""
+    config, _ = choose_bench("sim", "max", seed=3)
+    with laboratory(config) as lab:
+        path = run(Sweep(), tmp_path, lab, safe=False).path
+    with resources.as_file(resources.files("sim_hardware").joinpath("realistic.specimen.toml")) as sheet:
+        found = identify([path], sheet=sheet)
+    assert found.adequacy is not None
+    assert found.adequacy.adequate is True, found.adequacy.message
+    by_name = {estimate.name: estimate for estimate in found.estimates}
+    truth = config.simulation_parameters.tactor
+    for name in ("mu", "m_add", "c0"):
+        assert abs(by_name[name].value - getattr(truth, name)) < 3 * by_name[name].standard_error, name
 
 
 @pytest.mark.deep

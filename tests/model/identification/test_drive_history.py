@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from model import ParameterError
+from drivers import PeriodicSweep
+from model import AmplifierMap, ParameterError
 from model.drive_history import DriveHistory, rayleigh_loop, rayleigh_response
+from model.response.lag import loop_share
 
 REFERENCE_S = 1 / (200 * np.pi)
 
@@ -77,3 +79,20 @@ def test_a_drift_that_eases_off_follows_the_logarithm_and_is_one_from_first_to_l
 def test_a_reading_before_its_step_or_without_a_time_is_refused(read_s: float) -> None:
     with pytest.raises(ParameterError, match="history"):
         history([10.0, 10.0], [0.0, 2.0], 10.0, read_s, 9.0)
+
+
+def test_the_loops_of_a_sweep_are_those_of_many_plays() -> None:
+    """Rayleigh's law is an even distribution of plays (backlashes) over their widths: here 1000 of them, moved sample by sample."""
+    samples, amplifier = 4000, AmplifierMap()
+    drive = PeriodicSweep(20.0, 80.0, 0.5, 2, 2.5, 2.5)
+    volts = drive.volts(np.arange(samples) * drive.period_s / samples)
+    lines = np.arange(21, 80, 2)
+    radii = np.arange(0.5, 1000.0) * 1.0  # V on the specimen, over the whole range of -500 to 1500 V
+    plays, loop = np.full(radii.size, -500.0) + radii, []
+    for v in np.tile(amplifier.specimen_v(volts), 2).tolist():
+        plays = np.clip(plays, v - radii, v + radii)
+        loop.append(2.0 * plays.sum() / 1000)
+    expected = np.fft.rfft(loop[samples:])[lines] / np.fft.rfft(amplifier.specimen_v(volts))[lines]
+    found = loop_share(volts, lines, amplifier)
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    assert np.abs(found - found.mean()).max() > 0.05 * np.abs(found.mean())  # a sine's would be alike at all lines
