@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers import BenchError, Drive, DriveRejectedError, Hold, HvAmplifier, LaserSensor, Meter
 from model import Tactor
 from protocols.adaptation import AdaptedProtocol, adapt_to_source
-from protocols.base import MAX_RECORDING_SCANS, PlanEntry, Protocol, recording_too_long_message
+from protocols.base import PlanEntry, Protocol, recording_too_long_message
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import RESERVE_BYTES
 
@@ -80,7 +80,7 @@ def rehearse(
     if meters is not None:
         _check_meters(protocol, meters)
     longest = max(plan, key=lambda entry: entry.expected_s, default=None)
-    if longest is not None and longest.expected_s * protocol.sample_rate_hz > MAX_RECORDING_SCANS:
+    if longest is not None and longest.expected_s * protocol.sample_rate_hz > protocol.max_recording_scans:
         raise CannotRunError(
             f"{longest.label}: {recording_too_long_message(longest.expected_s * protocol.sample_rate_hz)}"
         )

@@ -265,6 +265,7 @@ def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:
         axes.text(0.5, 0.5, text, ha="center", transform=axes.transAxes)
         axes.set_axis_off()
         return
+    last = last.parts()[0]
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))
     t = 1e3 * np.arange(shown) / last.rate_hz
     axes.plot(t, 1e6 * last.displacement_m[:shown], color="tab:red", lw=0.8)

@@ -13,7 +13,15 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers import Drive
 from drivers.deprecated import renamed
-from protocols.base.records import EstimatedQuantity, FitLine, InterferenceLine, PlanEntry, Recording, ResultCurve
+from protocols.base.records import (
+    MAX_RECORDING_SCANS,
+    EstimatedQuantity,
+    FitLine,
+    InterferenceLine,
+    PlanEntry,
+    Recording,
+    ResultCurve,
+)
 from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
@@ -44,6 +52,9 @@ class Protocol(BaseModel, ABC):
 
     rest_record_s: ClassVar[float] = 1.0
     """Duration of the recording at rest before the first entry, in which hum and other interference is measured; 0: none."""
+
+    max_recording_scans: ClassVar[float] = MAX_RECORDING_SCANS
+    """Longest recording that the analysis takes; infinite where it is analysed in parts."""
 
     sample_rate_hz: float
 

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any
 
 from drivers import Drive
@@ -12,13 +13,19 @@ from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 
 MAX_RECORDING_SCANS = 50_000_000
-"""Limit of one recording, which its analysis holds in memory: a gigabyte."""
+"""Limit of one recording whose analysis holds it in memory: a gigabyte."""
+
+PART_SCANS = 4_000_000
+"""Scans of a longer recording that are analysed together where its analysis is one of parts: a hundred megabytes."""
 
 SIGNIFICANT_LINE_SIGMAS = 5.0
 """An interference line of more standard uncertainties than this is no noise."""
 
 STREAMED_RECORDING_SCANS = 1 << 15
 """A recording from this many scans on stays in the run file."""
+
+
+SAMPLES = ("drive_v", "displacement_m")
 
 
 def recording_too_long_message(scans: float) -> str:
@@ -82,31 +89,49 @@ class Recording:
     interference: tuple[InterferenceLine, ...] = ()
     """Lines of the displacement as measured at rest before the first drive."""
 
+    def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
+        """Return the recording in parts of about the same length, of `longest` scans at most."""
+        first, stop = self.rows
+        count = math.ceil((stop - first) / longest)
+        if count < 2:
+            return (self,)
+        ends = [first + at * (stop - first) // count for at in range(count + 1)]
+        return tuple(self._part(rows) for rows in pairwise(ends))
+
+    def _part(self, rows: tuple[int, int]) -> "Recording":
+        here = slice(rows[0] - self.rows[0], rows[1] - self.rows[0])
+        return replace(self, rows=rows, drive_v=self.drive_v[here], displacement_m=self.displacement_m[here])
+
 
 class StreamedRecording(Recording):
     """A recording whose samples are read from the run file at each access, so that a long entry needs no memory.
 
     Args:
-        read_channel: returns the samples of a channel in SI, (samples,): the drive for True, else the displacement.
-        fields: the other fields.
+        read_channel: returns the samples of a channel in SI, (samples,), of rows of the run file: the drive for True, else the
+            displacement.
+        values: the other fields.
     """
 
     __slots__ = ("_read",)
-    _read: Callable[[bool], Array]
+    _read: Callable[[tuple[int, int], bool], Array]
 
-    def __init__(self, read_channel: Callable[[bool], Array], **fields: Any) -> None:
-        for name, value in {**fields, "_read": read_channel}.items():
+    def __init__(self, read_channel: Callable[[tuple[int, int], bool], Array], **values: Any) -> None:
+        for name, value in {**values, "_read": read_channel}.items():
             object.__setattr__(self, name, value)
 
     @property
     def drive_v(self) -> Array:
         """(samples,), volts at the amplifier's input."""
-        return self._read(True)
+        return self._read(self.rows, True)
 
     @property
     def displacement_m(self) -> Array:
         """(samples,), metres as measured by the sensor."""
-        return self._read(False)
+        return self._read(self.rows, False)
+
+    def _part(self, rows: tuple[int, int]) -> "Recording":
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in SAMPLES}
+        return StreamedRecording(self._read, **kept | {"rows": rows})
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,7 @@ class _RecordingFit:
 
 
 def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
-    """The point of recordings under one sine; several are averaged as vectors, each against its own drive.
+    """The point of recordings under one sine; several, and parts of a long one, are averaged as vectors, each against its own drive.
 
     Raises:
         ValueError: a recording was not made under a sine, or is too short for the fit.
@@ -107,7 +107,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     drive, rate = recordings[-1].drive, recordings[-1].rate_hz
     if not isinstance(drive, Sine):
         raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
-    each = [_fit_recording(recording, drive.frequency_hz) for recording in recordings]
+    each = [_fit_recording(part, drive.frequency_hz) for recording in recordings for part in recording.parts()]
     components = np.mean([one.components for one in each], axis=0)
     fundamental = float(abs(components[0]))
     statistical = math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each)
@@ -213,6 +213,7 @@ class SineDwell(Protocol):
     title: ClassVar[str] = "Sine dwell"
     point_type: ClassVar[type] = SinePoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
+    max_recording_scans: ClassVar[float] = math.inf
 
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"

@@ -11,7 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from model import Array
-from protocols.base import ChannelCalibration, InterferenceLine, Quality, Recording, parse_json_object, visible_text
+from protocols.base import (
+    MAX_RECORDING_SCANS,
+    ChannelCalibration,
+    InterferenceLine,
+    Quality,
+    Recording,
+    StreamedRecording,
+    parse_json_object,
+    visible_text,
+)
 from protocols.runfile.fields import column, read_number, read_text, subgroup, table
 from protocols.runfile.open import reads_run
 from protocols.runfile.schema import (
@@ -223,15 +232,18 @@ class RunTrace:
         rows = (int(row["start_row"]), int(row["stop_row"]))
         if not 0 <= rows[0] <= rows[1]:
             raise ValueError(f"recording {index} begins at row {rows[0]} and ends at row {rows[1]}")
-        return Recording(
-            index=index,
-            rows=rows,
-            rate_hz=self.rate_hz,
-            drive=from_record(parse_json_object(row["drive"].decode())),
-            drive_v=self.drive_v(*rows),
-            displacement_m=self.displacement_m(*rows),
-            quality=Quality(int(row["quality"])),
-            sensor_delay_s=delay_s,
-            entry=int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
-            interference=self.interference,
-        )
+        known: dict[str, Any] = {
+            "index": index,
+            "rows": rows,
+            "rate_hz": self.rate_hz,
+            "drive": from_record(parse_json_object(row["drive"].decode())),
+            "quality": Quality(int(row["quality"])),
+            "sensor_delay_s": delay_s,
+            "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
+            "interference": self.interference,
+        }
+        if rows[1] - rows[0] > MAX_RECORDING_SCANS:
+            return StreamedRecording(
+                lambda part, drive: (self.drive_v if drive else self.displacement_m)(*part), **known
+            )
+        return Recording(drive_v=self.drive_v(*rows), displacement_m=self.displacement_m(*rows), **known)

@@ -18,7 +18,6 @@ from drivers import (
     channel_skew_s,
 )
 from protocols.base import (
-    MAX_RECORDING_SCANS,
     Array,
     Ask,
     DetectionResult,
@@ -120,7 +119,7 @@ class StepExecutor:
                     case Record():
                         if step.drive is not None:
                             drive, settled = step.drive, SettlingResult(True, 0.0)
-                        answer = self._record(armed, drive, step, settled, index)
+                        answer = self._record(armed, drive, step, settled, index, protocol.max_recording_scans)
                         recordings.append(answer)
                     case Ask(prompt):
                         answer = self._prompts.ask(prompt)
@@ -196,11 +195,11 @@ class StepExecutor:
         return SettlingResult(True, wait_s)
 
     def _record(
-        self, armed: ArmedBench, drive: Drive | None, step: Record, settled: SettlingResult, entry: int
+        self, armed: ArmedBench, drive: Drive | None, step: Record, settled: SettlingResult, entry: int, longest: float
     ) -> Recording:
         start_row = self._run_file.row_count
         scans = math.ceil(step.duration_s * armed.rate_hz)
-        if scans > MAX_RECORDING_SCANS:
+        if scans > longest:
             raise BenchError(recording_too_long_message(scans))
         buffer = RecordingBuffer(self._acquisition.channels, self._acquisition.read_block(armed))
         if step.drive is not None:
@@ -233,7 +232,7 @@ class StepExecutor:
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)
         else:
-            recording = StreamedRecording(partial(self._read_stored, rows), **fields)
+            recording = StreamedRecording(self._read_stored, **fields)
         self._recording_count += 1
         self._run_file.append_recording(recording.rows, int(quality), recording.drive, entry)
         self._recorder.publish(RecordingFinished(recording.index, recording.rows, int(quality), recording.drive, entry))

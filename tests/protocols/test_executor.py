@@ -115,6 +115,29 @@ def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path
         assert (recording.displacement_m == displacement_m).all()
 
 
+def test_the_parts_of_a_recording_are_its_samples_in_order(tmp_path: Path) -> None:
+    """One that is read from the run file while the run goes on, and the one that is read from the file afterwards."""
+    protocol = Scripted(script=(SETTLE, Record(2.0)), sample_rate_hz=20_000)
+    parts: list[Any] = []
+    with laboratory() as lab:
+        observed = Trigger(
+            lambda e: isinstance(e, PointMeasured),
+            lambda: parts.extend(
+                (p.rows, p.drive_v, p.displacement_m) for p in protocol.__dict__["answers"][1].parts(15_000)
+            ),
+        )
+        ran = run(protocol, tmp_path, lab, observed)
+    with Run(ran.path) as file:
+        whole = file.trace.recording(0)
+    first, stop = whole.rows
+    assert [rows for rows, *_ in parts] == [part.rows for part in whole.parts(15_000)]
+    assert [rows[1] - rows[0] for rows, *_ in parts] == [13_333, 13_333, 13_334]
+    assert (parts[0][0][0], parts[-1][0][1]) == (first, stop)
+    for at, name in ((1, "drive_v"), (2, "displacement_m")):
+        assert (np.concatenate([part[at] for part in parts]) == getattr(whole, name)).all()
+        assert (np.concatenate([getattr(part, name) for part in whole.parts(15_000)]) == getattr(whole, name)).all()
+
+
 def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)

@@ -20,6 +20,7 @@ from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
 from protocols.base import PlanEntry, Prompt, RunStatus, Step
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.sweep import Sweep
 from protocols.predicted_travel import predict_travel
 from protocols.rehearsal import CannotRunError, rehearse
 from tests.helpers.sampled import march
@@ -140,7 +141,9 @@ def test_a_disk_without_room_is_told_before_anything_moves(tmp_path: Path, monke
 
 
 def test_a_recording_that_no_memory_holds_is_told_before_anything_moves() -> None:
-    with pytest.raises(
-        CannotRunError, match=r"^200 Hz: a recording of 15\d million scans does not fit into memory \(limit 50"
-    ):
-        rehearse(SineDwell(frequencies_hz=(200,), record_s=600, sample_rate_hz=250_000), guard())
+    with pytest.raises(CannotRunError, match=r"a recording of 1\d\d million scans does not fit into memory \(limit 50"):
+        rehearse(Sweep(sweep_s=10, periods=30, sample_rate_hz=250_000), guard())
+
+
+def test_a_dwell_is_not_refused_for_its_length() -> None:
+    rehearse(SineDwell(frequencies_hz=(200,), record_s=600, sample_rate_hz=250_000), guard())

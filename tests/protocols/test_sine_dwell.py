@@ -330,6 +330,20 @@ def test_settling_of_a_ringing_tactor_needs_its_decay_time(tmp_path: Path) -> No
     assert hasty < 0.97
 
 
+def test_a_recording_in_parts_has_the_same_point_and_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, t = np.random.default_rng(4), np.arange(30_000) / 5000
+    drive = 2.5 + 2.5 * np.sin(2 * np.pi * 160 * t) + 1e-4 * rng.standard_normal(t.size)
+    moved = 5e-4 * np.sin(2 * np.pi * 160 * t - 0.7) + 1e-6 * rng.standard_normal(t.size)
+    whole = Recording(0, (0, t.size), 5000.0, Sine(160.0, 2.5, 2.5, 1000), drive, moved, Quality.GOOD, 0.0)
+    one = sine_point([whole], simulated=True)
+    monkeypatch.setattr(Recording.parts, "__defaults__", (7_500,))
+    four = sine_point([whole], simulated=True)
+    assert four.fundamental == pytest.approx(one.fundamental, abs=0.2 * one.fundamental_errors)
+    assert four.phase == pytest.approx(one.phase, abs=0.2 * one.phase_errors)
+    assert four.fundamental_errors == pytest.approx(one.fundamental_errors, rel=0.05)
+    assert (four.cycles, four.quality) == (pytest.approx(one.cycles), one.quality)
+
+
 @pytest.mark.deep
 @pytest.mark.parametrize(("drive_noise_v", "sensor_noise_m"), [(5e-3, 1e-7), (2.7e-4, 5e-7)])
 def test_the_phase_error_has_the_noise_of_the_drive_channel(drive_noise_v: float, sensor_noise_m: float) -> None:
