@@ -89,6 +89,7 @@ class RunTrace:
         self.path = path
         self._entry, self._sensor, self._rest_record = entry, sensor, rest_record
         self._calibrations: dict[str, ChannelCalibration] = {}
+        self._blocks: NDArray[Any] | None = None
 
     @property
     def interference(self) -> tuple[InterferenceLine, ...]:
@@ -163,7 +164,10 @@ class RunTrace:
     def times_of_rows(self, rows: ArrayLike) -> Array:
         """Return the scan times of these rows, seconds since the stream began, (N,)."""
         rows = np.asarray(rows, np.int64)
-        blocks = table(self._entry, "blocks", ("row", "scan"))[:]
+        stored = table(self._entry, "blocks", ("row", "scan"))
+        if self._blocks is None or len(self._blocks) != len(stored):  # an export asks for every stretch of its rows
+            self._blocks = stored[:]
+        blocks = self._blocks
         if not len(blocks):
             return np.asarray(rows / self.rate_hz)
         at = np.searchsorted(blocks["row"], rows, side="right") - 1
