@@ -310,7 +310,8 @@ class SineDwell(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
-        have = [(yield Record(self._record_s(f)))]
+        # The card is not read during this: of a recording in parts the first one must do.
+        have = [(yield Record(self._record_s(f))).parts()[0]]
         point = sine_point(have, simulated=False)
         most = self._max_recordings(f)
         while self.wanted and point.relative_uncertainty > self.wanted and len(have) < most:
@@ -323,7 +324,7 @@ class SineDwell(Protocol):
             )
             for _ in range(missing):
                 again = yield Record(self._record_s(f))
-                have.append(again)
+                have.append(again.parts()[0])
             point = sine_point(have, simulated=False)
         if Quality.NO_RESPONSE in Quality(point.quality):
             yield Log(

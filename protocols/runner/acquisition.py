@@ -23,6 +23,9 @@ from protocols.runner.recording_buffer import to_si
 ANALYSIS_TIMEOUT_S = 20.0
 """How long an analysis may take, while the drive continues, before the watchdog considers the program hung."""
 
+ANALYSIS_SHARE = 0.2
+"""The same as a share of what was recorded, where that is more: a dwell of ten minutes."""
+
 ANALYSIS_POLL_S = 0.01
 """Interval at which the card is read during an analysis."""
 
@@ -101,9 +104,10 @@ class RunAcquisition:
         while self.discard_block(self._armed).stop < now:
             self.check_interrupts()
 
-    def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult]) -> StepResult:
-        """Return what `compute` returns or raises; the card is read meanwhile, so that its buffer does not overflow."""
-        with self._bench.watchdog.allow_silence(ANALYSIS_TIMEOUT_S), ThreadPoolExecutor(1, "numbers") as numbers:
+    def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult], recorded_s: float = 0.0) -> StepResult:
+        """Return what `compute` makes of `recorded_s`, or raises; the card is read meanwhile, so that its buffer does not overflow."""
+        allowed_s = max(ANALYSIS_TIMEOUT_S, ANALYSIS_SHARE * recorded_s)
+        with self._bench.watchdog.allow_silence(allowed_s), ThreadPoolExecutor(1, "numbers") as numbers:
             done = numbers.submit(compute)
             while not wait([done], ANALYSIS_POLL_S).done:
                 # On a virtual clock no time passes, so nothing is due.

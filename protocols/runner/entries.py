@@ -113,8 +113,9 @@ class EntryRunner:
 
     def _analyze_entry(self, armed: ArmedBench, index: int, entry: PlanEntry, recordings: Sequence[Recording]) -> None:
         results = self._protocol.results(entry.key, recordings, self._simulated)
+        recorded_s = sum((recording.rows[1] - recording.rows[0]) / recording.rate_hz for recording in recordings)
         try:
-            point = self._acquisition.run_analysis(armed, partial(next, results))
+            point = self._acquisition.run_analysis(armed, partial(next, results), recorded_s)
         except ValueError as error:
             self._progress.mark_failed(index)
             if entry.drives:
