@@ -242,10 +242,10 @@ class ShapeOptions:
         help="of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
     )
 
-    def choose(self, specimen: Specimen, highest_hz: float = 0.0) -> ShapeChoice:
-        """Return the number of shape functions for a specimen, and how accurate it is."""
+    def choose(self, specimen: Specimen, highest_hz: float = 0.0, hermite: bool = False) -> ShapeChoice:
+        """Return the number of shape functions for a specimen, or of unknowns if it may be `hermite`, and how accurate it is."""
         share = to_number(self.accuracy.strip().removesuffix("%"), "1") / (100 if "%" in self.accuracy else 1)
-        return choose_shapes(specimen.tactor, specimen.skin, self.n, share, highest_hz)
+        return choose_shapes(specimen.tactor, specimen.skin, self.n, share, highest_hz, hermite)
 
 
 def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: ActiveModel = PAPER_MODEL) -> Specimen:

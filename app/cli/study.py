@@ -264,7 +264,7 @@ def read_study(options: StudyCommand) -> tuple[Study, ShapeChoice]:
     # A preset is the paper's figure, with the paper's shape functions.
     shapes = options.shapes if options.preset is None or options.shapes.n else replace(options.shapes, n=base.n)
     choice = _choose_shapes(study, shapes)
-    return replace(study, n=choice.n), choice
+    return replace(study, n=choice.n, hermite=choice.hermite), choice
 
 
 def _choose_shapes(study: Study, options: ShapeOptions) -> ShapeChoice:
@@ -277,7 +277,9 @@ def _choose_shapes(study: Study, options: ShapeOptions) -> ShapeChoice:
     corners += [{**first, name: pick(values)} for name, values in study.vary.items() for pick in (min, max)]
     highest_hz = max(study.frequency_hz)
     different = {tuple(corner.items()): corner for corner in corners}.values()
-    choices = [options.choose(replace_variables(study.specimen, corner), highest_hz) for corner in different]
+    choices = [
+        options.choose(replace_variables(study.specimen, corner), highest_hz, hermite=True) for corner in different
+    ]
     return max(choices, key=lambda choice: (not choice.accurate, choice.n, choice.error))
 
 

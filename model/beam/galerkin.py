@@ -1,6 +1,6 @@
 """M, C, K and B of Eqs. (13)-(14): linear in the physical parameters over Gram integrals of the geometry alone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -107,8 +107,16 @@ def _change_basis(basis: Array, N: Array) -> Array:
     return np.asarray((basis @ N[..., None])[..., 0])
 
 
-def matrices(beam: Beam, k_s: ArrayLike = 0.0, c_s: ArrayLike = 0.0, n: int = 7) -> Matrices:
+def matrices(
+    beam: Beam,
+    k_s: ArrayLike = 0.0,
+    c_s: ArrayLike = 0.0,
+    n: int = 7,
+    integrals: Callable[[float | Array, float | Array, int], Gram] = gram,
+) -> Matrices:
     """M, C, K, B of Eqs. (13)-(14) for one beam or for arrays of them, with skin k_s (N/m^2) and c_s (kg/(m s)).
+
+    `integrals` are those of the paper's shape functions, or `hermite_gram`.
 
     Shapes: (n, n) and (n,) for one beam, with the broadcast shape of all arrays in front for many.
 
@@ -116,7 +124,7 @@ def matrices(beam: Beam, k_s: ArrayLike = 0.0, c_s: ArrayLike = 0.0, n: int = 7)
         ParameterError: n is not in 3..300.
     """
     L, L1, L2, rho1, rho2, eta, c0, k1, k2, mu = beam
-    g = gram(L1 / L, L2 / L, n)
+    g = integrals(L1 / L, L2 / L, n)
     L3 = L * L * L
     M, C, K = _weighted_sums(
         g.parts,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, specimen_record, variable_specs
-from model.beam import check_shape_count, matrices, modal_form, receptance
+from model.beam import check_shape_count, gram, hermite_gram, matrices, modal_form, receptance
 from model.response import (
     check_frequency,
     fourier_series,
@@ -91,6 +91,9 @@ class Study:
     offset_v: float = 2.5
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     n: int = 7
+    """Number of the paper's shape functions, or of the unknowns of Hermite elements."""
+    hermite: bool = False
+    """Whether the beam is made of Hermite elements instead of the paper's shape functions."""
     memory_mb: float = 64.0
 
     def __post_init__(self) -> None:
@@ -197,7 +200,7 @@ def study_responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[An
     """The study's measure for sets of values, arrays of one length P, instead of its own grid; shape (P, F)."""
     f = check_frequency(study.frequency_hz)
     beam, k_s, c_s = study.specimen.coefficients(values)
-    M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n)
+    M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n, hermite_gram if study.hermite else gram)
     sets = max((np.size(v) for v in values.values()), default=1)
     form = modal_form(M, C, K, B, 2 * B_F)
     hysteresis, creep = (values.get(name, getattr(study.specimen, name)) for name in ("hysteresis", "creep"))

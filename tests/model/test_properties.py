@@ -1,18 +1,21 @@
 """Physical properties of every admissible tactor: conservation laws, and independent solutions compared."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from numpy.polynomial.legendre import leggauss
 
-from model.beam.galerkin import gram
+from model.beam.galerkin import gram, matrices
+from model.beam.hermite import hermite_gram
 from model.beam.poles import modal_form, receptance
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.harmonic_response import frequency_response, system_matrices, tactor_modal_form
 from model.response.modes import natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
-from model.skin_model import Skin
+from model.skin_model import NO_SKIN, Skin
 from tests.helpers.model_strategies import pairs, tactors
 
 few = settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no failure of physics
@@ -37,6 +40,24 @@ def test_galerkin_agrees_with_the_closed_form(pair: tuple[Tactor, Skin]) -> None
             assert error[0] > error[1] > error[2]
             assert error[1] < 0.1
             assert error[2] < 0.015
+
+
+@few
+@given(pairs())
+def test_hermite_elements_agree_with_the_closed_form(pair: tuple[Tactor, Skin]) -> None:
+    t, skin = pair
+    for on in (NO_SKIN, skin):
+        f = around_resonance(t, on)
+        for source in ("voltage", "load"):
+            exact = exact_response(t, f, on, excitation=source)
+            error = []
+            for n in (11, 41, 83):
+                m = matrices(t.beam, on.k_s, on.c_s, n, hermite_gram)
+                form = modal_form(m.M, m.C, m.K, m.B if source == "voltage" else m.B_F, 2 * m.B_F)
+                error.append(abs(receptance(form, 2 * np.pi * f) - exact).max() / abs(exact).max())
+            assert error[2] < 2e-3  # 3e-6 without a skin far stiffer than the beam
+            for coarse, fine in pairwise(error):  # of fourth order
+                assert fine < coarse / 8 or fine < 1e-6
 
 
 @few

@@ -5,9 +5,12 @@ import pytest
 
 from model.beam.basis import load_shape, moment_shape, shape_functions, symmetric_modes, wavenumbers
 from model.beam.galerkin import gram
+from model.beam.hermite import hermite_gram
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import frequency_response
 from model.response.modes import natural_frequencies
+from model.response.shape_choice import choose_shapes
 from model.skin_model import Skin, skin
 from model.studies.convergence import convergence
 
@@ -156,3 +159,25 @@ def test_seven_shapes_over_1_to_500_hz(on: Skin | None, amplitude: float) -> Non
 def test_the_kink_at_the_stiffness_step_is_what_limits_seven_shapes() -> None:
     even = Tactor(k2=Tactor().k1)
     assert convergence(even, n=(7,)).max_error[0] < 6e-4 < 4.9e-3 < convergence(Tactor(), n=(7,)).max_error[0] < 5e-3
+
+
+def test_hermite_integrals_of_many_geometries_are_those_of_each() -> None:
+    l1, l2 = np.array([0.3, 0.45, 0.2]), np.array([0.6, 0.7, 0.9])
+    many = hermite_gram(l1, l2, 11)
+    for at in range(3):
+        one = hermite_gram(float(l1[at]), float(l2[at]), 11)
+        for each, single in zip(many, one, strict=True):
+            assert (each[at] == single).all()
+
+
+@pytest.mark.parametrize("n", [3, 7, 12, 305])
+def test_hermite_unknowns_are_5_11_17(n: int) -> None:
+    with pytest.raises(ParameterError, match=rf"^{n} unknowns: Hermite elements have 5, 11, 17"):
+        hermite_gram(0.3, 0.6, n)
+
+
+def test_hermite_elements_are_chosen_where_the_papers_seven_do_not_suffice() -> None:
+    chosen = [choose_shapes(Tactor(), accuracy=accuracy, hermite=True) for accuracy in (1e-2, 1e-3, 2e-5)]
+    assert [(each.n, each.hermite) for each in chosen] == [(7, False), (11, True), (23, True)]
+    assert all(each.error <= each.accuracy for each in chosen)
+    assert not choose_shapes(Tactor(), accuracy=1e-3).hermite
