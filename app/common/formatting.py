@@ -15,8 +15,9 @@ def typeset_unit(unit: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a line as a window shows it: `N m²`, `±` and `max − min` for `N m^2`, `+-` and `max - min`."""
-    return typeset_unit(text).replace(" +- ", " ± ").replace("max - min", "max − min").replace("max-min", "max − min")
+    """Return a line as a window shows it: `N m²`, `±`, `peak-to-peak displacement` for `N m^2`, `+-`, `max - min`."""
+    named = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
+    return typeset_unit(named).replace(" +- ", " ± ")
 
 
 def format_duration(seconds: float) -> str:

@@ -61,6 +61,10 @@ class BlockDiscarded:
     block: Block
 
 
+INTERFERENCE_AT_REST = "interference at rest"
+"""Name of the largest line in the displacement at rest, which every run estimates beside its own quantities."""
+
+
 @dataclass(frozen=True, slots=True)
 class InterferenceMeasured:
     """The displacement at rest was recorded in these rows of the file and searched for hum and other lines.

@@ -309,8 +309,15 @@ class MassResonance(Protocol):
         return (FitLine("stiffness constant: 1/f² linear in the mass", drawn, squared**-0.5, used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """None: identifying k2 from resonance against mass needs the model, see `identify`."""
-        return ()
+        """The peak of each mass; the damping ratios are in the points, and identifying k2 needs the model, see `identify`."""
+        source = (
+            f"largest response from {self.low_hz:g} to {self.high_hz:g} Hz, sines or sweep of {self.peak_to_peak_v:g} V"
+        )
+        return tuple(
+            EstimatedQuantity(f"peak with {1e3 * p.mass:g} g", p.frequency, p.frequency_errors, "Hz", source)
+            for p in usable_points(tuple(points))
+            if math.isfinite(p.frequency)
+        )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = [p for p in usable_points(points) if math.isfinite(p.resonance) and p.resonance > 0]

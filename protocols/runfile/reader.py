@@ -26,6 +26,7 @@ from protocols.base import (
     parse_json_object,
     visible_text,
 )
+from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,
@@ -351,8 +352,9 @@ class Run(Closeable):
         return tuple(_curve(subgroup(curves, name)) for name in curves)
 
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
+        """Return the quantities in their stored order; in files without one by their names, interference last."""
         estimates = subgroup(self._entry, "estimates") if "estimates" in self._entry else {}
-        return tuple(
+        found = (
             EstimatedQuantity(
                 visible_text(name.replace("_", " ")),
                 read_number(one, "value"),
@@ -363,6 +365,7 @@ class Run(Closeable):
             for name in estimates
             for one in (subgroup(estimates, name),)
         )
+        return tuple(sorted(found, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
 
     def _rest_record(self) -> RestRecord | None:
         """Return where interference was measured at rest; None where it was not."""

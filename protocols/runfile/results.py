@@ -70,10 +70,11 @@ def store_verdict(file: h5py.File, verdict: Verdict) -> None:
 
 
 def append_estimates(file: h5py.File, estimates: Sequence[EstimatedQuantity]) -> None:
-    """Append identified quantities."""
+    """Append identified quantities; the group lists them in this order, the most important first."""
     if not estimates:
         return
-    found = create_group(file["entry"], "estimates", "NXcollection")
+    found = file["entry"].create_group("estimates", track_order=True)
+    found.attrs["NX_class"] = "NXcollection"
     for estimate in estimates:
         one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
         for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):

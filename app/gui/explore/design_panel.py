@@ -37,7 +37,7 @@ class DesignPanel(QWidget):
             configure(QLineEdit(text), f"explore.design.{name}", accessibleName=about)
             for name, text, about in (
                 ("resonance", "160 Hz", "resonance that the added mass is to give"),
-                ("amplitude", "100 µm", "max - min that the drive is to give"),
+                ("amplitude", "100 µm", "peak-to-peak displacement that the drive is to give"),
                 ("frequency", "200 Hz", "frequency of the drive"),
             )
         )

@@ -4,8 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QWidget
+from PySide6.QtWidgets import QComboBox, QSpinBox, QWidget
 
+from app.common import typeset
+from app.fleet.control_chart import BASELINE, MIN_BASELINE
 from app.fleet.drift import DriftCause
 from app.fleet.values import Fleet
 from app.fleet.view import ChartView, golden_candidates, view_charts
@@ -26,6 +28,11 @@ from app.gui.widgets import (
 )
 
 DEFAULT_QUANTITY = "largest max - min"
+MAX_BASELINE = 1000
+BASELINE_TEXT = (
+    "The baseline, the first values, sets centre and limits. Let it end before the drift: a baseline that includes the drift flags good "
+    "early values."
+)
 
 
 class ChartPane(QWidget):
@@ -55,6 +62,17 @@ class ChartPane(QWidget):
             )
             for name in ("golden specimen", "quantity of the chart", "sensor")
         )
+        self.baseline = configure(
+            QSpinBox(),
+            "laboratory.chart.baseline",
+            accessibleName="number of values of the baseline",
+            toolTip=f"{BASELINE_TEXT} At least {MIN_BASELINE}.",
+            keyboardTracking=False,
+            prefix="baseline: first ",
+            suffix=" values",
+        )
+        self.baseline.setRange(MIN_BASELINE, MAX_BASELINE)
+        self.baseline.setValue(BASELINE)
         self.export_button = make_button(
             "Export …", self._choose_export, "choice", "The values of the charts as CSV, SI, every digit"
         )
@@ -67,6 +85,7 @@ class ChartPane(QWidget):
             self.golden,
             self.quantity,
             self.sensor,
+            self.baseline,
             self.export_button,
             spacing=6,
         )
@@ -74,6 +93,7 @@ class ChartPane(QWidget):
         column(bar, self.verdict_label, self.notes_label, (parts, 1), parent=self, margins=(0, 0, 0, 0), spacing=4)
         for combo in (self.golden, self.quantity):
             combo.currentIndexChanged.connect(lambda _: self.update_view())
+        self.baseline.valueChanged.connect(lambda _: self.update_view())
         self.sensor.currentIndexChanged.connect(lambda _: self._show_chart())
         self.broken.row_opened.connect(self._open_run)
 
@@ -98,8 +118,12 @@ class ChartPane(QWidget):
         fleet, golden, quantity = self._fleet, self.golden.currentData(), self.quantity.currentData()
         if fleet is None or not golden or not quantity:
             return
+        baseline = self.baseline.value()
         self._worker.submit(
-            lambda: view_charts(fleet, golden, quantity), self._show_view, self._on_error, latest_only="charts"
+            lambda: view_charts(fleet, golden, quantity, baseline),
+            self._show_view,
+            self._on_error,
+            latest_only="charts",
         )
 
     def export(self, path: Path) -> None:
@@ -144,8 +168,9 @@ class ChartPane(QWidget):
                 text, kind = f"✕ Drift of the {cause}{since}", "danger"
         self.verdict_label.setText(text)
         set_style_kind(self.verdict_label, kind)
-        self.notes_label.setText("\n".join(view.notes))
-        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {view.selection.name}, {view.selection.about}"
+        self.notes_label.setText("\n".join((*view.notes, BASELINE_TEXT)))
+        name = typeset(view.selection.name)
+        title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
         self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
         self.broken.set_table(view.broken[at])
 
@@ -176,6 +201,6 @@ def _fill(combo: QComboBox, names: tuple[str, ...], preferred: str) -> None:
     with QSignalBlocker(combo):
         combo.clear()
         for name in names:
-            combo.addItem(name, name)
+            combo.addItem(typeset(name), name)
         at = combo.findData(chosen) if chosen else -1
         combo.setCurrentIndex(at if at >= 0 else max(combo.findData(preferred), 0))

@@ -6,7 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
-from app.common import Table
+from app.common import Table, typeset
 from app.fleet.tables import Bounds
 from app.fleet.values import CALIBRATION, GROUPS, Fleet
 from app.fleet.view import FleetQuery, FleetView, view_fleet
@@ -164,7 +164,7 @@ class FleetPane(QWidget):
             if first:
                 combo.addItem(first, "")
             for name in names:
-                combo.addItem(name, name)
+                combo.addItem(typeset(name), name)
             combo.setCurrentIndex(max(combo.findData(chosen), 0))
 
     def _specimen_at(self, row: int) -> str:

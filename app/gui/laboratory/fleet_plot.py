@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
-from app.common import display_unit, format_quantity
+from app.common import display_unit, format_quantity, typeset
 from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
 from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, curve_symbol, legend_share
@@ -60,7 +60,8 @@ class FleetPlot(PlotBase):
             self.selected.clear()
             return
         factor, unit = display_unit(view.selection.unit)
-        self.plot.setLabel("left", f"{view.selection.name} ({unit})" if unit else view.selection.name)
+        name = typeset(view.selection.name)
+        self.plot.setLabel("left", f"{name} ({unit})" if unit else name)
         self.corner_label.set_text(view.selection.about)
         with_bars = sum(group.values.size for group in view.groups) <= MAX_BARS
         for at, group in enumerate(view.groups):

@@ -9,7 +9,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelInd
 from PySide6.QtGui import QColor, QFont, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
-from app.common import Column, Severity, Table
+from app.common import Column, Severity, Table, typeset
 from app.common.tables import CellValue
 from app.gui.widgets import BackgroundWorker, Theme, configure
 
@@ -71,9 +71,8 @@ class ValueTableModel(QAbstractTableModel):
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
             column = self._columns[section]
-            return (
-                f"{column.displayed_name} ({column.displayed_unit})" if column.displayed_unit else column.displayed_name
-            )
+            name = typeset(column.displayed_name)
+            return f"{name} ({column.displayed_unit})" if column.displayed_unit else name
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
