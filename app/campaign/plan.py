@@ -176,7 +176,10 @@ class CampaignItem:
 TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
 REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
 FIX_PAPER_MASS = Prompt(
-    "fix-mass", "Fix the mass of 7.73 g in the cylinder (the paper's).", {"mass_kg": 7.73e-3}, hands_on=True
+    "fix-mass",
+    "Fix the mass in the cylinder of which 7.73 g moves with the centre (the paper put in 11 g).",
+    {"mass_kg": 7.73e-3, "moving": 1.0},
+    hands_on=True,
 )
 
 PAPER_ITEMS: tuple[CampaignItem, ...] = (

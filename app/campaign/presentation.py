@@ -221,7 +221,7 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
             "Will take",
             (format_rehearsal(summary.rehearsal, summary.time_scale),) if summary.rehearsal is not None else (),
         ),
-        DetailSection("Set up first", tuple(prompt.text for prompt in item.prepare)),
+        DetailSection("Set up first", tuple(prompt.text for prompt in summary.prepare)),
         DetailSection("Depends on", (", ".join(item.needs),) if item.needs else ()),
         DetailSection("Settings that differ from the protocol's", settings),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem
+from app.campaign.specimen_mass import with_specimen_mass
 from app.campaign.status import ItemState, ItemStatus, NextAction
 from app.identification import reference_model
 from app.session import RunRejected, SessionEvent
@@ -50,7 +51,8 @@ class CampaignRunner:
         else:
             request = RunRequest(self.campaign.protocol_for(state.step or item), folder, specimen)
         reference = reference_model(folder, specimen)
-        return replace(request, specimen=specimen, prepare=item.prepare, item=item.name, reference=reference)
+        prepare = with_specimen_mass(item.prepare, folder, specimen)
+        return replace(request, specimen=specimen, prepare=prepare, item=item.name, reference=reference)
 
     def submit(self, session: RunStarter, request: RunRequest) -> None:
         """Submit a run to the session and return immediately."""

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
+from app.campaign.specimen_mass import with_specimen_mass
 from app.campaign.status import ItemState, ItemStatus
 from app.identification import IdentificationResult, ObservationError, SheetError, amplifier_of, identify, verdict_line
 from app.session import real_duration_s
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, IdentificationError
-from protocols.base import EstimatedQuantity, Outcome
+from protocols.base import EstimatedQuantity, Outcome, Prompt
 from protocols.rehearsal import Rehearsal
 from protocols.runfile.reader import RunReadError
 
@@ -37,6 +38,8 @@ class ItemSummary:
     """Rehearsal, in bench time; None if nothing is left to do, or without a bench."""
     time_scale: float = 1.0
     """Real seconds per second of bench time, which a simulated bench may pass faster."""
+    prepare: tuple[Prompt, ...] = ()
+    """Set-up prompts, for this specimen."""
 
     @property
     def name(self) -> str:
@@ -150,6 +153,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
             tuple(campaign.accepted_estimates(line.item).values()),
             rehearsals.get(line.item.name),
             time_scale,
+            with_specimen_mass(line.item.prepare, campaign.path.parent, campaign.specimen),
         )
         for line in lines
     )

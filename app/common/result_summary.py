@@ -8,6 +8,7 @@ from typing import Any
 from app.common.formatting import format_quantity, typeset
 from app.common.units import display_unit
 from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
+from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.schema import point_columns
 
 MAX_POINT_ROWS = 12
@@ -20,7 +21,8 @@ class ResultSummary:
 
     Attributes:
         reason: how the run ended, for the reasons of the verdict.
-        quantities: name and value with its standard error, in display units.
+        quantities: the protocol's own results: name and value with its standard error, in display units.
+        others: what every run estimates beside them, likewise.
         point_names: names of the two axes; of the columns of `points`.
         points: where nothing was identified, the usable points: value on either axis, with its error.
         hints: the protocol's warnings about the points: what to change next time.
@@ -37,6 +39,7 @@ class ResultSummary:
     simulated: bool = False
     measured: int = 0
     planned: int = 0
+    others: tuple[tuple[str, str], ...] = ()
 
 
 AXIS_NAMES = {"share": "loop width / stroke", "level": "level at the amplifier's input"}
@@ -60,14 +63,14 @@ def summarize_result(
     planned: int = 0,
 ) -> ResultSummary:
     """Return the summary of a run; without estimates it lists the points on the axes of the protocol."""
-    listed = kind is not None and not estimates
+    own = [each for each in estimates if each.name != INTERFERENCE_AT_REST]
+    others = [each for each in estimates if each.name == INTERFERENCE_AT_REST]
+    listed = kind is not None and not own
     x_name, y_name = kind.axes if listed and kind is not None else ("", "")
     return ResultSummary(
         verdict=verdict,
         reason=reason,
-        quantities=tuple(
-            (typeset(e.name), typeset(format_quantity(e.value, e.standard_error, e.unit))) for e in estimates
-        ),
+        quantities=_name_and_value(own),
         point_names=(axis_name(x_name), axis_name(y_name)),
         points=_point_rows(kind, points) if listed and kind is not None else (),
         hints=tuple(hints),
@@ -75,7 +78,12 @@ def summarize_result(
         simulated=simulated,
         measured=len(points),
         planned=planned,
+        others=_name_and_value(others),
     )
+
+
+def _name_and_value(estimates: Sequence[EstimatedQuantity]) -> tuple[tuple[str, str], ...]:
+    return tuple((typeset(e.name), typeset(format_quantity(e.value, e.standard_error, e.unit))) for e in estimates)
 
 
 def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str, str], ...]:

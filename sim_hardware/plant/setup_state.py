@@ -21,7 +21,7 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
 
 `tidy-up` is never a prompt: the start of another run restores the set-up with which the bench was opened.
 
-All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
+`fix-mass` may say by `moving` that `mass_kg` is what moves with the centre, not what is put in. All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
 """
 
 SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
@@ -97,9 +97,8 @@ def apply_action(
         case "short-electrodes" | "connect-electrodes":
             return replace(state, shorted=action == "short-electrodes")
         case "fix-mass":
-            return replace(
-                state, fixed_kg=parameters.beyond.mass_share * _require_not_negative(action, values, "mass_kg")
-            )
+            share = 1.0 if values.get("moving") else parameters.beyond.mass_share
+            return replace(state, fixed_kg=share * _require_not_negative(action, values, "mass_kg"))
         case "stretch-membrane":
             elongation_m = _require_not_negative(action, values, "elongation_m") * (1 - parameters.beyond.membrane_slip)
             return replace(

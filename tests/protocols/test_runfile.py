@@ -94,6 +94,14 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
     file.path.unlink()
 
 
+def test_results_are_read_in_the_order_in_which_they_were_written(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    names = ("resonance frequency", "damping ratio", "Q", "interference at rest")
+    file.finish(RunStatus.COMPLETED, "fine", [EstimatedQuantity(name, 1.0, 0.1, "1", "here") for name in names])
+    with Run(file.path) as run:
+        assert tuple(estimate.name for estimate in run.estimates()) == names
+
+
 @pytest.mark.deep
 def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
     file = new(tmp_path)

@@ -70,6 +70,13 @@ def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
     assert found["decay time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
 
 
+def test_the_peak_of_each_mass_is_a_result_in_the_order_of_the_masses(loaded) -> None:
+    with Run(loaded.path) as file:
+        own = [e for e in file.estimates() if e.name != "interference at rest"]
+    assert [e.name for e in own] == ["peak with 2.75 g", "peak with 9.75 g"]
+    assert [e.value for e in own] == [point.frequency for point in loaded.points]
+
+
 @pytest.mark.parametrize("sweep_s", [30.0, 300.0, 900.0, 1800.0])
 def test_a_mass_resonance_takes_the_time_that_was_asked_for_and_covers_the_band(sweep_s: float) -> None:
     (entry,) = MassResonance(masses_kg=(7.75e-3,), sweep_s=sweep_s).plan(2.5)

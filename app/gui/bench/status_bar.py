@@ -132,6 +132,8 @@ class BenchStatusBar(QWidget):
         # Otherwise their large text would keep a window large.
         narrow = {"sizePolicy": QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed), "minimumWidth": 72}
         self._window_size = QSize(1280, 720)
+        self._bench: Bench | None = None
+        """That was open last, by whose speed times are real."""
         self.simulated_label = configure(
             QLabel("SIMULATED"),
             "status.simulated",
@@ -226,10 +228,11 @@ class BenchStatusBar(QWidget):
             self._show_lamps(view.instruments)
         if last is None or last.bench_state is not view.bench_state:
             self.scale_to_window(self._window_size)
-        self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s)
+        self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s, self._bench)
 
     def show_progress(self, streamed_s: float, bench: "Bench | None" = None) -> None:
         """Update the progress bar and the remaining time between two progress events."""
+        self._bench = bench
         view = self._state
         if view is None:
             return

@@ -40,6 +40,7 @@ class TableForm(QWidget):
         shown = [name for name in (main or names) if name in names]
         others = [name for name in names if name not in shown]
         self.rows = {name: self._make_row(table, name) for name in (*shown, *others)}
+        self._hints = {name: row.editor.toolTip() for name, row in self.rows.items()}
         self.more_button = make_choice("More", "Show the other values of this table", checkable=True)
         self.more_button.setObjectName(f"bench.{table}.more")
         self._others = QWidget()
@@ -65,6 +66,7 @@ class TableForm(QWidget):
             row.editor.blockSignals(False)
             if isinstance(row.editor, QLineEdit):
                 row.editor.setCursorPosition(0)  # the beginning of a long text is seen
+            self._show_whole_text(name)
             _show_fault(row, "")
 
     @property
@@ -111,7 +113,17 @@ class TableForm(QWidget):
             faults.setdefault(next(iter(self.rows)), general)
         for name, row in self.rows.items():
             _show_fault(row, faults.get(name, ""))
+            self._show_whole_text(name)
         self.changed.emit()
+
+    def _show_whole_text(self, name: str) -> None:
+        """Put a text that a narrow field cuts into its tool tip, above the hint."""
+        editor = self.rows[name].editor
+        if not isinstance(editor, QLineEdit):
+            return
+        text = editor.text()
+        whole = editor.fontMetrics().horizontalAdvance(text) <= editor.minimumWidth() - EDITOR_PADDING
+        editor.setToolTip(self._hints[name] if whole else f"{text}\n{self._hints[name]}")
 
 
 def _show_fault(row: FieldRow, fault: str) -> None:
@@ -123,6 +135,7 @@ def _show_fault(row: FieldRow, fault: str) -> None:
 def _fill(layout: QGridLayout, rows: Sequence[FieldRow]) -> None:
     for at, row in enumerate(rows):
         layout.addWidget(row.label, 2 * at, 0)
-        layout.addWidget(row.editor, 2 * at, 1)
-        layout.addWidget(row.unit, 2 * at, 2)
+        layout.addWidget(row.editor, 2 * at, 1, 1, 1 if row.unit.text() else 2)
+        if row.unit.text():
+            layout.addWidget(row.unit, 2 * at, 2)
         layout.addWidget(row.note_label, 2 * at + 1, 0, 1, 3)

@@ -9,11 +9,13 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import pluralize
 from app.explore import SLIDERS
-from app.gui.widgets import Theme, configure, grid
+from app.gui.widgets import ElidedLabel, Theme, configure, grid
 from app.live import EstimateUpdate
 from protocols.base import format_with_uncertainty
 
 MAX_ROWS = 3
+MIN_HISTORY_WIDTH = 16
+"""A window of 800 points has little more beside the values."""
 TOO_FEW = "Not enough points yet to separate the parameters; points at other frequencies will."
 
 
@@ -24,7 +26,7 @@ class ErrorHistoryPlot(QWidget):
         super().__init__(parent)
         self.errors: Sequence[float] = ()
         self._color = "#000000"
-        self.setMinimumWidth(44)
+        self.setMinimumWidth(MIN_HISTORY_WIDTH)
 
     def sizeHint(self) -> QSize:
         return QSize(60, self.fontMetrics().height() + 4)
@@ -64,7 +66,7 @@ class EstimatesPanel(QWidget):
         self.caption = configure(QLabel(), "estimates.caption", kind="caption")
         self.note = configure(QLabel(), "estimates.note", kind="note", wordWrap=True)
         self.rows = [
-            (configure(QLabel(), kind="note"), configure(QLabel(), kind="small"), ErrorHistoryPlot())
+            (configure(ElidedLabel(), kind="note"), configure(QLabel(), kind="small"), ErrorHistoryPlot())
             for _ in range(MAX_ROWS)
         ]
         grid(
@@ -98,6 +100,7 @@ class EstimatesPanel(QWidget):
         for e, (name, value, history) in zip(estimates, self.rows, strict=False):
             slider = SLIDERS[e.name.partition("(")[0]]
             name.setText(slider.label + e.name.removeprefix(slider.name))
+            name.setToolTip(name.text())
             value.setText(
                 format_with_uncertainty(slider.factor * e.value, slider.factor * e.standard_error, slider.unit)
             )

@@ -161,7 +161,9 @@ class ResultCard(QFrame):
             for label, shown in zip(labels, lines[at] if at < len(lines) else ("", ""), strict=True):
                 label.setText(shown)
                 label.setVisible(bool(shown))
-        self.more_label.setText(_table(lines[MAX_LARGE:]) or _point_table(summary))
+        self.more_label.setText(
+            _table((*lines[MAX_LARGE:], *summary.others)) if lines else _point_table(summary) + _table(summary.others)
+        )
         self.more_label.setVisible(bool(self.more_label.text()))
         self.note_label.setVisible(bool(lines or summary.points))
         self.file_label.setText(Path(summary.path).name)

@@ -125,6 +125,11 @@ def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
     assert "no VISA library" in find(page, "bench.message").text()
     type_into(window, "bench.name", "Ann")
     type_into(window, "bench.sensor.gain_m_per_v", "0.5 mm/V")
+    address = "USB0::0x0957::0x2C07::MY52800000::0::INSTR"
+    type_into(window, "bench.card.serial", address)
+    assert find(page, "bench.card.serial").toolTip().startswith(f"{address}\n"), "the field is too narrow for it"
+    type_into(window, "bench.card.serial", "1A2B")
+    assert "1A2B" not in find(page, "bench.card.serial").toolTip()
     find(page, "bench.further").click()
     type_into(window, "bench.environment.port", "COM7")
     type_into(window, "bench.backup.folder", "/mnt/share/tactors")

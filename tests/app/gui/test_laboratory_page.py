@@ -129,6 +129,21 @@ def test_the_control_chart_shows_the_laser_that_drifts(page: LaboratoryPage, tmp
     assert len((tmp_path / "chart.csv").read_text().splitlines()) == 2 * GOLDEN_VALUES + 1
 
 
+def test_the_baseline_of_the_chart_ends_before_the_drift(page: LaboratoryPage) -> None:
+    page.show_view(CHART)
+    until(lambda: is_idle(page) and page.chart.view is not None)
+    assert page.chart.baseline.value() == 20
+    page.chart.baseline.setValue(STEP_AT)
+    until(lambda: is_idle(page))
+    assert page.chart.view is not None
+    drifted = next(each for each in page.chart.view.charts if each.sensor == "laser #L2").chart
+    assert drifted.baseline == STEP_AT
+    assert drifted.centre == pytest.approx(1e-3, rel=0.005)
+    assert {signal.index for signal in drifted.signals} >= set(range(STEP_AT, GOLDEN_VALUES))
+    assert "baseline that includes the drift" in page.chart.notes_label.text()
+    assert page.chart.quantity.currentText() == "largest peak-to-peak displacement"
+
+
 def test_certificates_are_warned_of_before_and_after_their_date(open_page: OpenPage, tmp_path: Path) -> None:
     today = datetime.now(UTC).date()
     for number, days in (("K1", -1), ("K2", 30), ("K3", 31)):

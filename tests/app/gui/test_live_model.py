@@ -134,6 +134,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     assert abs(number - 8.2) < 4 * error < 0.2
     assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
     assert "the paper's values" in panel.estimates_panel.note.text()
+    assert panel.estimates_panel.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
     stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
     assert find(panel, "measure.rehearsal").isVisible()
     assert not panel.estimates_panel.isVisible()

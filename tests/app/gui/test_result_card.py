@@ -43,6 +43,17 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     assert card.isHidden()
 
 
+def test_interference_is_never_one_of_the_large_values(stage: Stage) -> None:
+    card = stage.window.measure_page.run_panel.result_card
+    stage.happen(OPENED)
+    stage.window.start_run()
+    hum = EstimatedQuantity("interference at rest", 1.5e-7, 1e-8, "m", "hum")
+    stage.happen(*LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (ESTIMATES[0], hum)))
+    assert find(card, "result.value-0").text() == "158.3 ± 1.6 Hz"
+    assert not find(card, "result.value-1").isVisibleTo(card)
+    assert "interference at rest" in find(card, "result.more").text()
+
+
 @pytest.mark.deep
 def test_a_stopped_run_is_continued_from_its_card(stage: Stage) -> None:
     card = stage.window.measure_page.run_panel.result_card

@@ -2,7 +2,9 @@
 
 import itertools
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
@@ -106,6 +108,17 @@ def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     assert find(bar, "status.voltage").text == "−500 … +1500 V"
     assert "160 Hz" in find(bar, "status.task").text
     assert "7 of 18 points" in find(bar, "status.task").note
+    assert "15 s left" in find(bar, "status.task").note
+
+
+def test_the_time_left_stays_real_when_the_state_changes(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.start_run()
+    stage.happen(*LIVE, ProgressUpdated(7, 18, 300.0, "160 Hz"))
+    bar = stage.window.status_bar
+    bar.show_progress(0.0, SimpleNamespace(configuration={"speed": 20.0}))
+    assert "15 s left" in find(bar, "status.task").note
+    bar.set_state(replace(stage.window.state, pause_requested=True))
     assert "15 s left" in find(bar, "status.task").note
 
 
