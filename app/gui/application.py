@@ -29,6 +29,10 @@ UNITS_IMPORT_DELAY_MS = 500
 DELETION_DELAY_MS, DELETION_PAUSE_MS = 100, 30
 """After which a window is hidden that another one has taken the place of, and between the deletion of two of its pages."""
 
+SWITCH_INTERVAL_S = 1e-3
+"""After which a thread that computes in Python lets the window's thread continue; Python's default of 5 ms is waited for several
+times between an input and its paint."""
+
 WELCOME_SEEN_KEY = "window/seen"
 """Settings key: this window has been opened before."""
 
@@ -96,6 +100,7 @@ def open_window(
             shown.
     """
     qt_application()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     with collect_garbage_here():
         return _open_windows(
             bench,

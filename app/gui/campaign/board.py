@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
 from app.gui.campaign.details import ItemDetailsPane
@@ -53,6 +53,9 @@ STEP_HEIGHT_LINES = 9
 MIN_LIVE_WIDTH = 460
 MAX_NAME_WIDTH = 220
 """Up to which the name of the campaign is not elided; what is done is elided first."""
+
+DETAILS_DELAY_MS = 30
+"""After which the details of another item are made: the list shows first which one was chosen."""
 
 
 class NextStepPane(QFrame):
@@ -178,19 +181,22 @@ class CampaignBoard(QWidget):
         self._estimates: CampaignEstimates | None = None
         self._busy = False
         self.header, self.step_pane = CampaignHeader(), NextStepPane()
-        self.item_list, self.details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
+        self.item_list, self._details, self.live_pane = CampaignList(theme), ItemDetailsPane(theme), live
+        self._details_outdated = False
+        self._details_timer = QTimer(self, singleShot=True, interval=DETAILS_DELAY_MS)
+        self._details_timer.timeout.connect(self._show_details)
         self.side_stack = QStackedWidget()
-        self.side_stack.addWidget(self.details)
+        self.side_stack.addWidget(self._details)
         self.side_stack.addWidget(self.live_pane)
         columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 0), sizes=[520, 700])
         self.live_pane.setObjectName("campaign/rows")
         self.live_pane.setMinimumWidth(MIN_LIVE_WIDTH)
         column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.item_moved.connect(self.item_moved)
-        self.item_list.selected_item_changed.connect(self._show_details)
+        self.item_list.selected_item_changed.connect(self._show_details_later)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
-        self.details.pressed.connect(self._request_action)
-        self.details.run_selected.connect(lambda _: self.review_requested.emit())
+        self._details.pressed.connect(self._request_action)
+        self._details.run_selected.connect(lambda _: self.review_requested.emit())
         self.step_pane.pressed.connect(self._on_step_action)
         add_actions(
             self,
@@ -231,23 +237,38 @@ class CampaignBoard(QWidget):
         self.live_pane.set_state(
             state, PROTOCOLS.get(row.state.item.protocol, SineDwell) if row is not None else SineDwell
         )
-        self.side_stack.setCurrentWidget(self.live_pane if state.busy else self.details)
+        self.side_stack.setCurrentWidget(self.live_pane if state.busy else self._details)
         update_actions(self, state)
-        self._show_details()
+        self._show_details_later()
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self.item_list.set_theme(theme)
-        self.details.review_pane.set_theme(theme)
+        self._details.review_pane.set_theme(theme)
         self.live_pane.set_theme(theme)
 
     @property
     def selected_item(self) -> ItemSummary | None:
         return self.summary.item(self.item_list.selected_item) if self.summary is not None else None
 
+    @property
+    def details(self) -> ItemDetailsPane:
+        """The details of the selected item, brought up to date."""
+        if self._details_outdated:
+            self._show_details()
+        return self._details
+
+    def _show_details_later(self) -> None:
+        """Show the details once the list is painted; during a run, when the live plots no longer cover them."""
+        self._details_outdated = True
+        if self.side_stack.currentWidget() is self._details:
+            self._details_timer.start()
+
     def _show_details(self) -> None:
+        self._details_outdated = False
+        self._details_timer.stop()
         if self.summary is not None:
-            self.details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
+            self._details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
             self.review_requested.emit()
 
     def _request_action(self, action: str) -> None:

@@ -71,7 +71,8 @@ class CampaignList(QListWidget):
     @property
     def selected_item(self) -> str:
         """Name of the selected item, empty for none."""
-        return self.names[self.currentRow()] if self.currentRow() >= 0 else ""
+        row: ItemSummary | None = self.currentIndex().data(ITEM_ROLE)
+        return "" if row is None else row.name
 
     def select_item(self, name: str) -> None:
         """Select an item by its name."""
@@ -90,9 +91,12 @@ class CampaignList(QListWidget):
             for at, row in enumerate(summary.items):
                 if rebuild:
                     self.addItem(QListWidgetItem())
-                self.item(at).setData(ITEM_ROLE, row)
+                item = self.item(at)
+                if item.data(ITEM_ROLE) is not row:  # each change lays the list out anew
+                    item.setData(ITEM_ROLE, row)
                 state = "running" if row.name == running else f"{row.status_text}. {row.state.reason}"
-                self.item(at).setText(f"{row.name}: {state}")
+                if item.text() != (text := f"{row.name}: {state}"):
+                    item.setText(text)
             self.select_item(before)
             if self.currentRow() < 0:
                 self.setCurrentRow(0)

@@ -186,6 +186,25 @@ def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
     assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
 
 
+def test_details_follow_the_chosen_item_after_the_list_and_not_under_the_live_plots(
+    page: tuple[Stage, CampaignPage],
+) -> None:
+    stage, shown = page
+    board, heading = shown.board, find(shown, "campaign.item")
+    board.item_list.select_item("last")
+    until(lambda: heading.text().startswith("last:"), "for the details of the chosen item")
+    board.item_list.select_item("dwell")
+    assert heading.text().startswith("last:"), "the list is painted first"
+    assert board.details.heading_label.text().startswith("dwell:"), "what acts on the details has those of the choice"
+    stage.happen(OPENED, *LIVE)
+    board.item_list.select_item("wiring")
+    stage.happen(*STOPPED[:1])
+    assert board.side_stack.currentWidget() is board.live_pane
+    assert heading.text().startswith("dwell:")
+    stage.happen(*STOPPED[1:])
+    until(lambda: heading.text().startswith("wiring:"), "for the details after the run")
+
+
 @pytest.mark.deep
 def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
     _, shown = page
