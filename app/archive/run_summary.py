@@ -170,7 +170,8 @@ class RunSummary(NamedTuple):
     @property
     def resumable(self) -> bool:
         """Whether the run was interrupted with points that a resumed run keeps."""
-        return self.entries > 0 and self.state in (RunState.STOPPED, RunState.FAILED, RunState.CRASHED)
+        interrupted = (RunState.STOPPED, RunState.FAILED, RunState.UNSAFE, RunState.CRASHED)
+        return self.entries > 0 and self.state in interrupted
 
     @property
     def estimates(self) -> tuple[EstimatedQuantity, ...]:

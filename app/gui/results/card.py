@@ -41,7 +41,7 @@ BUTTONS = {
 }
 """Captions and tool tips."""
 
-UNFINISHED = (Outcome.STOPPED, Outcome.FAILED)
+UNFINISHED = (Outcome.STOPPED, Outcome.FAILED, Outcome.UNSAFE)
 
 
 class ResultCard(QFrame):

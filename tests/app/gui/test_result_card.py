@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QUrl
+from PySide6.QtCore import Qt, QUrl
 
 from app.gui.results.report_job import ReportJob
 from app.gui.tabs import RUNS
 from protocols.base import BenchArmed, EstimatedQuantity, PointMeasured, Quality, RunEnded, RunStarted, RunStatus
 from protocols.measurements.mass_resonance import MassPoint
 from tests.helpers.main_window import Stage, find, until
-from tests.helpers.session_events import AT_REST, LIVE, OPENED, STOPPED, point
+from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STOPPED, point
 
 ESTIMATES = tuple(
     EstimatedQuantity(name, value, 0.01 * value, unit, "fit")
@@ -63,6 +63,19 @@ def test_a_stopped_run_is_continued_from_its_card(stage: Stage) -> None:
     assert "STOPPED" in find(card, "result.verdict").text()
     find(card, "result.continue").click()
     assert stage.session.again == [(Path("run.h5"), (), stage.window.tabs.folder)]
+
+
+def test_a_run_that_ended_unsafe_is_continued_once_it_was_acknowledged(stage: Stage) -> None:
+    window, card = stage.window, stage.window.measure_page.run_panel.result_card
+    stage.happen(OPENED)
+    window.start_run()
+    stage.happen(*LIVE, point(0, 100.0), *LOST)
+    assert "UNSAFE" in find(card, "result.verdict").text()
+    assert find(card, "result.continue").isVisibleTo(card)
+    assert not find(card, "result.continue").isEnabled(), "the message is not acknowledged yet"
+    stage.press(Qt.Key.Key_F4)
+    find(card, "result.continue").click()
+    assert [again[0] for again in stage.session.again] == [Path("run.h5")]
 
 
 @pytest.mark.deep
