@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.common import LENGTH_UNITS
 from protocols.runfile.overview import LargestPoint, RunOverview
 
-LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
-"""Units of what scales with the gain of the displacement sensor."""
 LARGEST = "largest max - min"
 MARGIN = "margin at the largest"
 AMPLITUDE_PROTOCOL = "sine-dwell"

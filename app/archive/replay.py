@@ -69,6 +69,8 @@ class LoadedRun:
     duration_s: float
     hints: tuple[str, ...] = ()
     """The protocol's warnings about the points."""
+    gain_uncertainty: float = 0.0
+    """Relative standard uncertainty of the displacement sensor's gain."""
 
     @property
     def max_hz(self) -> float:
@@ -80,8 +82,9 @@ class LoadedRun:
         """What the result card shows of the run."""
         kind = _summarized_kind(PROTOCOLS.get(self.protocol), self.points)
         return summarize_result(
-            self.verdict, self.reason, self.estimates, kind, self.points, self.hints, str(self.path), self.simulated
-        )
+            self.verdict, self.reason, self.estimates, kind, self.points, self.hints, str(self.path), self.simulated,
+            gain_uncertainty=self.gain_uncertainty,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +140,7 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
             traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
             duration_s=run.trace.duration_s,
             hints=_load_hints(run, kind, points),
+            gain_uncertainty=run.sensor.gain_relative_uncertainty,
         )
 
 
@@ -154,6 +158,7 @@ def run_result(run: Run) -> ResultSummary:
         hints,
         str(run.path),
         run.simulated,
+        gain_uncertainty=run.sensor.gain_relative_uncertainty,
     )
 
 

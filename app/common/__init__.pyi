@@ -40,6 +40,7 @@ from .progress import OperationCancelled as OperationCancelled
 from .progress import Progress as Progress
 from .progress import terminal_progress as terminal_progress
 from .progress import track as track
+from .result_summary import LENGTH_UNITS as LENGTH_UNITS
 from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultSummary as ResultSummary
 from .result_summary import axis_name as axis_name

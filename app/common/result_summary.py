@@ -11,6 +11,9 @@ from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.schema import point_columns
 
+LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
+"""Units of what scales with the gain of the displacement sensor."""
+
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
 
@@ -22,6 +25,7 @@ class ResultSummary:
     Attributes:
         reason: how the run ended, for the reasons of the verdict.
         quantities: the protocol's own results: name and value with its standard error, in display units.
+        totals: standard uncertainty of each quantity with that of the sensor's gain, as text; empty where the gain has no part.
         others: what every run estimates beside them, likewise.
         point_names: names of the two axes; of the columns of `points`.
         points: where nothing was identified, the usable points: value on either axis, with its error.
@@ -40,6 +44,7 @@ class ResultSummary:
     measured: int = 0
     planned: int = 0
     others: tuple[tuple[str, str], ...] = ()
+    totals: tuple[str, ...] = ()
 
 
 AXIS_NAMES = {"share": "loop width / stroke", "level": "level at the amplifier's input"}
@@ -61,8 +66,12 @@ def summarize_result(
     path: str = "",
     simulated: bool = False,
     planned: int = 0,
+    gain_uncertainty: float = 0.0,
 ) -> ResultSummary:
-    """Return the summary of a run; without estimates it lists the points on the axes of the protocol."""
+    """Return the summary of a run; without estimates it lists the points on the axes of the protocol.
+
+    `gain_uncertainty` is the relative standard uncertainty of the displacement sensor's gain.
+    """
     own = [each for each in estimates if each.name != INTERFERENCE_AT_REST]
     others = [each for each in estimates if each.name == INTERFERENCE_AT_REST]
     listed = kind is not None and not own
@@ -79,7 +88,16 @@ def summarize_result(
         measured=len(points),
         planned=planned,
         others=_name_and_value(others),
+        totals=tuple(_total_text(e, gain_uncertainty) for e in own),
     )
+
+
+def _total_text(estimate: EstimatedQuantity, gain_uncertainty: float) -> str:
+    if estimate.unit not in LENGTH_UNITS or not gain_uncertainty > 0:
+        return ""
+    factor, unit = display_unit(estimate.unit)
+    total = factor * math.hypot(estimate.standard_error, gain_uncertainty * estimate.value)
+    return f"± {total:.2g} {typeset(unit)} with the sensor's gain"
 
 
 def _name_and_value(estimates: Sequence[EstimatedQuantity]) -> tuple[tuple[str, str], ...]:

@@ -93,9 +93,10 @@ def _describe_window_event(before: WindowState, view: WindowState, event: Window
 
 def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> WindowState:
     match event:
-        case BenchOpened(name, simulated, identities):
+        case BenchOpened(name, simulated, identities, gain):
             there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
             view = replace(view, bench_name=name, simulated=simulated, instruments=there, connected=True, problem="")
+            view = replace(view, gain_uncertainty=gain)
             return replace(view, bench_state=_state_between_runs(view))
         case BenchFailed(reason):
             gone = _with_lamps(view, Lamp.MISSING)

@@ -70,6 +70,8 @@ class BenchOpened:
     name: str
     simulated: bool
     identities: dict[str, str]
+    gain_uncertainty: float = 0.0
+    """Relative standard uncertainty of the displacement sensor's gain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +297,8 @@ class Session:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))
                 self.state = SessionState.IDLE
-                self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
+                gain = connected.bench.sensor.gain_relative_uncertainty
+                self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities, gain))
                 while (request := self._requests.get()) is not None:
                     request(connected)
         except BenchError as error:

@@ -157,6 +157,8 @@ class WindowState:
     curves: tuple[ResultCurve, ...] = ()
     """Curves of the entries; the newest of each entry, name and label."""
     outcome: RunEnded | None = None
+    gain_uncertainty: float = 0.0
+    """Relative standard uncertainty of the displacement sensor's gain."""
     unsafe: str = ""
     """The unsafe message, until it is acknowledged."""
     problem: str = ""

@@ -83,7 +83,7 @@ class ResultCard(QFrame):
         self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)
         self.more_label.setTextFormat(Qt.TextFormat.RichText)
         self.note_label = make_label(
-            "± one standard error of this run's noise only; the uncertainties of calibration and dimensions come with Identify … (Shift+F7)",
+            "large: ± one standard error of this run's noise; the uncertainties of calibration and dimensions come with Identify … (Shift+F7)",
             "note",
         )
         self.file_label = make_label(kind="small", name=f"{prefix}.file", textInteractionFlags=SELECTABLE)
@@ -133,7 +133,7 @@ class ResultCard(QFrame):
                 self.show_summary(
                     summarize_result(
                         ended.verdict, ended.reason, ended.estimates, PROTOCOLS.get(view.protocol), view.points, ended.hints,
-                        ended.path, view.simulated, planned,
+                        ended.path, view.simulated, planned, view.gain_uncertainty,
                     )
                 )  # fmt: skip
         self.simulated_label.setVisible(view.simulated)
@@ -158,7 +158,9 @@ class ResultCard(QFrame):
         self.hints_label.setVisible(bool(summary.hints))
         lines = summary.quantities
         for at, labels in enumerate(self.value_labels):
-            for label, shown in zip(labels, lines[at] if at < len(lines) else ("", ""), strict=True):
+            name, value = lines[at] if at < len(lines) else ("", "")
+            total = summary.totals[at] if at < len(summary.totals) else ""
+            for label, shown in zip(labels, (f"{name}, {total}" if total else name, value), strict=True):
                 label.setText(shown)
                 label.setVisible(bool(shown))
         self.more_label.setText(

@@ -1,5 +1,6 @@
 """Result card: verdict, quantities and file stay after a run, with what can be done next."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,19 @@ def test_interference_is_never_one_of_the_large_values(stage: Stage) -> None:
     assert find(card, "result.value-0").text() == "158.3 ± 1.6 Hz"
     assert not find(card, "result.value-1").isVisibleTo(card)
     assert "interference at rest" in find(card, "result.more").text()
+
+
+def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: Stage) -> None:
+    card = stage.window.measure_page.run_panel.result_card
+    stage.happen(replace(OPENED, gain_uncertainty=0.005))
+    stage.window.start_run()
+    compliance = EstimatedQuantity("compliance", 1.4e-4, 1e-8, "m/N", "fit")
+    stage.happen(
+        *LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (compliance, ESTIMATES[0]))
+    )
+    assert find(card, "result.name-0").text() == "compliance, ± 0.7 µm/N with the sensor's gain"
+    assert find(card, "result.value-0").text() == "140.000 ± 0.010 µm/N"
+    assert find(card, "result.name-1").text() == "resonance", "a frequency does not depend on the gain"
 
 
 @pytest.mark.deep
