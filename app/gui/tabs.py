@@ -388,6 +388,8 @@ class MainTabs(QTabWidget):
         missing = next((at for at in range(self.count()) if at not in self._created), None)
         if missing is not None:
             QTimer.singleShot(PRELOAD_PAUSE_MS, self, partial(self._preload_page, missing))
+        else:
+            QTimer.singleShot(PRELOAD_PAUSE_MS, self, self.measure.live_pane.prepare)
 
     def _specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
         summary = controller.summary

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 from app.gui.measure.form_history import FormHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
-from app.gui.plots import LivePane, PointsPlot
+from app.gui.plots import LivePane, PointsPlot, ResponsePlot, ResultPlots, TimePlot
 from app.gui.widgets import LogPane, Theme, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
@@ -49,8 +49,6 @@ class MeasurePage(QSplitter):
         self.run_panel = RunPanel(protocol, bench, presets, theme)
         self.live_pane = LivePane(feed, amplifier, theme)
         self.live_pane.repeat_requested.connect(self.repeat_requested)
-        self.response, self.plots = self.live_pane.plots.response, self.live_pane.plots
-        self.time_plot = self.live_pane.time_plot
         self.log = LogPane(theme)
         self.live_pane.add_widget(self.log, 2)
         configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)
@@ -65,6 +63,21 @@ class MeasurePage(QSplitter):
         self.run_panel.changed.connect(self._update_request)
         self.history = FormHistory(self.run_panel, self)
         self._update_request()
+
+    @property
+    def plots(self) -> ResultPlots:
+        """Plots of the results."""
+        return self.live_pane.plots
+
+    @property
+    def response(self) -> ResponsePlot:
+        """Plot of amplitudes over frequency."""
+        return self.live_pane.plots.response
+
+    @property
+    def time_plot(self) -> TimePlot:
+        """Plot of the live traces."""
+        return self.live_pane.time_plot
 
     @property
     def points(self) -> PointsPlot:
@@ -147,14 +160,14 @@ class MeasurePage(QSplitter):
             self.run_panel.set_protocol(protocol)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
-            self.time_plot.select_span(int(span))
+            self.live_pane.select_span(int(span))
 
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
         if (protocol := self.run_panel.protocol) is not None:
             saved = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
             settings.setValue("measure/form", json.dumps(saved))
-        settings.setValue("measure/span", self.time_plot.selected_span)
+        settings.setValue("measure/span", self.live_pane.selected_span)
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:

@@ -15,6 +15,7 @@ from .items import CurveItem as CurveItem
 from .items import place as place
 from .live_pane import LivePane as LivePane
 from .points_plot import PointsPlot as PointsPlot
+from .response_plot import ResponsePlot as ResponsePlot
 from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
 from .series import PlotSeries as PlotSeries

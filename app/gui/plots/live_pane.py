@@ -1,12 +1,14 @@
 """Live plots of a run: its results, and below them the live traces."""
 
+from functools import cached_property
+
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, column
 from app.live import LiveFeed, OverlayCurve
 from app.session import WindowState
 from model import AmplifierMap
@@ -17,22 +19,56 @@ MIN_PLOT_HEIGHT = 56
 
 
 class LivePane(QSplitter):
-    """The plots of one run; a page may add widgets below."""
+    """The plots of one run; a page may add widgets below.
+
+    They are made when the pane is first shown or used: the first paint of the window may be that of another page.
+    """
 
     repeat_requested = Signal(tuple)
 
     def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
-        self.plots = ResultPlots(theme)
-        self.plots.repeat_requested.connect(self.repeat_requested)
-        self.time_plot = TimePlot(feed, amplifier, theme)
-        self.add_widget(self.plots, 5)
-        self.add_widget(self.time_plot, 4)
+        self._feed, self._amplifier, self._theme = feed, amplifier, theme
+        self._places = []
+        for share in (5, 4):
+            place = QWidget()
+            self._places.append(column(parent=place, margins=(0, 0, 0, 0)))
+            self.add_widget(place, share)
         self.setChildrenCollapsible(False)
-        self._feed = feed
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: ResultCurve | None = None
+        self._curve: OverlayCurve | None = None
+        self._span = 0
         self._outdated = False
+
+    @cached_property
+    def plots(self) -> ResultPlots:
+        """The results of the run, above."""
+        plots = ResultPlots(self._theme)
+        plots.repeat_requested.connect(self.repeat_requested)
+        self._places[0].addWidget(plots)
+        if self._curve is not None:
+            plots.show_model_curve(self._curve)
+        return plots
+
+    @cached_property
+    def time_plot(self) -> TimePlot:
+        """The live traces, below."""
+        plot = TimePlot(self._feed, self._amplifier, self._theme)
+        self._places[1].addWidget(plot)
+        plot.select_span(self._span)
+        return plot
+
+    @property
+    def selected_span(self) -> int:
+        """Index of the span of the live traces."""
+        return self.time_plot.selected_span if "time_plot" in vars(self) else self._span
+
+    def select_span(self, index: int) -> None:
+        """Choose the span of the live traces."""
+        self._span = index
+        if "time_plot" in vars(self):
+            self.time_plot.select_span(index)
 
     def add_widget(self, widget: QWidget, share: int) -> None:
         """Add a widget at the bottom."""
@@ -42,8 +78,11 @@ class LivePane(QSplitter):
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self.plots.set_theme(theme)
-        self.time_plot.set_theme(theme)
+        self._theme = theme
+        if "plots" in vars(self):
+            self.plots.set_theme(theme)
+        if "time_plot" in vars(self):
+            self.time_plot.set_theme(theme)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`.
@@ -51,15 +90,19 @@ class LivePane(QSplitter):
         On a page that is not selected it is drawn when the page is: two pages show the same run.
         """
         self._state = (view, otherwise)
-        self._outdated = not self.isVisibleTo(self.window())
+        self._outdated = not self.isVisible()
         if not self._outdated:
             self._draw(view, otherwise)
 
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
+    def prepare(self) -> None:
+        """Make the plots and draw what has changed, as when the pane is shown."""
         if self._outdated and self._state is not None:
             self._outdated = False
             self._draw(*self._state)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self.prepare()
 
     def _draw(self, view: WindowState, otherwise: type[Protocol]) -> None:
         self._running = self._feed.running_response.latest if view.busy else None
@@ -70,7 +113,9 @@ class LivePane(QSplitter):
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the points."""
-        self.plots.show_model_curve(curve)
+        self._curve = curve
+        if "plots" in vars(self):
+            self.plots.show_model_curve(curve)
 
     def tick(self) -> None:
         """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
