@@ -97,7 +97,7 @@ def _total_text(estimate: EstimatedQuantity, gain_uncertainty: float) -> str:
         return ""
     factor, unit = display_unit(estimate.unit)
     total = factor * math.hypot(estimate.standard_error, gain_uncertainty * estimate.value)
-    return f"± {total:.2g} {typeset(unit)} with the sensor's gain"
+    return f"± {total:.2g} {typeset(unit)} with gain"
 
 
 def _name_and_value(estimates: Sequence[EstimatedQuantity]) -> tuple[tuple[str, str], ...]:

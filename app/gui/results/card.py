@@ -83,7 +83,7 @@ class ResultCard(QFrame):
         self.more_label = make_label(kind="small", name=f"{prefix}.more", textInteractionFlags=SELECTABLE)
         self.more_label.setTextFormat(Qt.TextFormat.RichText)
         self.note_label = make_label(
-            "large: ± one standard error of this run's noise; the uncertainties of calibration and dimensions come with Identify … (Shift+F7)",
+            "± one standard error of this run's noise; with gain: also of the sensor's gain. The other uncertainties come with Identify … (Shift+F7)",
             "note",
         )
         self.file_label = make_label(kind="small", name=f"{prefix}.file", textInteractionFlags=SELECTABLE)

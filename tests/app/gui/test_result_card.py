@@ -63,7 +63,7 @@ def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: S
     stage.happen(
         *LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (compliance, ESTIMATES[0]))
     )
-    assert find(card, "result.name-0").text() == "compliance, ± 0.7 µm/N with the sensor's gain"
+    assert find(card, "result.name-0").text() == "compliance, ± 0.7 µm/N with gain"
     assert find(card, "result.value-0").text() == "140.000 ± 0.010 µm/N"
     assert find(card, "result.name-1").text() == "resonance", "a frequency does not depend on the gain"
 
