@@ -40,6 +40,7 @@ from .quality import Quality as Quality
 from .quality import point_quality as point_quality
 from .quality import usable_mask as usable_mask
 from .records import MAX_RECORDING_SCANS as MAX_RECORDING_SCANS
+from .records import PART_SCANS as PART_SCANS
 from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS
 from .records import Array as Array
 from .records import CurveColumn as CurveColumn

@@ -15,6 +15,7 @@ from pydantic import model_validator
 
 from drivers import Sine
 from protocols.base import (
+    PART_SCANS,
     CheckResult,
     EstimatedQuantity,
     InterferenceLine,
@@ -163,9 +164,9 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
 
 
 def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
-    rate = recording.rate_hz
-    frequency = fit_frequency(recording.drive_v, rate, frequency_hz)
-    driven = fit_sine(recording.drive_v, rate, frequency)
+    rate, drive_v = recording.rate_hz, recording.drive_v  # each access may read the file
+    frequency = fit_frequency(drive_v, rate, frequency_hz)
+    driven = fit_sine(drive_v, rate, frequency)
     displacement, coincident = remove_lines(recording.displacement_m, rate, frequency, recording.interference)
     moved = fit_sine(displacement, rate, frequency, HARMONIC_COUNT)
     orders = np.arange(1, len(moved.components) + 1)
@@ -202,6 +203,9 @@ SETTLING_LIMIT = 0.05
 
 MIN_POINTS_OF_RESONANCE = 5
 """Usable points from which on a peak between them must give a resonance."""
+
+LOOK_SCANS = 1 << 17
+"""Scans from which it is seen, before the point is computed, whether there is a response at all."""
 
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
 
@@ -310,8 +314,9 @@ class SineDwell(Protocol):
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
-        # The card is not read during this: of a recording in parts the first one must do.
-        have = [(yield Record(self._record_s(f))).parts()[0]]
+        # The card is not read during this, and the point follows: a first part of a long recording suffices.
+        looked_at = PART_SCANS if self.wanted else LOOK_SCANS
+        have = [(yield Record(self._record_s(f))).parts(looked_at)[0]]
         point = sine_point(have, simulated=False)
         most = self._max_recordings(f)
         while self.wanted and point.relative_uncertainty > self.wanted and len(have) < most:
@@ -324,7 +329,7 @@ class SineDwell(Protocol):
             )
             for _ in range(missing):
                 again = yield Record(self._record_s(f))
-                have.append(again.parts()[0])
+                have.append(again.parts(looked_at)[0])
             point = sine_point(have, simulated=False)
         if Quality.NO_RESPONSE in Quality(point.quality):
             yield Log(
