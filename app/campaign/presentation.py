@@ -44,18 +44,14 @@ def next_action_reason(state: ItemState) -> str:
         case NextAction.RESUME if state.status is ItemStatus.STALE:
             return "It is to be measured again, and the run that does so was interrupted. Its points are kept."
         case NextAction.RESUME:
-            return f"{_ended_text(state)} The points that are there are kept."
+            return f"The last run {first_clause(state.reason)}. The points that are there are kept."
         case NextAction.REPEAT if state.status is ItemStatus.STALE:
             return f"It was done, but {state.reason}."
         case NextAction.REPEAT:
-            return _ended_text(state)
+            return f"The last run {first_clause(state.reason).replace('unsafe: UNSAFE', 'ended UNSAFE')}."
         case _:
             rests = f"; it depends on {needs}, which is done" if needs else ""
             return f"It is the first in the list that is not measured yet{rests}."
-
-
-def _ended_text(state: ItemState) -> str:
-    return f"The last run {first_clause(state.reason).replace('unsafe: UNSAFE', 'ended UNSAFE')}."
 
 
 def first_clause(reason: str) -> str:

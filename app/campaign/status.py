@@ -177,7 +177,7 @@ def evaluate_item(
         )
     waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
     do = NextAction.WAIT if waits else NextAction.REPEAT
-    resumes = last is not None and not last.has_result and last.resumable
+    resumes = last is not None and not last.has_result and last.resumable and last.state != RunState.UNSAFE
     if (done := _valid_run(item, results, previous, based_on)) is not None:
         newest = [run for run in results if run.name not in item.rejected][-1]
         candidate = newest if newest is not done and newest.name not in item.accepted else None
