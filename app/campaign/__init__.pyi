@@ -7,6 +7,7 @@ from .plan import list_campaigns as list_campaigns
 from .presentation import ACTION_LABELS as ACTION_LABELS
 from .presentation import STATUS_MARKS as STATUS_MARKS
 from .presentation import NextStep as NextStep
+from .presentation import format_named_estimate as format_named_estimate
 from .presentation import format_progress as format_progress
 from .presentation import item_details as item_details
 from .presentation import next_step as next_step

@@ -16,6 +16,7 @@ from app.campaign import (
     ItemState,
     check_bench_kind,
     first_item,
+    format_named_estimate,
     next_item_after,
     read_series_values,
     rehearse_campaign,
@@ -50,7 +51,7 @@ from app.common import (
 )
 from app.identification import verdict_line
 from drivers import BenchError
-from protocols.base import Protocol, format_with_uncertainty
+from protocols.base import Protocol
 from protocols.runfile.reader import RunReadError
 
 
@@ -305,8 +306,7 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     if estimates:
         print_line("identified from these runs, with total uncertainties ('tactor-bench identify' for more):")
     for estimate in estimates:
-        value = format_with_uncertainty(estimate.value, estimate.standard_error, estimate.unit)
-        print_line(f"    {estimate.name}: {value}")
+        print_line(f"    {format_named_estimate(estimate)}")
     if verdict:
         print_line(f"    the model is {verdict}")
     return ExitCode.DONE
@@ -332,7 +332,7 @@ def _item_text(state: ItemState) -> str:
     lines = [f"{mark} {state.item.name:10} {state.status:10} {state.title:16} {accepted}{state.reason}"]
     if state.run is not None:
         lines.append(f"    {state.run.name}")
-    lines += [f"    {e.name}: {format_with_uncertainty(e.value, e.standard_error, e.unit)}" for e in state.estimates]
+    lines += [f"    {format_named_estimate(estimate)}" for estimate in state.estimates]
     return "\n".join(lines)
 
 
