@@ -5,7 +5,7 @@ number, so that runs with the same sensor share it and runs with different senso
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -15,7 +15,6 @@ import numpy as np
 from app.identification.drive_histories import history_of_levels, history_of_loads
 from app.identification.duplicates import DuplicateFinder
 from app.identification.response_lines import response_lines
-from drivers import PeriodicSweep
 from model import GRAVITY, AmplifierMap, Array, Complex, Mask, ParameterError
 from model.identification import (
     DecayPoleObservation,
@@ -49,6 +48,9 @@ EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 
 MAX_SWEPT_CYCLES = 2000
 """Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
+
+LINE_TOLERANCE = 0.01
+"""Of the distance of lines: how far an excited line, an odd multiple of one over the period, may seem to lie from it."""
 
 SAMPLES_PER_CYCLE = 64
 """Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
@@ -301,7 +303,6 @@ def _sweep(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     its lines, as in the fundamental of a sine.
     """
     map_ = run.amplifier_map
-    drives = [] if run.imported else _short_drives(run)
     curves = {curve.entry: curve for curve in run.curves() if curve.name == "frequency response"}
     for i in np.flatnonzero(good).tolist():
         curve = curves.get(int(columns["entry"][i]))
@@ -318,28 +319,27 @@ def _sweep(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
                 drive_amplitude_v=amplitude_v,
                 drive_offset_v=map_.rest_v,
                 swept=True,
-                loop_share=_loop_shares(drives, lines.frequency_hz, map_) if drives else None,
+                loop_share=None if run.imported else _loop_share(run, lines.frequency_hz),
                 **_common_arguments(run),
             )
 
 
-def _short_drives(run: Run) -> tuple[PeriodicSweep, ...]:
-    """Return the drives of a run of the protocol sweep; none if one lasts so long that each of its lines sees a sine."""
-    protocol = protocol_of_run(run, run.path.name)
-    drives = protocol.drives(run.amplifier_map.rest_v) if isinstance(protocol, Sweep) else ()
-    return () if any(drive.period_s * drive.stop_hz > MAX_SWEPT_CYCLES for drive in drives) else drives
+def _loop_share(run: Run, frequency_hz: Array) -> Complex | None:
+    """Return what a hysteresis of 1 adds at the lines of a sweep, (F,): its loops are no sine's where it begins and turns.
 
-
-def _loop_shares(drives: Sequence[PeriodicSweep], frequency_hz: Array, amplifier: AmplifierMap) -> Complex:
-    """Return what a hysteresis of 1 adds at the lines of a sweep, (F,): its loops are no sine's where it begins and turns."""
-    share = np.zeros(frequency_hz.size, complex)
-    for drive in drives:
-        mine = (frequency_hz >= drive.start_hz - 1 / drive.period_s) | (drive is drives[0])
-        lines = np.rint(frequency_hz[mine] * drive.period_s).astype(int)
-        samples = math.ceil(SAMPLES_PER_CYCLE * drive.period_s * drive.stop_hz)
-        volts = drive.volts(np.arange(samples) * drive.period_s / samples)
-        share[mine] = loop_share(np.clip(volts, amplifier.low_v, amplifier.high_v), lines, amplifier)
-    return share
+    None, as under sines, for a long sweep, for one in pieces, whose bands overlap, and for lines that are averages of others.
+    """
+    protocol, amplifier = protocol_of_run(run, run.path.name), run.amplifier_map
+    drives = protocol.drives(amplifier.rest_v) if isinstance(protocol, Sweep) else ()
+    if len(drives) != 1 or drives[0].period_s * drives[0].stop_hz > MAX_SWEPT_CYCLES:
+        return None
+    drive = drives[0]
+    lines = np.rint(frequency_hz * drive.period_s).astype(int)
+    if np.any(lines % 2 == 0) or not np.allclose(lines, frequency_hz * drive.period_s, rtol=0, atol=LINE_TOLERANCE):
+        return None
+    samples = math.ceil(SAMPLES_PER_CYCLE * drive.period_s * drive.stop_hz)
+    volts = drive.volts(np.arange(samples) * drive.period_s / samples)
+    return loop_share(np.clip(volts, amplifier.low_v, amplifier.high_v), lines, amplifier)
 
 
 def _free_decay(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
