@@ -85,7 +85,7 @@ def make_environment() -> list[str | Path]:
 
 def provide_system_libraries(*, always: bool) -> None:
     """Install what Qt needs from the system where we may, else name it. Without a screen only the tests need it."""
-    code = "from app.gui.screen import has_screen, missing_libraries; print(has_screen(), *missing_libraries())"
+    code = "from app.gui.display_check import has_screen, missing_libraries; print(has_screen(), *missing_libraries())"
     told = subprocess.run(
         [PYTHON, "-P", "-c", code], cwd=HERE, capture_output=True, text=True, check=False
     ).stdout.split()

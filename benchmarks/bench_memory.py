@@ -22,7 +22,7 @@ from app.cli.headless import make_protocol
 from app.cli.main import GC_THRESHOLD
 from app.config.bench_file import load_bench
 from app.gui.application import qt_application
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import connect
 

@@ -40,8 +40,8 @@ from app.cli.main import GC_THRESHOLD
 from app.config import BenchConfig
 from app.config.bench_file import load_bench
 from app.gui.application import SWITCH_INTERVAL_S, qt_application
-from app.gui.main_window import MainWindow
-from app.gui.tabs import CAMPAIGN
+from app.gui.shell.main_window import MainWindow
+from app.gui.shell.tabs import CAMPAIGN
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import connect
 from protocols.base import Protocol

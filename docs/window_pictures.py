@@ -22,8 +22,8 @@ from app.cli.headless import make_protocol
 from app.config.bench_file import BenchConfig
 from app.gui.application import qt_application
 from app.gui.laboratory.page import CHART
-from app.gui.main_window import MainWindow
-from app.gui.tabs import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
+from app.gui.shell.main_window import MainWindow
+from app.gui.shell.tabs import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect

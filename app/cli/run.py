@@ -63,7 +63,7 @@ class WindowCommand(ProtocolOptions):
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, select_bench
-        from app.gui.screen import window_unavailable_reason
+        from app.gui.display_check import window_unavailable_reason
 
         bench = select_bench(replace(self, bench=self.bench or "sim"))
         given = bool(self.bench or self.speed is not None or self.seed is not None or self.autostart)
@@ -83,7 +83,7 @@ class DemoCommand(BenchOptions):
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
-        from app.gui.screen import window_unavailable_reason
+        from app.gui.display_check import window_unavailable_reason
 
         bench = select_bench(self)
         protocol = make_protocol("sine-dwell", [])

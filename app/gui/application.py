@@ -18,8 +18,8 @@ from app.archive.after_run import AfterRun
 from app.common import to_number
 from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.main_window import MainWindow
-from app.gui.tabs import BENCH
+from app.gui.shell.main_window import MainWindow
+from app.gui.shell.tabs import BENCH
 from app.gui.widgets import collect_garbage_here
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings

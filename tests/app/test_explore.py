@@ -234,6 +234,6 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
 
 @pytest.mark.deep
 def test_the_window_loads_without_the_linear_algebra() -> None:
-    code = "import app.gui.main_window, sys; print('scipy.linalg' in sys.modules)"
+    code = "import app.gui.shell.main_window, sys; print('scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -65,7 +65,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     (tmp_path / "run.h5").write_bytes(measured)
     monkeypatch.setattr("drivers.list_resources", lambda: ([], []))
     monkeypatch.setattr("app.cli.bench.find_devices", lambda *_: ([], []))
-    monkeypatch.setattr("app.gui.screen.has_screen", lambda: False)
+    monkeypatch.setattr("app.gui.display_check.has_screen", lambda: False)
     monkeypatch.setattr("app.cli.study.CONNECT_TIMEOUT_S", 0.1)
     quick = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
     make = commands.make_protocol

@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 
 from app.config.bench_file import BenchConfig
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
 from app.gui.widgets import collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect

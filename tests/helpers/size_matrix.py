@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from PySide6.QtCore import QRect
     from PySide6.QtWidgets import QWidget
 
-    from app.gui.main_window import MainWindow
+    from app.gui.shell.main_window import MainWindow
 
 SCREENS = ((1280, 720), (1366, 768), (1920, 1080), (2560, 1440))
 SCALES = (1.0, 1.25, 1.5, 2.0)

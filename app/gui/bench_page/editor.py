@@ -8,11 +8,11 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.config import BenchDraft, ConfigError, FoundDevice, find_devices
-from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench_page.further_tables import FurtherTables
 from app.gui.bench_page.simulation_panel import SimulationPanel
 from app.gui.bench_page.tile_grid import TileGrid
 from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile
+from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,

@@ -9,13 +9,13 @@ from PySide6.QtGui import QDesktopServices, QHideEvent
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.config import BenchConfig, BenchDraft, bench_files
-from app.gui.bench.simulation_controls import SimulationControls
 from app.gui.bench_page.bench_list import BenchList
 from app.gui.bench_page.calibration_panel import CalibrationPanel
 from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.editor import BenchEditor
 from app.gui.bench_page.live_panel import LivePanel
 from app.gui.bench_page.wiring_panel import WiringPanel
+from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,

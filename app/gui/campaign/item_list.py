@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.common import format_duration
-from app.gui.bench.symbols import SYMBOLS
+from app.gui.status.symbols import SYMBOLS
 from app.gui.widgets import Theme, configure
 
 if TYPE_CHECKING:

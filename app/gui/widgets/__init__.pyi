@@ -26,7 +26,7 @@ from .form import format_parameter as format_parameter
 from .form import make_field as make_field
 from .form import protocol_fields as protocol_fields
 from .form import set_style_kind as set_style_kind
-from .garbage import collect_garbage_here as collect_garbage_here
+from .garbage_collection import collect_garbage_here as collect_garbage_here
 from .layouts import SELECTABLE as SELECTABLE
 from .layouts import STRETCH as STRETCH
 from .layouts import Item as Item

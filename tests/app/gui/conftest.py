@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import qt_application
-from app.gui.main_window import FRAME_MS, MainWindow
+from app.gui.shell.main_window import FRAME_MS, MainWindow
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenPage, OpenStage, Stage, end

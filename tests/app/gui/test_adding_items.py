@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignItem, campaign_path
 from app.config.bench_file import BenchConfig
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from tests.helpers.main_window import Bench, find, press, until, whole_window

@@ -12,8 +12,8 @@ from app.config.bench_editing import bench_files
 from app.config.bench_file import BenchConfig, load_bench
 from app.config.discovery import FoundDevice
 from app.gui import application
-from app.gui.main_window import MainWindow
-from app.gui.tabs import BENCH, MEASURE
+from app.gui.shell.main_window import MainWindow
+from app.gui.shell.tabs import BENCH, MEASURE
 from app.live.commissioning_job import CommissioningJob
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window

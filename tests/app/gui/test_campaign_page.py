@@ -16,7 +16,7 @@ from app.campaign.plan import PAPER_ITEMS, CampaignItem, campaign_path
 from app.campaign.status import ItemStatus, NextAction
 from app.config.bench_file import BenchConfig
 from app.gui.campaign.page import CampaignPage
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
 from protocols.base import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck

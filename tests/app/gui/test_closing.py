@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.application import OpenedBench, open_window
-from app.gui.bench.notices import INPUT_GUARD_S
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
+from app.gui.status.notices import INPUT_GUARD_S
 from app.session.bench_connection import connect
 from app.session.state import BenchState
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS

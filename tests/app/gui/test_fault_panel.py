@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
-from app.gui.bench.fault_panel import FaultPanel
-from app.gui.bench.simulation_controls import SimulationControls
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
+from app.gui.status.fault_panel import FaultPanel
+from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import column
 from app.live.session_link import SessionAdapter
 from app.session import FaultPlan, SimulationSettings

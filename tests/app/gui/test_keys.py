@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, ConfigError
-from app.gui.tabs import CAMPAIGN, MEASURE
+from app.gui.shell.tabs import CAMPAIGN, MEASURE
 from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
 from protocols.base import Outcome, Prompt, PromptShown, RunEnded, RunStatus, Verdict
@@ -161,7 +161,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from app.gui import application
-    from app.gui.main_window import MainWindow
+    from app.gui.shell.main_window import MainWindow
 
     seen: list[tuple[str, bool]] = []
     led: list[str] = []
@@ -212,7 +212,7 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from app.gui import application
-    from app.gui.main_window import MainWindow
+    from app.gui.shell.main_window import MainWindow
 
     real = config.model_copy(update={"name": "the real bench", "simulation": None})
     assert not real.simulated

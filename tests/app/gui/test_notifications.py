@@ -14,9 +14,9 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMainWindow
 
-from app.gui.bench.notifier import NOTICE_KEY, PROMPT_DELAY_MS, SOUND_KEY, TONES, Notifier, tone_wave
-from app.gui.bench.remote import NETWORK, OFF, THIS_COMPUTER
-from app.gui.bench.remote_setting import RemoteSetting, qr_pixmap
+from app.gui.remote.controller import NETWORK, OFF, THIS_COMPUTER
+from app.gui.remote.setting import RemoteSetting, qr_pixmap
+from app.gui.status.notifier import NOTICE_KEY, PROMPT_DELAY_MS, SOUND_KEY, TONES, Notifier, tone_wave
 from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap

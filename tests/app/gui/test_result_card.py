@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt, QUrl
 
 from app.gui.results.report_job import ReportJob
-from app.gui.tabs import RUNS
+from app.gui.shell.tabs import RUNS
 from protocols.base import BenchArmed, EstimatedQuantity, PointMeasured, Quality, RunEnded, RunStarted, RunStatus
 from protocols.measurements.mass_resonance import MassPoint
 from tests.helpers.main_window import Stage, find, until

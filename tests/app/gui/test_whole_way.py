@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell

@@ -12,8 +12,8 @@ from PySide6.QtCore import QCoreApplication, QPoint, QRect, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
-from app.gui.bench.notices import INPUT_GUARD_S
-from app.gui.main_window import MainWindow
+from app.gui.shell.main_window import MainWindow
+from app.gui.status.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
 from app.session.session import BenchFailed, RunRejected
 from app.session.state import BenchState

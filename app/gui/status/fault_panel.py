@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QCheckBox, QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QWidget
 from shiboken6 import isValid
 
-from app.gui.bench.simulation_controls import SimulationControls
+from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     add_actions,

@@ -7,9 +7,9 @@ from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
-from app.gui.bench.status_sign import StatusSign
-from app.gui.bench.symbols import SYMBOLS
-from app.gui.session_controller import SessionController
+from app.gui.status.session_controller import SessionController
+from app.gui.status.status_sign import StatusSign
+from app.gui.status.symbols import SYMBOLS
 from app.gui.widgets import LIGHT, Theme, column, configure, grid, make_button, make_progress_bar, row
 from app.session import BenchState, InstrumentStatus, Lamp, WindowState, real_duration_s
 from protocols.base import Outcome

@@ -6,9 +6,9 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from app.common import Severity, outcome_severity
-from app.gui.bench.notice import Notice
-from app.gui.bench.prompt import PromptNotice
-from app.gui.session_controller import SessionController
+from app.gui.status.notice import Notice
+from app.gui.status.prompt import PromptNotice
+from app.gui.status.session_controller import SessionController
 from app.gui.widgets import (
     ACTIONS,
     FittedScrollArea,

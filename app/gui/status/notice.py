@@ -4,7 +4,7 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QWidget
 
-from app.gui.bench.symbols import SYMBOLS
+from app.gui.status.symbols import SYMBOLS
 from app.gui.widgets import SELECTABLE, column, configure, make_label, row, set_style_kind
 
 

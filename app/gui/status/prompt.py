@@ -6,8 +6,8 @@ from functools import partial
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
 
-from app.gui.bench.notice import Notice
-from app.gui.bench.setup_drawing import SetupDrawing
+from app.gui.status.notice import Notice
+from app.gui.status.setup_drawing import SetupDrawing
 from app.gui.widgets import STRETCH, ActionInfo, add_action, make_button, make_label, row, shortcut_label
 from protocols.base import PromptShown
 

@@ -4,7 +4,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from app.gui.bench.symbols import SYMBOLS
+from app.gui.status.symbols import SYMBOLS
 
 LARGEST_PX, SMALLEST_PX = 110, 11
 NOTE_SHARE = 0.30

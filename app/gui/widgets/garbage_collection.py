@@ -14,7 +14,7 @@ def collect_garbage_here() -> Iterator[None]:
     """Collect reference cycles in this thread alone, which runs Qt's event loop.
 
     A cycle with a signal connection that a worker thread collects is disconnected there: that thread then holds a lock of Qt and
-    waits for Python's, which the GUI thread holds while it waits for the lock of Qt, and the window stands still for good.
+    waits for Python's, which the GUI thread holds while it waits for the lock of Qt: a deadlock.
     """
     was_enabled = gc.isenabled()
     gc.disable()

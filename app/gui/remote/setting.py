@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
-from app.gui.bench.remote import MODES, NETWORK, RemoteController
+from app.gui.remote.controller import MODES, NETWORK, RemoteController
 from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_label
 
 MODULE_PIXELS = 5

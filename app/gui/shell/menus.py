@@ -10,7 +10,7 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
 from app.gui.help.tutorial import TUTORIALS
-from app.gui.tabs import MEASURE, RUNS, MainTabs
+from app.gui.shell.tabs import MEASURE, RUNS, MainTabs
 from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
 from protocols.registry import PROTOCOLS
 

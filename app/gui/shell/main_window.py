@@ -10,17 +10,17 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
 from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.bench.fault_panel import FaultPanel
-from app.gui.bench.notices import NoticeArea
-from app.gui.bench.notifier import Notifier
-from app.gui.bench.remote import RemoteController
-from app.gui.bench.simulation_controls import SimulationControls
-from app.gui.bench.status_bar import BenchStatusBar
-from app.gui.main_window_menus import MainMenus
-from app.gui.main_window_settings import make_settings
-from app.gui.main_window_stack import CentralStack
-from app.gui.session_controller import SessionController
-from app.gui.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
+from app.gui.remote.controller import RemoteController
+from app.gui.shell.menus import MainMenus
+from app.gui.shell.page_stack import CentralStack
+from app.gui.shell.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
+from app.gui.shell.window_settings import make_settings
+from app.gui.status.fault_panel import FaultPanel
+from app.gui.status.notices import NoticeArea
+from app.gui.status.notifier import Notifier
+from app.gui.status.session_controller import SessionController
+from app.gui.status.simulation_controls import SimulationControls
+from app.gui.status.status_bar import BenchStatusBar
 from app.gui.widgets import (
     Item,
     KeyBurstFilter,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
 
-from app.gui.bench.notifier import NOTICE_KEY, SOUND_KEY, Notifier
-from app.gui.bench.remote import RemoteController
+from app.gui.remote.controller import RemoteController
+from app.gui.status.notifier import NOTICE_KEY, SOUND_KEY, Notifier
 from app.gui.widgets import APPEARANCES, configure
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ def make_settings(
         notifier: plays sounds and shows notices.
         remote: serves the web page.
     """
-    from app.gui.bench.remote_setting import DESCRIPTION, RemoteSetting
     from app.gui.help.settings_page import Setting
+    from app.gui.remote.setting import DESCRIPTION, RemoteSetting
 
     appearance = configure(QComboBox(), "settings.appearance")
     for name, text in APPEARANCES.items():

@@ -15,7 +15,7 @@ from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.tutorial import TutorialBand
 from app.gui.help.welcome import WelcomePage
-from app.gui.tabs import BENCH, TITLES, MainTabs
+from app.gui.shell.tabs import BENCH, TITLES, MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 if TYPE_CHECKING:

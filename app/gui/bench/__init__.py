@@ -1,1 +1,0 @@
-"""Bench status, notices, prompts and fault injection."""

@@ -1,0 +1,1 @@
+"""Web page of the window: its settings and its server."""

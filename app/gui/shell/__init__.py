@@ -1,0 +1,1 @@
+"""Main window: page host, stack of covers, menus, settings, session controller."""
