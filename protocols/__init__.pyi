@@ -1,5 +1,6 @@
 from .base import Array as Array
 from .base import Ask as Ask
+from .base import Aspects as Aspects
 from .base import CurveColumn as CurveColumn
 from .base import DetectionResult as DetectionResult
 from .base import Detector as Detector

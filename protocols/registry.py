@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 from drivers import deprecated
-from protocols.base import Protocol
+from protocols.base import Aspects, Protocol
 
 ENTRY_POINT_GROUP = "tactor_bench.protocols"
 
@@ -66,6 +66,12 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
 
 
 PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
+
+
+def aspects_of(name: str) -> Aspects:
+    """Return the aspects of a protocol by name; the defaults for one that is not registered, such as another laboratory's."""
+    kind = PROTOCOLS.get(name)
+    return kind.aspects if kind is not None else Aspects()
 
 
 class ProtocolFileError(Exception):

@@ -17,6 +17,8 @@ import grimp
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
 MOST_FILES, MOST_TEST_FILES, LONGEST_CHAIN = 20, 40, 7
+PROTOCOL_NAMES_LIST = Path(__file__).with_name("protocol_names.txt")
+"""Product files outside `protocols` that still name a protocol, one a line; the list may only shrink."""
 
 
 def modules(*tops: str) -> Iterator[tuple[Path, ast.Module]]:
@@ -82,6 +84,63 @@ def longest_chain(edges: Mapping[str, set[str]]) -> list[str]:
     return max((chains[name] for name in sorted(chains)), key=len)
 
 
+def built_in_protocols() -> tuple[str, ...]:
+    """Names of the built-in protocols, as the registry's file has them."""
+    tree = ast.parse((ROOT / "protocols" / "registry.py").read_text(encoding="utf-8"))
+    (table,) = (
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "BUILT_IN_PROTOCOLS"
+    )
+    return tuple(ast.literal_eval(table))
+
+
+def names_a_protocol(tree: ast.Module, names: frozenset[str]) -> bool:
+    """Whether a module imports a protocol's class, or has its name as a text of its own, longer texts such as help aside.
+
+    A name of one word has other meanings, too (`hysteresis` is a parameter of the model): it counts where it is compared with an
+    attribute `protocol`, or looked up in `PROTOCOLS`.
+    """
+    for node in ast.walk(tree):
+        match node:
+            case ast.ImportFrom(module=str(module)) if f"{module}.".startswith("protocols.measurements."):
+                return True
+            case ast.Import(names=aliases) if any(a.name.startswith("protocols.measurements") for a in aliases):
+                return True
+            case ast.Constant(value=str(text)) if "-" in text and text in names:
+                return True
+            case ast.Compare() if "protocol" in (attributes := _attributes(node)) or "PROTOCOLS" in attributes:
+                if names & _texts(node):
+                    return True
+            case ast.Subscript(value=ast.Name(id="PROTOCOLS"), slice=ast.Constant(value=str(text))) if text in names:
+                return True
+    return False
+
+
+def _attributes(tree: ast.AST) -> set[str]:
+    """Names and attributes in an expression."""
+    return {
+        node.attr if isinstance(node, ast.Attribute) else node.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute | ast.Name)
+    }
+
+
+def _texts(tree: ast.AST) -> set[str]:
+    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+
+
+def files_that_name_protocols() -> set[str]:
+    """Product files outside `protocols` that name a protocol; tutorial and demonstration may."""
+    names = frozenset(built_in_protocols())
+    tops = [package for package in PACKAGES if package != "protocols"]
+    return {
+        str(path)
+        for path, tree in modules(*tops)
+        if not {"tutorial", "demo"} & set(path.stem.split("_")) and names_a_protocol(tree, names)
+    }
+
+
 def main(arguments: list[str]) -> int:
     """Print the report; return 1 where a limit is exceeded."""
     crowded = {f: n for f, n in files_per_folder(*PACKAGES).items() if n > MOST_FILES}
@@ -91,10 +150,19 @@ def main(arguments: list[str]) -> int:
     print("folders with too many files:", crowded or "none")
     print("class names defined more than once:", ", ".join(repeated) or "none")
     print(f"longest import chain in app ({len(chain)}, at most {LONGEST_CHAIN}):", " > ".join(chain))
+    listed = set(PROTOCOL_NAMES_LIST.read_text(encoding="utf-8").split())
+    naming = files_that_name_protocols()
+    print(
+        "files outside protocols that name one:",
+        len(naming),
+        "| not in the list:",
+        ", ".join(sorted(naming - listed)) or "none",
+    )
+    print("files to take off the list:", ", ".join(sorted(listed - naming)) or "none")
     if "--statements" in arguments:
         count = statements(*PACKAGES)
         print("statements:", ", ".join(f"{name} {n}" for name, n in sorted(count.items())), "| all", count.total())
-    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN else 0
+    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN or naming != listed else 0
 
 
 if __name__ == "__main__":

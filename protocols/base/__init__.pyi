@@ -1,3 +1,4 @@
+from .aspects import Aspects as Aspects
 from .channels import ChannelCalibration as ChannelCalibration
 from .conditions import RunConditions as RunConditions
 from .event_bus import EventBus as EventBus

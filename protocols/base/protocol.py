@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers import Drive
 from drivers.deprecated import renamed
+from protocols.base.aspects import Aspects, AspectsOfModule
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
     EstimatedQuantity,
@@ -55,6 +56,9 @@ class Protocol(BaseModel, ABC):
 
     max_recording_scans: ClassVar[float] = MAX_RECORDING_SCANS
     """Longest recording that the analysis takes; infinite where it is analysed in parts."""
+
+    aspects: ClassVar[Aspects] = AspectsOfModule()  # type: ignore[assignment]
+    """What fit, import, figures and lists need of it; a laboratory's protocol assigns an instance of its own subclass."""
 
     sample_rate_hz: float
 

@@ -1,0 +1,1 @@
+"""Aspects of the built-in protocols: a module for each, of the same name as in `protocols.measurements`."""

@@ -1,0 +1,10 @@
+"""Aspects of the protocol `wiring-check`."""
+
+from protocols.base import Aspects
+
+
+class WiringCheckAspects(Aspects):
+    """Wiring check beside its measurement."""
+
+
+ASPECTS = WiringCheckAspects()

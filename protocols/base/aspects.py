@@ -1,0 +1,29 @@
+"""Aspects of a protocol: what fit, import, figures and lists need of it beside its measurement.
+
+Every front end and service asks a protocol's aspects and knows no protocol by name. Built-in protocols have theirs in the module
+of the same name in `protocols.aspects`; a laboratory's protocol file assigns its own (docs/how-to-write-a-protocol.md).
+"""
+
+import importlib
+from typing import Any
+
+MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
+
+
+class Aspects:
+    """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
+
+
+class AspectsOfModule:
+    """Class attribute `aspects` of a protocol: `ASPECTS` of the built-in protocol's module of aspects, otherwise the defaults.
+
+    Aspects are imported when they are first used: measuring needs none of them.
+    """
+
+    def __get__(self, instance: Any, protocol_class: type) -> Aspects:
+        package, _, module = protocol_class.__module__.rpartition(".")
+        if package != MEASUREMENTS_PACKAGE:
+            return Aspects()
+        aspects = importlib.import_module(f"{ASPECTS_PACKAGE}.{module}").ASPECTS
+        assert isinstance(aspects, Aspects)
+        return aspects

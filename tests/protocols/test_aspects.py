@@ -1,0 +1,41 @@
+"""Aspects of protocols: where a built-in protocol, a laboratory's and an unknown one have theirs."""
+
+from pathlib import Path
+
+import pytest
+
+from protocols import Aspects
+from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS, aspects_of, load_protocol_file
+
+OWN = """
+from protocols import Aspects
+from protocols.measurements.free_decay import FreeDecay as Base
+
+class OwnAspects(Aspects):
+    colour = "red"
+
+class Mine(Base):
+    name = "mine"
+    aspects = OwnAspects()
+"""
+
+
+@pytest.mark.parametrize("name", BUILT_IN_PROTOCOLS)
+def test_aspects_of_a_built_in_protocol_are_in_its_module(name: str) -> None:
+    module = PROTOCOLS[name].__module__.rpartition(".")[2]
+    assert type(aspects_of(name)).__module__ == f"protocols.aspects.{module}"
+    assert PROTOCOLS[name].aspects is aspects_of(name)
+
+
+def test_a_protocol_file_carries_its_own_aspects(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    kind = load_protocol_file(tmp_path / "mine.py")
+    try:
+        assert aspects_of("mine").colour == "red"
+        assert kind.model_validate({}).aspects is kind.aspects
+    finally:
+        del PROTOCOLS["mine"]
+
+
+def test_an_unknown_protocol_has_the_defaults() -> None:
+    assert type(aspects_of("from-elsewhere")) is Aspects

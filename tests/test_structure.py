@@ -1,0 +1,35 @@
+"""Rules of tests/structure.py: each detects what it forbids."""
+
+import ast
+
+import pytest
+
+from tests.structure import built_in_protocols, names_a_protocol
+
+NAMES = frozenset(built_in_protocols())
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "from protocols.measurements.sweep import Sweep",
+        'KINDS = {"sine-dwell": 1}',
+        'if run.protocol == "sweep": pass',
+        'kind = PROTOCOLS["latency"]',
+        'match name:\n    case "free-decay": pass',
+    ],
+)
+def test_a_protocol_named_outside_protocols_is_detected(code: str) -> None:
+    assert names_a_protocol(ast.parse(code), NAMES)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'effects = {"hysteresis": 0.15}',
+        'help = "a protocol, such as sine-dwell"',
+        "aspects = PROTOCOLS[run.protocol].aspects",
+    ],
+)
+def test_other_texts_are_no_protocol_names(code: str) -> None:
+    assert not names_a_protocol(ast.parse(code), NAMES)
