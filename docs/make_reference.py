@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE.parent))
 
 import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
-from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
+from app.services import format_parameter, protocol_fields  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
 from drivers.assumptions.table import assumptions  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402

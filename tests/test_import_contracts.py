@@ -65,6 +65,7 @@ def test_the_product_keeps_every_contract(contracts: dict[str, Any], graph: grim
         ("app.gui.widgets.form", "app.gui.plots.base", "GUI layers"),
         ("app.gui.runs.page", "app.gui.explore.page", "Pages are independent"),
         ("app.gui.shell.tabs", "app.gui.shell.menus", "Main window layers"),
+        ("app.cli.console", "app.gui.widgets.form", "Front ends do not"),
         ("protocols.base.steps", "protocols.runfile.writer", "Protocol layers"),
         ("drivers.transport.scpi", "drivers.generators.keysight_33500", "Driver layers"),
         ("model.skin_model", "model.identification.joint_least_squares", "Model layers"),

@@ -243,7 +243,7 @@ class ProtocolsCommand:
 
 
 def _parameter_records(kind: "type[Protocol]") -> list[dict[str, str]]:
-    from app.gui.widgets import format_parameter, protocol_fields
+    from app.services import format_parameter, protocol_fields
 
     return [
         {

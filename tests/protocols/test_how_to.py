@@ -9,7 +9,7 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import ExitCode
-from app.gui.widgets.form import check_form, protocol_fields
+from app.services import check_form, protocol_fields
 from protocols import registry
 from protocols.base import Protocol
 from protocols.rehearsal import rehearse

@@ -9,7 +9,8 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QSizePolicy, QWidget
 
 from app.common import UnitError, read_value
 from app.config import ConfigTable
-from app.gui.widgets import FieldRow, bench_fields, column, field_error, grid, make_choice
+from app.gui.widgets import FieldRow, column, grid, make_choice
+from app.services import bench_fields, field_error
 
 EDITOR_PADDING = 20
 """Width of an editor beyond that of its text."""

@@ -16,8 +16,6 @@ from app.gui.widgets import (
     StatusLine,
     column,
     configure,
-    field_error,
-    format_parameter,
     grid,
     make_button,
     make_label,
@@ -25,6 +23,7 @@ from app.gui.widgets import (
     make_scroll_area,
     row,
 )
+from app.services import field_error, format_parameter
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 

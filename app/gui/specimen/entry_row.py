@@ -3,8 +3,9 @@
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QGridLayout, QLineEdit
 
-from app.gui.widgets import FieldRow, FormField, configure, make_label, set_style_kind
+from app.gui.widgets import FieldRow, configure, make_label, set_style_kind
 from app.identification import ENTRY_FIELDS, TABLE_ONE, EntryText, sheet_unit, table_one_entry
+from app.services import FormField
 from model.identification import parameter_spec
 
 FIELD_LABELS = {"value": "value", "uncertainty": "standard uncertainty", "instrument": "instrument", "date": "day"}

@@ -18,13 +18,7 @@ from .file_dialog import Mode as Mode
 from .file_dialog import choose_files as choose_files
 from .fitted_scroll_area import FittedScrollArea as FittedScrollArea
 from .form import FieldRow as FieldRow
-from .form import FormField as FormField
 from .form import ProtocolForm as ProtocolForm
-from .form import bench_fields as bench_fields
-from .form import field_error as field_error
-from .form import format_parameter as format_parameter
-from .form import make_field as make_field
-from .form import protocol_fields as protocol_fields
 from .form import set_style_kind as set_style_kind
 from .garbage_collection import collect_garbage_here as collect_garbage_here
 from .layouts import SELECTABLE as SELECTABLE

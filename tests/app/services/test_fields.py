@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from app.common.units import read_value
-from app.gui.widgets.form import check_form, form_fields, format_parameter, protocol_fields, scaled
+from app.services import check_form, form_fields, format_parameter, protocol_fields, scaled
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.registry import PROTOCOLS

@@ -1,0 +1,201 @@
+"""Form fields of annotated parameters without Qt: labels, units, limits, and validation of what is typed."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Interval
+from pydantic import BaseModel, ValidationError
+
+from app.common import UnitError, description_of, field_label, read_value, unit_of
+from protocols.base import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class FormField:
+    """One parameter as the form shows it."""
+
+    name: str
+    label: str
+    unit: str
+    """Empty for a count or a text."""
+    description: str
+    limits: str
+    is_list: bool = False
+    """Several numbers, separated by commas."""
+    is_switch: bool = False
+    choices: tuple[str, ...] = ()
+    factor: float = 1.0
+    """From SI to `unit`."""
+
+
+@dataclass(frozen=True, slots=True)
+class FormResult:
+    """Result of checking a form: the protocol, or a message per faulty field ("" for the whole form)."""
+
+    protocol: Protocol | None
+    errors: Mapping[str, str]
+
+
+def protocol_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
+    """Return the fields of a protocol in the order of its class."""
+    written = list(kind.__annotations__)
+    names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
+    return tuple(make_field(kind, name) for name in names)
+
+
+def bench_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
+    """Return the fields of a form in the units in which people at a bench think of them."""
+    return tuple(_in_bench_unit(kind, field) for field in protocol_fields(kind))
+
+
+def form_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
+    """Return the fields of a form in bench units; descriptions refer to other fields by their labels."""
+
+    def label(name: re.Match[str]) -> str:
+        return f"'{field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
+
+    return tuple(
+        replace(field, description=re.sub(r"\w+_\w+", label, field.description)) for field in bench_fields(kind)
+    )
+
+
+BENCH_UNITS = {
+    "kg": ((1e3, "g"), (1e6, "mg")),
+    "m": ((1e3, "mm"), (1e6, "µm")),
+    "m/V": ((1e6, "µm/V"),),
+    "m/N": ((1e6, "µm/N"),),
+    "kg/m": ((1e3, "g/m"),),
+    "Pa": ((1e-9, "GPa"), (1e-6, "MPa")),
+    "F": ((1e9, "nF"),),
+}
+"""Factor and unit in which a form shows values of an SI unit, the larger unit first."""
+
+LEAST_SHOWN = 0.01
+"""A unit is used whose smallest default is at least this; it does not change with what is typed."""
+
+UNLIMITED = 1e9
+"""A count's limit from here on is not worth telling."""
+
+
+def _in_bench_unit(kind: type[BaseModel], field: FormField) -> FormField:
+    """Return a field in the unit in which people at a bench think of it."""
+    if field.unit not in BENCH_UNITS:
+        return field
+    default = kind.model_fields[field.name].get_default()
+    sizes = [abs(value) for value in (default if isinstance(default, tuple) else (default,)) if value]
+    units = BENCH_UNITS[field.unit]
+    factor, unit = next((u for u in units if min(sizes, default=1.0) * u[0] >= LEAST_SHOWN), units[-1])
+    return replace(field, unit=unit, factor=factor, limits=_format_limits(_interval_of(kind, field.name), unit, factor))
+
+
+def format_parameter(value: Any) -> str:
+    """Format a parameter's value as it is typed."""
+    if isinstance(value, tuple):
+        return ", ".join(format_parameter(item) for item in value)
+    return f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else str(value)
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """Return a number, or each of several, times a factor; anything else unchanged."""
+    if isinstance(value, tuple):
+        return tuple(scaled(each, factor) for each in value)
+    if factor == 1.0 or isinstance(value, bool) or not isinstance(value, float | int):
+        return value
+    return factor * value
+
+
+def check_form(
+    kind: type[Protocol], texts: Mapping[str, Any], shown: Mapping[str, FormField] | None = None
+) -> FormResult:
+    """Read and validate the texts of a form, with or without units; `shown`: fields in other units than SI, by name."""
+    units = {name: (field.factor, field.unit) for name, field in (shown or {}).items() if field.factor != 1.0}
+    faults: dict[str, str] = {}
+    values: dict[str, Any] = {}
+    for name, text in texts.items():
+        try:
+            if isinstance(text, str) and not text.strip():
+                raise UnitError("give a value")
+            values[name] = read_value(kind, name, text, units.get(name, (1.0, "")))
+        except UnitError as error:
+            faults[name] = str(error)
+    try:
+        protocol = kind(**values)  # unreadable fields have their defaults, so that the others are still checked
+    except ValidationError as error:
+        for fault in error.errors():
+            faults.setdefault(*field_error(kind, fault, shown))
+        return FormResult(None, faults)
+    return FormResult(None if faults else protocol, faults)
+
+
+def make_field(kind: type[BaseModel], name: str) -> FormField:
+    """Return a parameter as a form shows it."""
+    given = unit_of(kind, name) or ""
+    unit = "" if given == "1" else given
+    annotation: Any = kind.model_fields[name].annotation
+    many = get_origin(annotation) is tuple
+    return FormField(
+        name=name,
+        label=field_label(kind, name),
+        unit=unit,
+        description=description_of(kind, name),
+        limits=_format_limits(_interval_of(kind, name), unit),
+        is_list=many,
+        is_switch=annotation is bool,
+        choices=_choices(annotation),
+    )
+
+
+def _choices(annotation: Any) -> tuple[str, ...]:
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
+        return tuple(annotation)
+    return tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else ()
+
+
+def _interval_of(kind: type[BaseModel], name: str) -> Interval | None:
+    """Return the limits of a field, or of the numbers in its list."""
+    info = kind.model_fields[name]
+    annotation: Any = info.annotation
+    many = get_origin(annotation) is tuple
+    marks = list(info.metadata) + (list(getattr(get_args(annotation)[0], "__metadata__", ())) if many else [])
+    return next((mark for mark in marks if isinstance(mark, Interval)), None)
+
+
+def _format_limits(interval: Interval | None, unit: str, factor: float = 1.0) -> str:
+    if interval is None:
+        return ""
+    low: Any = interval.ge if interval.ge is not None else interval.gt
+    high: Any = interval.le if interval.le is not None else interval.lt
+    if not unit and high is not None and high >= UNLIMITED:
+        high = None
+    lower = "" if low is None else f"over {factor * low:g}" if interval.ge is None else f"{factor * low:g}"
+    upper = "" if high is None else f"below {factor * high:g}" if interval.le is None else f"{factor * high:g}"
+    if lower and not upper and interval.ge is not None:
+        lower = f"from {lower}"
+    if upper and not lower and interval.le is not None:
+        upper = f"up to {upper}"
+    return f"{' to '.join(filter(None, (lower, upper)))} {unit}".strip() if lower or upper else ""
+
+
+def field_error(kind: type[BaseModel], error: Any, shown: Mapping[str, FormField] | None = None) -> tuple[str, str]:
+    """Return the field of a validation error, and the message."""
+    place, message = error["loc"], error["msg"].removeprefix("Value error, ")
+    if not place:  # fields that contradict each other: the message begins with the one to change
+        first = re.match(r"\w*", message)
+        return first[0] if first is not None and first[0] in kind.model_fields else "", message
+    name = str(place[0])
+    field = (shown or {}).get(name) or make_field(kind, name)
+    value = error["input"]
+    if error["type"].startswith(("greater_than", "less_than")):
+        return (
+            name,
+            f"{format_parameter(scaled(value, field.factor))} {field.unit}".strip()
+            + f" is outside the range: {field.limits}",
+        )
+    if error["type"] in ("int_from_float", "int_type"):
+        return name, f"{format_parameter(value)} is not a whole number"
+    if error["type"] in ("finite_number", "float_type"):
+        return name, f"{value} is not a number"
+    return name, message[:1].lower() + message[1:]
