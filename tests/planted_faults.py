@@ -154,7 +154,7 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
         "protocols/runfile/open.py",
         "if TYPE_CHECKING:",
         "(not (TYPE_CHECKING))",
-    ): "imports a library earlier, which the tests of the start (tests/app/test_startup.py) look at, not those of the file",
+    ): "imports a library earlier, which the tests of the start (tests/app/cli/test_startup.py) look at, not those of the file",
     (
         "protocols/signals/peak.py",
         "middle, half = 0.5 * (u[0] + u[-1]), 0.5 * (u[-1] - u[0])",
