@@ -32,6 +32,11 @@ BUILT_IN_PROTOCOLS = {
 }
 """Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""
 
+DEFAULT_PROTOCOL = "sine-dwell"
+"""Protocol of a new form, of a command without a name, and of a run whose own protocol is not installed."""
+WIRING_CHECK, HELD_LEVELS, TONES = "wiring-check", "voltage-steps", "sine-dwell"
+"""Protocols that the Bench page and the command `bench check` start: the check of a bench, levels and sines played by hand."""
+
 
 class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
     """Protocols by name."""

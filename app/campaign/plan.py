@@ -14,6 +14,7 @@ from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
 
 from app.common import UndoHistory, read_json_file, write_atomic
 from protocols.base import Prompt, visible_values
+from protocols.paper_campaign import PAPER_CAMPAIGN
 from protocols.runfile.names import folded_name, safe_name
 
 SUFFIX = ".campaign.json"
@@ -173,25 +174,10 @@ class CampaignItem:
         return cls(**{**record, **lists, "prepare": prepare})
 
 
-TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
-REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
-FIX_PAPER_MASS = Prompt(
-    "fix-mass",
-    "Fix the mass in the cylinder of which 7.73 g moves with the centre (the paper put in 11 g).",
-    {"mass_kg": 7.73e-3, "moving": 1.0},
-    hands_on=True,
+PAPER_ITEMS = tuple(
+    CampaignItem(item.name, item.protocol, needs=item.needs, prepare=item.prepare) for item in PAPER_CAMPAIGN
 )
-
-PAPER_ITEMS: tuple[CampaignItem, ...] = (
-    CampaignItem("wiring", "wiring-check"),
-    CampaignItem("loading", "static-loading", needs=("wiring",), prepare=(REMOVE_MEMBRANE,)),
-    CampaignItem("resonance", "mass-resonance", needs=("wiring",), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP)),
-    CampaignItem("steps", "voltage-steps", needs=("loading", "resonance"), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP)),
-    CampaignItem("dwell", "sine-dwell", needs=("steps",), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP, FIX_PAPER_MASS)),
-    CampaignItem("sag", "membrane-sag", needs=("wiring",)),
-    CampaignItem("membrane", "membrane-series", needs=("dwell", "sag"), prepare=(TURN_MFC_UP, FIX_PAPER_MASS)),
-)
-"""The paper's campaign: k2 (loading, resonance) before mu (steps) before c0 (dwell) before c_s (membrane, with E_m of sag)."""
+"""The paper's campaign."""
 
 
 CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay time"}

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from app.campaign.plan import FIX_PAPER_MASS
 from app.identification.calibrations import CalibrationError, read_calibrations
 from app.identification.sheet_file import SheetError, load_sheet
 from protocols.base import Prompt
+from protocols.paper_campaign import FIX_PAPER_MASS
 
 MASS_PUT_IN = "mass_put_in"
 MASS_SHARE = "mass_fraction"

@@ -39,7 +39,7 @@ from protocols.base import (
     checks_by_remedy,
 )
 from protocols.commissioning.verdict import OutputVerdict
-from protocols.measurements.wiring_check import WiringCheck
+from protocols.registry import WIRING_CHECK
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
@@ -52,7 +52,7 @@ class CheckCommand(ProtocolOptions):
 
     def execute(self) -> int:
         bench = select_bench(self)
-        protocol = make_protocol(WiringCheck.name, self.settings)
+        protocol = make_protocol(WIRING_CHECK, self.settings)
         events: list[Any] = []
         # The run itself is shown to the operator; only the table is JSON.
         code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)

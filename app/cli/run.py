@@ -58,16 +58,17 @@ class WindowCommand(ProtocolOptions):
         metavar="FILE|sim",
         help="bench file, 'sim' or 'ideal' (default: the bench chosen last in the window; with --start 'sim')",
     )
-    protocol: str = option(nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
+    protocol: str = option(nargs="?", default="", help=PROTOCOL_HELP)
     autostart: bool = switch("--start", "start the run as soon as the bench is connected")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, select_bench
         from app.gui.display_check import window_unavailable_reason
+        from protocols.registry import DEFAULT_PROTOCOL
 
         bench = select_bench(replace(self, bench=self.bench or "sim"))
         given = bool(self.bench or self.speed is not None or self.seed is not None or self.autostart)
-        protocol = make_protocol(self.protocol, self.settings)
+        protocol = make_protocol(self.protocol or DEFAULT_PROTOCOL, self.settings)
         if why := window_unavailable_reason():
             raise UsageError(
                 f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'"
@@ -84,9 +85,10 @@ class DemoCommand(BenchOptions):
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
         from app.gui.display_check import window_unavailable_reason
+        from protocols.registry import DEFAULT_PROTOCOL
 
         bench = select_bench(self)
-        protocol = make_protocol("sine-dwell", [])
+        protocol = make_protocol(DEFAULT_PROTOCOL, [])
         why = "--no-window was given" if self.no_window else window_unavailable_reason()
         if not why:
             return _open_window(bench, self, protocol, autostart=True)

@@ -13,14 +13,13 @@ from typing import Any
 from app.common import read_json_file, write_atomic
 from app.common.audit import record_audit
 from protocols.base import visible_values
+from protocols.registry import PROTOCOLS
 from protocols.runfile.names import safe_name
 
 FOLDER = "certificates"
 """Folder of the certificates in that of the runs."""
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
-WEIGHT_PROTOCOLS = frozenset({"static-loading", "mass-resonance"})
-"""Protocols that use weights."""
 WARNING_DAYS = 30
 """Days before the due date from which on every run warns."""
 
@@ -154,9 +153,11 @@ def certificates_of_bench(
 ) -> list[Certificate]:
     """Return the newest certificate of each instrument that a run uses: by serial number, and the weights where it uses them."""
     used = {serial.casefold() for serial in serials if serial}
+    kind = PROTOCOLS.get(protocol)
+    weighed = kind is not None and kind.uses_weights
     newest: dict[tuple[str, str], Certificate] = {}
     for each in sorted(certificates, key=lambda one: one.date):
-        if each.serial.casefold() in used or (each.role == "weights" and protocol in WEIGHT_PROTOCOLS):
+        if each.serial.casefold() in used or (weighed and each.role == "weights"):
             newest[each.role, each.serial.casefold()] = each
     return list(newest.values())
 

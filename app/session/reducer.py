@@ -41,11 +41,9 @@ from protocols.base import (
     ShutdownStarted,
     SpecimenMayBeLive,
 )
+from protocols.registry import PROTOCOLS
 
 MAX_LOG_LINES = 500
-
-CHECKS_SHOWN_OF = "wiring-check"
-"""The protocol whose checks are shown as a table."""
 
 ACTION_MESSAGES = {
     OperatorAction.PAUSE: (Severity.INFO, "Pause was requested"),
@@ -253,8 +251,14 @@ def _with_outcome(view: WindowState, event: RunEnded) -> WindowState:
         instruments=instruments,
         unsafe=event.reason if unsafe else view.unsafe,
         problem=event.reason if failed else "" if unsafe else view.problem,
-        verdict_message=describe_verdict(event.verdict, reasons_shown=view.protocol == CHECKS_SHOWN_OF),
+        verdict_message=describe_verdict(event.verdict, reasons_shown=_shows_checks(view.protocol)),
     )
+
+
+def _shows_checks(protocol: str) -> bool:
+    """Return whether the checks of a run are shown as a table."""
+    kind = PROTOCOLS.get(protocol)
+    return kind is not None and kind.passes_or_fails
 
 
 def _with_lamps(view: WindowState, lamp: Lamp) -> tuple[InstrumentStatus, ...]:

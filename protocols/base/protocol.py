@@ -42,6 +42,8 @@ class Protocol(BaseModel, ABC):
     """The columns that the live plot and a NeXus viewer draw: x and y. The error of y is the column `<y>_errors`."""
     high_voltage: ClassVar[bool] = True
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
+    uses_weights: ClassVar[bool] = False
+    """Whether weights are laid on or fixed, whose calibration then belongs to the run."""
     diagnosed_levels: ClassVar[tuple[str, ...]] = ()
     """Abort levels whose cause the protocol itself finds and reports: beyond them it is only warned."""
     passes_or_fails: ClassVar[bool] = False

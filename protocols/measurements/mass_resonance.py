@@ -107,6 +107,7 @@ class MassResonance(Protocol):
     title: ClassVar[str] = "Mass resonance"
     point_type: ClassVar[type] = MassPoint
     axes: ClassVar[tuple[str, str]] = ("mass", "frequency")
+    uses_weights: ClassVar[bool] = True
 
     masses_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0, le=0.1)], ...], Unit("kg"), Len(1, 100), "added masses, in order"

@@ -73,6 +73,7 @@ class StaticLoading(Protocol):
     point_type: ClassVar[type] = LoadPoint
     axes: ClassVar[tuple[str, str]] = ("load", "deflection")
     high_voltage: ClassVar[bool] = False
+    uses_weights: ClassVar[bool] = True
 
     weights_kg: Annotated[
         tuple[Annotated[float, Interval(ge=0.001, le=2)], ...], Unit("kg"), Len(1, 20), "masses of the weights"

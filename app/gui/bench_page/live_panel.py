@@ -23,9 +23,7 @@ from app.gui.widgets import (
 from app.live import LiveFeed, LiveValues
 from app.session import build_protocol
 from model import AmplifierMap
-from protocols.base import Protocol
-from protocols.measurements.sine_dwell import SineDwell
-from protocols.measurements.voltage_steps import VoltageSteps
+from protocols.registry import HELD_LEVELS, PROTOCOLS, TONES
 
 BAR_STEPS = 1000
 ABOUT_TEXT = (
@@ -130,21 +128,21 @@ class LivePanel(QWidget):
 
     def _hold(self) -> None:
         self._request(
-            VoltageSteps,
+            HELD_LEVELS,
             {"levels_v": self.level_edit, "hold_s": self.level_s_edit},
             {"repeats": 1, "order": "up", "rest_s": 0.5},
         )
 
     def _play(self) -> None:
         self._request(
-            SineDwell,
+            TONES,
             {"frequencies_hz": self.frequency_edit, "peak_to_peak_v": self.swing_edit, "record_s": self.tone_s_edit},
             {},
         )
 
-    def _request(self, kind: type[Protocol], edits: dict[str, QLineEdit], others: dict[str, object]) -> None:
+    def _request(self, name: str, edits: dict[str, QLineEdit], others: dict[str, object]) -> None:
         try:
-            protocol = build_protocol(kind, {name: edit.text().strip() for name, edit in edits.items()} | others)
+            protocol = build_protocol(PROTOCOLS[name], {key: edit.text().strip() for key, edit in edits.items()} | others)
         except UsageError as error:
             self.message_label.show_message(str(error), is_error=True)
             return

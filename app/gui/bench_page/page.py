@@ -29,8 +29,8 @@ from app.gui.widgets import (
     row,
 )
 from app.live import CommissioningJob, SessionAdapter
-from app.session import WindowState
-from protocols.measurements.wiring_check import WiringCheck
+from app.session import WindowState, build_protocol
+from protocols.registry import PROTOCOLS, WIRING_CHECK
 
 STALE_S = 1.0
 """A reading older than this is not shown as a live value."""
@@ -325,7 +325,7 @@ class BenchPage(QSplitter):
         self.calibration.applied.connect(self.editor.use_calibration)
         self.commissioning.start_pressed.connect(self.commission)
         self.commissioning.stop_pressed.connect(self.stop_requested)
-        self.wiring.start_pressed.connect(lambda: self.run_requested.emit(WiringCheck()))
+        self.wiring.start_pressed.connect(lambda: self.run_requested.emit(build_protocol(PROTOCOLS[WIRING_CHECK], {})))
         self.benches.selected.connect(self.show_bench)
         self.benches.new_pressed.connect(self._begin_bench)
         self.editor.changed.connect(self._update_buttons)

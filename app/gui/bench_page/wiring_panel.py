@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 from app.gui.plots import CheckTable
 from app.gui.widgets import Theme, column, make_button, make_label, make_panel, row
 from app.session import WindowState
-from protocols.measurements.wiring_check import WiringCheck
+from protocols.registry import WIRING_CHECK
 
 ABOUT_TEXT = (
     "Rest, a tenth of a volt to either side and a small sine, with the prompts for high voltage: polarity, gain, latency, noise and the "
@@ -43,7 +43,7 @@ class WiringPanel(QWidget):
     def set_state(self, view: WindowState, enabled: bool) -> None:
         """Show the state of the check, if it is or was the last run."""
         self.start_button.setEnabled(enabled)
-        if view.protocol != WiringCheck.name:
+        if view.protocol != WIRING_CHECK:
             return
         if view.busy:
             self.status_label.setText("running; the prompts and Stop are above")

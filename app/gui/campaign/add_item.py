@@ -25,7 +25,7 @@ from app.gui.widgets import (
 )
 from app.services import field_error, format_parameter
 from protocols.base import Protocol
-from protocols.registry import PROTOCOLS
+from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.campaign import CampaignItem
@@ -35,7 +35,6 @@ INTRODUCTION = (
     "campaign, and its results are a curve over that parameter."
 )
 ONE_RUN = "nothing: one run"
-FIRST_PROTOCOL = "sine-dwell"
 MIN_FORM_HEIGHT = 90
 MAX_LISTED = 12
 """Values of a series that are listed."""
@@ -110,7 +109,7 @@ class AddItemPane(QWidget):
         self.name_edit.textChanged.connect(self._validate)
         for edit in (self.values_edit, self.name_edit):
             edit.returnPressed.connect(self._request)
-        self.protocol_box.setCurrentIndex(self.protocol_box.findData(FIRST_PROTOCOL))
+        self.protocol_box.setCurrentIndex(self.protocol_box.findData(DEFAULT_PROTOCOL))
 
     def hasHeightForWidth(self) -> bool:
         """Return False: the page scrolls only where the least size has no room."""

@@ -32,8 +32,7 @@ from app.gui.widgets import (
     update_actions,
 )
 from app.session import WindowState
-from protocols.measurements.sine_dwell import SineDwell
-from protocols.registry import PROTOCOLS
+from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.campaign import CampaignEstimates, CampaignSummary, ItemSummary, NextStep
@@ -235,7 +234,7 @@ class CampaignBoard(QWidget):
             self.item_list.select_item(self.step.item_name)
         row = summary.item(running)
         self.live_pane.set_state(
-            state, PROTOCOLS.get(row.state.item.protocol, SineDwell) if row is not None else SineDwell
+            state, PROTOCOLS.get("" if row is None else row.state.item.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         )
         self.side_stack.setCurrentWidget(self.live_pane if state.busy else self._details)
         update_actions(self, state)

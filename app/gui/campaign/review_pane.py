@@ -15,7 +15,7 @@ from app.gui.results.card import ResultCard
 from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
 from app.live import OverlayCurve
 from protocols.base import ResultCurve, RunEnded, RunStatus
-from protocols.registry import PROTOCOLS
+from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.archive import RunSummary
@@ -151,7 +151,7 @@ class ReviewPane(QWidget):
             return
         run, chosen = self.review.run, self.figure_box.currentText()
         series = tuple(sorted(self._series, key=lambda curve: curve.y == chosen))
-        kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
+        kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
         found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.estimates)
         self.plots.show_results(kind, run.points, series or run.curves, found, run.simulated)

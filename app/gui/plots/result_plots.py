@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class ResultPlots(QStackedWidget):
-    """Shows one of three plots, or the checks of a wiring check; points, curves and table are created when first used."""
+    """Shows one of three plots, or the checks of a protocol that passes or fails; points, curves and table are created when first used."""
 
     repeat_requested = Signal(tuple)
 
@@ -60,7 +60,7 @@ class ResultPlots(QStackedWidget):
 
     @cached_property
     def checks(self) -> CheckTable:
-        """The table of checks of a wiring check."""
+        """The table of checks of a protocol that passes or fails."""
         from app.gui.plots.check_table import CheckTable
 
         table = CheckTable(self._theme)
@@ -103,7 +103,7 @@ class ResultPlots(QStackedWidget):
         for each in self._plots:
             each.show_simulated(simulated)
             each.show_estimates(outcome)
-        if kind.name == "wiring-check" and outcome is not None and outcome.verdict.checks:
+        if kind.passes_or_fails and outcome is not None and outcome.verdict.checks:
             self.checks.show_verdict(outcome.verdict)
             self.setCurrentWidget(self.checks)
         else:

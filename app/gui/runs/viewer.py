@@ -22,7 +22,7 @@ from app.gui.widgets import (
 )
 from app.live import OverlayCurve
 from protocols.base import Outcome, RunEnded, RunStatus
-from protocols.registry import PROTOCOLS
+from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 CARD_WIDTH = 270
 MIN_PLOT_WIDTH = 400
@@ -72,7 +72,7 @@ class RunViewer(QWidget):
         parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.parameters.items())
         self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
-        kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
+        kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
         self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
         self.trace_plot.show_traces(run.traces, run.simulated)

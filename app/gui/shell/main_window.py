@@ -34,9 +34,9 @@ from app.gui.widgets import (
     update_actions,
 )
 from app.live import SessionAdapter
-from app.session import BenchState, WindowState, initial_window_state, unreported_watchdog_messages
+from app.session import BenchState, WindowState, build_protocol, initial_window_state, unreported_watchdog_messages
 from protocols.base import Protocol
-from protocols.measurements.sine_dwell import SineDwell
+from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.archive.problem_report import ProblemFacts
@@ -175,7 +175,7 @@ class MainWindow(QMainWindow):
             return
         self.central.show_pages()
         self.tabs.setCurrentIndex(MEASURE)
-        self.measure_page.run_panel.set_protocol(SineDwell())
+        self.measure_page.run_panel.set_protocol(build_protocol(PROTOCOLS[DEFAULT_PROTOCOL], {}))
         self.central.hint.start()
         self._autostart = True
 
@@ -395,7 +395,7 @@ class MainWindow(QMainWindow):
         self.resize(self.size().boundedTo(self._largest_size()))
         self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.
-        requested = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
+        requested = self._autostart or self.measure_page.run_panel.protocol != build_protocol(PROTOCOLS[DEFAULT_PROTOCOL], {})
         self.tabs.restore_state(folder, specimen, requested)
 
     def _largest_size(self) -> QSize:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.campaign.plan import FIX_PAPER_MASS, REMOVE_MEMBRANE
+from protocols.paper_campaign import FIX_PAPER_MASS, REMOVE_MEMBRANE
 from app.campaign.specimen_mass import with_specimen_mass
 from app.identification.calibrations import Calibrations, write_calibrations
 from model import EstimatedQuantity
