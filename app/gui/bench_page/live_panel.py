@@ -142,7 +142,9 @@ class LivePanel(QWidget):
 
     def _request(self, name: str, edits: dict[str, QLineEdit], others: dict[str, object]) -> None:
         try:
-            protocol = build_protocol(PROTOCOLS[name], {key: edit.text().strip() for key, edit in edits.items()} | others)
+            protocol = build_protocol(
+                PROTOCOLS[name], {key: edit.text().strip() for key, edit in edits.items()} | others
+            )
         except UsageError as error:
             self.message_label.show_message(str(error), is_error=True)
             return

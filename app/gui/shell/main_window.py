@@ -395,7 +395,9 @@ class MainWindow(QMainWindow):
         self.resize(self.size().boundedTo(self._largest_size()))
         self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.
-        requested = self._autostart or self.measure_page.run_panel.protocol != build_protocol(PROTOCOLS[DEFAULT_PROTOCOL], {})
+        requested = self._autostart or self.measure_page.run_panel.protocol != build_protocol(
+            PROTOCOLS[DEFAULT_PROTOCOL], {}
+        )
         self.tabs.restore_state(folder, specimen, requested)
 
     def _largest_size(self) -> QSize:

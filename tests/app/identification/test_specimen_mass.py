@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from protocols.paper_campaign import FIX_PAPER_MASS, REMOVE_MEMBRANE
 from app.campaign.specimen_mass import with_specimen_mass
 from app.identification.calibrations import Calibrations, write_calibrations
 from model import EstimatedQuantity
 from model.identification import Calibration
+from protocols.paper_campaign import FIX_PAPER_MASS, REMOVE_MEMBRANE
 from sim_hardware.plant.nonidealities import Nonidealities
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.setup_state import apply_action, initial_state
