@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.after_run import AfterRun
-from app.cli.headless import refuse_without_operator
 from app.common import UsageError
 from app.config import BenchConfig
 from app.identification import reference_model
+from app.services import refuse_without_operator
 from app.session import (
     UNATTENDED_BLOCK_S,
     BenchFailed,

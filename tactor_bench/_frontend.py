@@ -11,17 +11,19 @@ from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 from typing import Any
 
-from app.cli.console import STILL_ON, ConsoleObserver, StderrConsole
-from app.cli.headless import handling_stop_signals
-from app.cli.prompts import (
+from app.common import Severity, format_duration
+from app.services import (
     KEY_HELP,
+    STILL_ON,
+    ConsoleObserver,
     ConsoleOperator,
+    StderrConsole,
     answer_instructions,
     can_poll_keyboard,
+    handling_stop_signals,
     match_answer,
     operator_reachable,
 )
-from app.common import Severity, format_duration
 from app.session import BenchOpened, Session, SessionEvent, describe_event
 from protocols.base import (
     BlockDiscarded,

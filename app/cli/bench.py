@@ -24,9 +24,9 @@ from app.cli.options import (
     switch,
 )
 from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, writing_output
-from app.cli.prompts import operator_reachable
 from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
 from app.config import bench_template, find_devices
+from app.services import operator_reachable
 from drivers import REST_REPEATABILITY_V, BenchError
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,

@@ -1,6 +1,5 @@
 """A session with the terminal as its front end: progress, prompts, signals, exit codes."""
 
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +10,6 @@ from types import FrameType
 from typing import Any
 
 from app.cli.options import BenchOptions, BenchSelection
-from app.cli.prompts import operator_reachable
 from app.common import (
     ExitCode,
     UsageError,
@@ -23,13 +21,14 @@ from app.common import (
 )
 from app.config import BenchConfig
 from app.identification import reference_model
+from app.services import operator_reachable, refuse_without_operator
 from app.session import (
     Session,
     build_protocol,
     choose_bench,
     load_protocol_class,
 )
-from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Outcome, Prompt, Protocol
+from protocols.base import Outcome, Prompt, Protocol
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest
 
@@ -177,10 +176,6 @@ def _ask_operator(bench: SelectedBench) -> None:
     remember_conditions(sys.stdin.readline().strip() or current_conditions().operator)
 
 
-MAX_PROMPTS_NAMED = 4
-"""Prompts that a rejection names; it counts the others."""
-
-
 def check_planned_faults(bench: SelectedBench, planned_faults: Sequence[str]) -> None:
     """Raise UsageError if faults are planned for a real bench."""
     if planned_faults and not bench.config.simulated:
@@ -196,28 +191,6 @@ def refuse_unreachable_operator(bench: SelectedBench, protocol: Protocol, prepar
     if bench.config.simulated or operator_reachable():
         return
     refuse_without_operator(bench.config, protocol, prepare)
-
-
-def refuse_without_operator(config: BenchConfig, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
-    """Raise UsageError that names the prompts of a run on a real bench."""
-    texts = [prompt.text for prompt in prompts_of_run(protocol, config.amplifier.rest_v, prepare)]
-    named = "; ".join(f"'{text}'" for text in texts[:MAX_PROMPTS_NAMED])
-    more = f"; and {len(texts) - MAX_PROMPTS_NAMED} more" if len(texts) > MAX_PROMPTS_NAMED else ""
-    raise UsageError(
-        f"{protocol.title} on {config.name} needs an operator, and standard input is not a terminal, so nobody can answer: "
-        f"{named}{more}. Nothing was moved. Start it at a terminal (over the network: ssh -t, or tmux), or in the window"
-    )
-
-
-def prompts_of_run(protocol: Protocol, rest_v: float, prepare: Sequence[Prompt] = ()) -> list[Prompt]:
-    """Return the prompts known in advance: high voltage, preparation, and the first of each set-up."""
-    setups = [entry.setup for entry in protocol.plan(rest_v) if entry.setup is not None]
-    switches = [DISABLE_HIGH_VOLTAGE, *([ENABLE_HIGH_VOLTAGE] if protocol.high_voltage else [])]
-    found: list[Prompt] = []
-    for prompt in (*switches, *prepare, *setups):
-        if prompt not in found:
-            found.append(prompt)
-    return found
 
 
 @contextmanager
@@ -237,8 +210,15 @@ def headless_session(
     """
     check_planned_faults(bench, planned_faults)
     from app.archive.after_run import AfterRun
-    from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
-    from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
+    from app.services import (
+        KEY_HELP,
+        ConsoleObserver,
+        ConsoleOperator,
+        JsonObserver,
+        StderrConsole,
+        can_poll_keyboard,
+        handling_stop_signals,
+    )
     from app.session import UNATTENDED_BLOCK_S, FaultPlan, connect, parse_planned_fault
 
     _ask_operator(bench)
@@ -266,15 +246,3 @@ def headless_session(
                 yield front
             finally:
                 front.session.close()
-
-
-@contextmanager
-def handling_stop_signals(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """Handle Ctrl-C, SIGTERM and the end of the terminal; afterwards the previous handlers are back."""
-    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    before = {number: signal.signal(number, handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, signal.SIG_DFL if previous is None else previous)

@@ -1,4 +1,4 @@
-"""Services shared by the window, the command line and the Python API, without Qt: form fields.
+"""Services shared by the window, the command line and the Python API, without Qt: form fields, terminal, prompts, signals.
 
 Each name is imported when it is first used, so that the package costs nothing at start-up.
 """

@@ -1,3 +1,7 @@
+from .console import STILL_ON as STILL_ON
+from .console import ConsoleObserver as ConsoleObserver
+from .console import JsonObserver as JsonObserver
+from .console import StderrConsole as StderrConsole
 from .fields import FormField as FormField
 from .fields import FormResult as FormResult
 from .fields import bench_fields as bench_fields
@@ -8,3 +12,11 @@ from .fields import format_parameter as format_parameter
 from .fields import make_field as make_field
 from .fields import protocol_fields as protocol_fields
 from .fields import scaled as scaled
+from .prompts import KEY_HELP as KEY_HELP
+from .prompts import ConsoleOperator as ConsoleOperator
+from .prompts import answer_instructions as answer_instructions
+from .prompts import can_poll_keyboard as can_poll_keyboard
+from .prompts import match_answer as match_answer
+from .prompts import operator_reachable as operator_reachable
+from .prompts import refuse_without_operator as refuse_without_operator
+from .stop_signals import handling_stop_signals as handling_stop_signals

@@ -29,10 +29,10 @@ GUARDS = ("os.name", "sys.platform", "hasattr(")
 
 KNOWN = {
     (
-        "app/cli/prompts.py",
+        "app/services/prompts.py",
         "os.tcgetpgrp",
     ): "the keyboard is polled only where can_poll_keyboard, which is false on Windows",
-    ("app/cli/prompts.py", "os.getpgrp"): "the same",
+    ("app/services/prompts.py", "os.getpgrp"): "the same",
     ("protocols/runfile/presence.py", "os.pread"): "the descriptor is None on Windows",
     ("sim_hardware/wires/pty.py", "os.openpty"): "a pseudo-terminal; tests of serial instruments use it, on POSIX",
     ("sim_hardware/wires/pty.py", "os.ttyname"): "the same",

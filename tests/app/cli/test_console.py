@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.cli.console import ConsoleObserver, JsonObserver
 from app.cli.headless import SelectedBench, headless_session
-from app.cli.prompts import KEY_HELP, ConsoleOperator
 from app.plotting.run_figure import run_figure
+from app.services import KEY_HELP, ConsoleObserver, ConsoleOperator, JsonObserver
 from app.session.session import BenchOpened, RunRejected
 from model import Specimen
 from protocols.base import (

@@ -5,12 +5,13 @@ import os
 import select
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from app.common import print_message
+from app.common import UsageError, print_message
+from app.config import BenchConfig
 from app.session import Session
-from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, RunEnded
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, Protocol, RunEnded
 
 CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}
 """Prompts of one choice that Enter alone does not answer, and the word that does: leaning on a key must not enable high
@@ -19,6 +20,8 @@ voltage."""
 PAUSE_KEY = "p"
 KEY_HELP = "p and Enter pauses, Ctrl-C stops the run"
 POLL_PERIOD_S = 0.1
+MAX_PROMPTS_NAMED = 4
+"""Prompts that a rejection names; it counts the others."""
 
 
 class ConsoleOperator:
@@ -156,6 +159,28 @@ def operator_reachable() -> bool:
         return sys.stdin.isatty()
     except (AttributeError, ValueError):  # no standard input, or a closed one
         return False
+
+
+def refuse_without_operator(config: BenchConfig, protocol: Protocol, prepare: Sequence[Prompt] = ()) -> None:
+    """Raise UsageError that names the prompts of a run on a real bench."""
+    texts = [prompt.text for prompt in prompts_of_run(protocol, config.amplifier.rest_v, prepare)]
+    named = "; ".join(f"'{text}'" for text in texts[:MAX_PROMPTS_NAMED])
+    more = f"; and {len(texts) - MAX_PROMPTS_NAMED} more" if len(texts) > MAX_PROMPTS_NAMED else ""
+    raise UsageError(
+        f"{protocol.title} on {config.name} needs an operator, and standard input is not a terminal, so nobody can answer: "
+        f"{named}{more}. Nothing was moved. Start it at a terminal (over the network: ssh -t, or tmux), or in the window"
+    )
+
+
+def prompts_of_run(protocol: Protocol, rest_v: float, prepare: Sequence[Prompt] = ()) -> list[Prompt]:
+    """Return the prompts known in advance: high voltage, preparation, and the first of each set-up."""
+    setups = [entry.setup for entry in protocol.plan(rest_v) if entry.setup is not None]
+    switches = [DISABLE_HIGH_VOLTAGE, *([ENABLE_HIGH_VOLTAGE] if protocol.high_voltage else [])]
+    found: list[Prompt] = []
+    for prompt in (*switches, *prepare, *setups):
+        if prompt not in found:
+            found.append(prompt)
+    return found
 
 
 def _in_foreground(keyboard: int) -> bool:
