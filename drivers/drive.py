@@ -12,8 +12,6 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.deprecated import renamed, renamed_parameters
-
 Array = NDArray[np.float64]
 
 FADE_CYCLES = 4
@@ -78,7 +76,6 @@ class _Oscillation(_CheckedDrive):
         return self.offset_v + self.amplitude_v
 
 
-@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Hold(_Levels):
     """A constant level for `duration_s`."""
@@ -103,7 +100,6 @@ class Hold(_Levels):
         return np.full(np.shape(t), self.level_v)
 
 
-@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Ramp(_Levels):
     """A straight line from one level to another, which is then held."""
@@ -129,7 +125,6 @@ class Ramp(_Levels):
         return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
 
 
-@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Sine(_Oscillation):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
@@ -168,7 +163,6 @@ class Sine(_Oscillation):
         return np.asarray(self.offset_v + np.where(live, sine, 0.0))
 
 
-@renamed(ends_v="end_levels_v", whole="with_whole_cycles")
 @dataclass(frozen=True, slots=True)
 class LinearSweep(_Oscillation):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
@@ -202,7 +196,6 @@ class LinearSweep(_Oscillation):
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
 
     @classmethod
-    @renamed_parameters(about_s="nominal_duration_s")
     def with_whole_cycles(
         cls, start_hz: float, stop_hz: float, nominal_duration_s: float, amplitude_v: float, offset_v: float
     ) -> "LinearSweep":
@@ -219,7 +212,6 @@ class LinearSweep(_Oscillation):
         return np.asarray(self.offset_v + self.amplitude_v * np.sin(phase))
 
 
-@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class PeriodicSweep(_Oscillation):
     """A linear sweep of `sweep_s` and the same inverted, `periods` times without a pause.
@@ -360,7 +352,6 @@ class SquareWave(_CheckedDrive):
         return np.asarray(self.offset_v + np.where(live, self.amplitude_v * shape, 0.0))
 
 
-@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Steps(_Levels):
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.

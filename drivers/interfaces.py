@@ -11,7 +11,6 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.deprecated import renamed
 from drivers.drive import Drive, Hold
 from drivers.level_pulse import LevelPulse
 
@@ -29,7 +28,6 @@ class Identity:
         return " ".join(part for part in (self.maker, self.model, self.serial and f"#{self.serial}") if part)
 
 
-@renamed(volts="to_volts", clipped="is_clipped")
 @dataclass(frozen=True, slots=True)
 class Scale:
     """Conversion of raw integers to volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails.

@@ -11,7 +11,6 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
-from drivers import deprecated
 from protocols.base import Aspects, Protocol
 
 ENTRY_POINT_GROUP = "tactor_bench.protocols"
@@ -88,7 +87,6 @@ def load_plug_ins() -> list[str]:
     troubles = []
     for point in entry_points(group=ENTRY_POINT_GROUP):
         try:
-            deprecated.install()
             _register(point.load(), f"plug-in {point.name!r}")
         except Exception as error:  # noqa: BLE001 - a plug-in may raise anything; it is reported and left out
             troubles.append(f"the protocol plug-in {point.name!r} is left out: {type(error).__name__}: {error}")
@@ -106,7 +104,6 @@ def load_protocol_file(path: Path) -> type[Protocol]:
     name = f"tactor_bench_protocol_{path.stem}"
     module = ModuleType(name)
     module.__file__ = str(path)
-    deprecated.install()
     sys.modules[name] = module  # pydantic looks annotations up there
     try:
         # From its text, always: Python's cache takes a file of the same size and second for the same file.
@@ -133,5 +130,4 @@ def _register(protocol_class: type[Protocol], source: str) -> None:
     known = PROTOCOLS.get(protocol_class.name)
     if known is not None and known.__module__ != protocol_class.__module__:
         raise ProtocolFileError(f"{source}: there is a protocol '{protocol_class.name}' already; choose another name")
-    deprecated.adapt(protocol_class.point_type, {"words": "summary"})
     PROTOCOLS[protocol_class.name] = protocol_class

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from drivers import Clock, WallClock
-from drivers.deprecated import renamed, renamed_parameters
 from sim_hardware.generators.generator import SegmentFactory, SimulatedGenerator
 from sim_hardware.generators.registry import make_generator
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
@@ -63,9 +62,6 @@ class _Cable:
         self._history.append(t, self._from_generator if self._connected else self._open)
 
 
-@renamed(
-    truth="parameters", sight="laser_view", laser_sees="laser_reading_m", hands="perform_action", broken="active_faults"
-)
 class SimulatedBench:
     """A simulated bench (sim_hardware.operator.BenchControls).
 
@@ -74,7 +70,6 @@ class SimulatedBench:
         clock: bench time; default is the wall clock at the speed of `parameters`.
     """
 
-    @renamed_parameters(truth="parameters")
     def __init__(self, parameters: SimulationParameters | None = None, clock: Clock | None = None) -> None:
         self.parameters = parameters = parameters or SimulationParameters()
         self.clock: Clock = clock or WallClock(parameters.speed)

@@ -21,7 +21,6 @@ from drivers import (
     Link,
     ScpiSession,
     Source,
-    deprecated,
     reason_unsuitable,
 )
 
@@ -156,7 +155,6 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     begin, found, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
     interface = INTERFACES[entry_point.group]
     try:
-        deprecated.install()
         found = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
@@ -165,7 +163,6 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
         problem = f"{begin} cannot be loaded: {reason}. Update or remove the package {package}"
     else:
         if inspect.isclass(found):
-            deprecated.adapt_driver(found, interface)
             if missing := _missing_methods(found, interface):
                 problem = f"{begin} is not a {interface.__name__}: it lacks {', '.join(missing)}"
         elif not callable(found):

@@ -22,7 +22,6 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.deprecated import SOURCE_METHODS, renamed, renamed_parameters
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, render_waveform
@@ -50,32 +49,6 @@ BURST_END_MARGIN_S = 0.1
 """How much later than by the computer's clock a burst may end."""
 
 
-@renamed(
-    SOURCE_METHODS,
-    SOLD_AS="PRODUCT_NAMES",
-    HOLDS_RANGE="CAN_FREEZE_RANGE",
-    SMOOTHS="INTERPOLATES_POINTS",
-    MOST_CYCLES="MAX_BURST_CYCLES",
-    _pace_s="_step_interval_s",
-    _held="_stored_waveform",
-    _vpp="_amplitude_setting_vpp",
-    _armed_state="_expected_settings",
-    _answer="_query_setting",
-    _output_is_on="_is_output_on",
-    _forget_errors="_clear_error_queue",
-    _set_up="_configure",
-    _output_on="_enable_output",
-    _offset_words="_offset_command",
-    _amplitude="_query_amplitude",
-    _amplitude_words="_amplitude_command",
-    _longest_s="_query_burst_duration_s",
-    _cut_words="_abort_commands",
-    _say="_send",
-    _store="_download_waveform",
-    _most_points="_max_points",
-    _load="_load_waveform",
-    _agree="_check_readback",
-)
 class BurstGenerator(GeneratorCapabilities):
     """A `Source` (see drivers.interfaces); a subclass per family supplies its commands and capabilities.
 
@@ -108,7 +81,6 @@ class BurstGenerator(GeneratorCapabilities):
     _level: tuple[LevelPulse, int] | None = None
     """The level that was started last, and its number of points."""
 
-    @renamed_parameters(pace_s="step_interval_s")
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
         self._scpi = ScpiSession(link, f"function generator at {link.name}", clock.now)
         self._clock = clock

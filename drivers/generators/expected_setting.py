@@ -7,10 +7,7 @@ reads the same table, so that changes at the front panel or by another program b
 import math
 from dataclasses import dataclass
 
-from drivers.deprecated import renamed
 
-
-@renamed(words="keywords", holds="matches", wanted="expected")
 @dataclass(frozen=True, slots=True)
 class ExpectedSetting:
     """One of `keywords`, or a number from `low` to `high`.

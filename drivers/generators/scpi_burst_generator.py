@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
-from drivers.deprecated import renamed
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import (
@@ -18,18 +17,6 @@ from drivers.generators.expected_setting import (
 from drivers.transport.scpi import join_commands
 
 
-@renamed(
-    SOURCE="SOURCE_PREFIX",
-    OUTPUT="OUTPUT_HEADER",
-    LOAD="LOAD_HEADER",
-    RATE="RATE_HEADER",
-    RATE_OF_SAMPLES="RATE_IS_SAMPLE_RATE",
-    TRIGGER="TRIGGER_COMMAND",
-    _shared_state="_common_expected_settings",
-    _load_state="_expected_load",
-    _declare_load="_set_high_impedance_load",
-    _tell="_write_checked",
-)
 class ScpiBurstGenerator(BurstGenerator):
     """A burst generator whose settings are confirmed by its error queue and, where it matters, read back."""
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.closing import Closeable
-from drivers.deprecated import renamed
 from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, ScanOrderError
 from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
@@ -298,7 +297,6 @@ REMOTE_COUNT_S = 1.0
 """How often the card's own count is asked for over a network: each question costs as much time as reading a block."""
 
 
-@renamed(started_s="start_time_s")
 class NiStream(Closeable):
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 

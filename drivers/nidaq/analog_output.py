@@ -21,7 +21,6 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, Ramp
 from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
@@ -54,7 +53,6 @@ HOLD_TASK_LEASES = 6
 STOP_ROUND_TRIPS, RAMP_ROUND_TRIPS = 12, 24
 
 
-@renamed(SOURCE_METHODS)
 class NiAnalogOutput:
     """One analogue output as a `Source` (see drivers.interfaces).
 

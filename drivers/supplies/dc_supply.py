@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dialects import SupplyChannel
@@ -72,7 +71,6 @@ FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 POLL_S = 0.01
 
 
-@renamed(SOURCE_METHODS)
 class DcSupply:
     """One output of a supply as a `Source` (see drivers.interfaces). It holds and steps.
 

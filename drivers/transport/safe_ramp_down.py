@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from drivers.deprecated import renamed, renamed_parameters
 from drivers.errors import InstrumentError, LinkError
 from drivers.transport.scpi import Link
 
@@ -21,7 +20,6 @@ WIRE_LIMITED = 1.5
 """A batch of steps that was confirmed within so many reply times was held up by the wire, not by the instrument."""
 
 
-@renamed(deaf="blind", ask="query", end="raise_first_error")
 class RampDown:
     """Sends the steps of one ramp and collects the errors, to be raised when the ramp is complete.
 
@@ -41,7 +39,6 @@ class RampDown:
         join: joins commands to one message; None where each needs a separate message.
     """
 
-    @renamed_parameters(stubborn="best_effort")
     def __init__(
         self,
         link: Link,

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from drivers.deprecated import renamed
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 
@@ -57,7 +56,6 @@ def join_commands(commands: Sequence[str]) -> str:
     return ";:".join(command.removeprefix(":") for command in commands)
 
 
-@renamed(ask="query", ask_number="query_float", tell="write_checked")
 class ScpiSession:
     """SCPI queries and confirmed commands over a link. `instrument` names it in errors; `now` is bench time."""
 

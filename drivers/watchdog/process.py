@@ -19,7 +19,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from drivers import deprecated
 from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import SharedTime, WallClock
 from drivers.errors import BenchError, InstrumentError
@@ -219,10 +218,7 @@ class WatchdogLoop:
     def _open_source(self) -> None:
         config = self._config
         module, _, name = config.source.partition(":")
-        deprecated.install()  # the driver may be a plug-in that was written for version 0.1.0
         driver = getattr(importlib.import_module(module), name)
-        if isinstance(driver, type):
-            deprecated.adapt_driver(driver, Source)
         source: Source
         if not config.resource:
             source = driver(clock=self._clock, **config.options)

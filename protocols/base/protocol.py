@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers import Drive
-from drivers.deprecated import renamed
 from protocols.base.aspects import Aspects, AspectsOfModule
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
@@ -28,7 +27,6 @@ from protocols.base.steps import Prompt, Repeat, Step
 from protocols.base.verdict import CheckResult
 
 
-@renamed(more="refine", remarks="warnings")
 class Protocol(BaseModel, ABC):
     """Parameters and procedure of one measurement."""
 

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.deprecated import renamed
 from model import Mask
 
 
-@renamed(words="description")
 class Quality(IntFlag):
     """No flag means good. `SIMULATED` and `IMPORTED` are facts, not faults."""
 

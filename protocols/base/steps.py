@@ -6,7 +6,6 @@ from enum import Enum
 from typing import Any, Protocol
 
 from drivers import Drive
-from drivers.deprecated import renamed
 from model import Array
 
 
@@ -98,7 +97,6 @@ class WaitForDetection:
     detector: Detector
 
 
-@renamed(seen="detected", words="answer")
 @dataclass(frozen=True, slots=True)
 class DetectionResult:
     """Result of `WaitForDetection`: detected by the laser (`answer` is None), or answered by the operator."""

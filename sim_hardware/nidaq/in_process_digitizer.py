@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale, ScansLostError
-from drivers.deprecated import renamed
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
 from sim_hardware.nidaq.read_ahead import ReadAhead
 from sim_hardware.plant import FaultState
@@ -64,7 +63,6 @@ class SimulatedDigitizer:
             self._stream.close()
 
 
-@renamed(started_s="start_time_s")
 class SimulatedStream(Closeable):
     """A running acquisition (drivers.interfaces.Stream)."""
 

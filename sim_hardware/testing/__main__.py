@@ -8,30 +8,12 @@ passed to pytest. docs/how-to-write-a-driver.md has an example.
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from drivers import Digitizer, Source, deprecated
-
 SUITE_FOLDER = Path(__file__).parent
-
-
-class FactoryPlugin:
-    """A pytest plug-in whose fixture yields the author's device under test."""
-
-    def __init__(self, factory: Callable[[], AbstractContextManager[Any]]) -> None:
-        self._factory = factory
-
-    @pytest.fixture
-    def device_under_test(self) -> Iterator[Any]:
-        with self._factory() as device_under_test:
-            deprecated.adapt_driver(type(device_under_test[0]), Source if len(device_under_test) == 3 else Digitizer)
-            yield device_under_test
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -44,7 +26,6 @@ def main(arguments: list[str] | None = None) -> int:
     named = chosen.source or chosen.digitizer
     # The author's module is in the working directory; it must not replace an installed one.
     sys.path[:] = [*(entry for entry in sys.path if entry not in ("", str(Path.cwd()))), str(Path.cwd())]
-    deprecated.install()
     try:
         factory = EntryPoint("factory", named, "contract").load()
     except (ImportError, AttributeError, ValueError) as error:
@@ -52,9 +33,24 @@ def main(arguments: list[str] | None = None) -> int:
     if not callable(factory):
         parser.error(f"'{named}' is not a function; give it as module:function")
     suite = SUITE_FOLDER / ("source_contract.py" if chosen.source else "digitizer_contract.py")
+    try:
+        import pytest
+    except ModuleNotFoundError:
+        parser.exit(
+            2, "The contract suite runs on pytest, which is not installed; install it with: pip install pytest\n"
+        )
+
+    class FactoryPlugin:
+        """A pytest plug-in whose fixture yields the author's device under test."""
+
+        @pytest.fixture
+        def device_under_test(self) -> Iterator[Any]:
+            with factory() as device_under_test:
+                yield device_under_test
+
     # No pytest configuration of the current folder: the contract is the same everywhere.
     options = ["-c", os.devnull, "--rootdir", str(SUITE_FOLDER), "--import-mode=importlib", "-p", "no:cacheprovider"]
-    return int(pytest.main([*options, str(suite), *rest], plugins=[FactoryPlugin(factory)]))
+    return int(pytest.main([*options, str(suite), *rest], plugins=[FactoryPlugin()]))
 
 
 if __name__ == "__main__":

@@ -120,6 +120,17 @@ def test_a_factory_that_is_not_there_is_a_sentence(
         del sys.modules[name]
 
 
+def test_the_contract_without_pytest_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setitem(sys.modules, "pytest", None)
+    with pytest.raises(SystemExit) as ended:
+        run_contract(["--source", "os:getcwd"])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith("The contract suite runs on pytest")
+
+
 @pytest.mark.deep
 def test_the_digitizer_contract_runs_by_the_same_command(tmp_path: Path) -> None:
     (tmp_path / "card.py").write_text(
