@@ -20,7 +20,7 @@ from timing import seconds
 from app.gui.application import qt_application
 from app.gui.explore.page import PAINT_PAUSE_S, ExplorePage
 from app.gui.explore.plot import ExplorePlot
-from app.gui.widgets.theme import LIGHT
+from app.gui.widgets import WindowTheme
 from model.response.fast_response import response_curve
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen
@@ -30,7 +30,7 @@ FRAME_MS = 16.0
 
 def main() -> None:
     qt_application()
-    page = ExplorePage(LIGHT)
+    page = ExplorePage(WindowTheme())
     page.resize(1280, 560)
     page.show()
     page.tick()

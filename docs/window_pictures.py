@@ -126,11 +126,11 @@ class Studio:
         for suffix, size in SIZES.items():
             self.window.resize(*size)
             for theme, shade in ((LIGHT, ""), (DARK, "-dark")):
-                self.window.set_theme(theme)
+                self.window.theme.set_colors(theme)
                 self.settle()
                 self._save(self._pictures / f"{name}{suffix}{shade}.png", size)
         self.window.resize(*SIZES[""])
-        self.window.set_theme(LIGHT)
+        self.window.theme.set_colors(LIGHT)
 
     def close(self) -> None:
         self.window.close_session(force=True)

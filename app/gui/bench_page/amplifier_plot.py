@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import PlotBase, PlotSeries, series_of
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 from model import AmplifierMap
 
 NAMES = ("characteristic", "rest", "now")
@@ -19,7 +19,7 @@ class AmplifierPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: characteristic of the amplifier"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=52)
         self.plot.setLabel("bottom", "amplifier's input (V)")
         self.plot.setLabel("left", "specimen (V)")
@@ -34,10 +34,10 @@ class AmplifierPlot(PlotBase):
         self.setAccessibleName("characteristic of the amplifier")
         self._add_head()
         self.show_simulated(False)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._curve.setPen(pg.mkPen(theme.model, width=2))
         self._rest.setBrush(pg.mkBrush(theme.threshold))
         self._rest.setPen(pg.mkPen(theme.threshold))

@@ -13,7 +13,7 @@ from app.gui.bench_page.calibration_plot import CalibrationPlot
 from app.gui.widgets import (
     STRETCH,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     grid,
@@ -49,7 +49,7 @@ class CalibrationPanel(QWidget):
     applied = Signal(dict)
     """Values of the table [sensor]."""
 
-    def __init__(self, theme: Theme, move_target: Callable[[float], object] | None) -> None:
+    def __init__(self, theme: WindowTheme, move_target: Callable[[float], object] | None) -> None:
         super().__init__()
         self._move_target, self._moved_m = move_target, 0.0
         self._reading: LiveValues | None = None
@@ -92,9 +92,6 @@ class CalibrationPanel(QWidget):
         self.plot.show_simulated(move_target is not None)
         self._build()
         self._update()
-
-    def set_theme(self, theme: Theme) -> None:
-        self.plot.set_theme(theme)
 
     def show_reading(self, reading: LiveValues | None) -> None:
         """Show the live volts; None where the bench is not open, or a run has the card."""

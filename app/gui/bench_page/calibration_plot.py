@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.config import CalibrationPoint, SensorCalibration
 from app.gui.plots import PlotBase, PlotSeries, series_of
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 
 LEAST_RANGE_UM = 0.01
 
@@ -19,7 +19,7 @@ class CalibrationPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: points and line of the calibration"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False) for at in (0, 1)]
         super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=56)
@@ -40,10 +40,10 @@ class CalibrationPlot(PlotBase):
         self.setObjectName("bench.calibration.plot")
         self.setAccessibleName("calibration: positions, line and residuals")
         self._add_head()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._line.setPen(pg.mkPen(theme.model, width=2))
         self._zero.setPen(pg.mkPen(theme.line))
         for item in (self._points, self._residuals):

@@ -10,7 +10,7 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_button,
@@ -43,7 +43,7 @@ class CommissioningPanel(QWidget):
     start_pressed = Signal()
     stop_pressed = Signal()
 
-    def __init__(self, worker: BackgroundWorker, theme: Theme) -> None:
+    def __init__(self, worker: BackgroundWorker, theme: WindowTheme) -> None:
         super().__init__()
         self._worker, self._theme = worker, theme
         self._job: CommissioningJob | None = None
@@ -91,9 +91,6 @@ class CommissioningPanel(QWidget):
         column(panel, parent=self, margins=(0, 0, 0, 0))
         for widget in (self.progress_bar, self.prompt, self.stop_button, self.table, self.picture_label):
             widget.hide()
-
-    def set_theme(self, theme: Theme) -> None:
-        self._theme = theme
 
     def set_enabled(self, enabled: bool) -> None:
         """Allow a commissioning to be started, or not."""
@@ -146,7 +143,7 @@ class CommissioningPanel(QWidget):
         verdict = worst_verdict(done.result.checks)
         passed = verdict is OutputVerdict.PASS
         self.verdict_label.setText(f"{'✓' if passed else '✕'} {done.identity}: {verdict}. Record: {done.path}")
-        self.verdict_label.setStyleSheet(f"color: {self._theme.success if passed else self._theme.error}")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.success if passed else self._theme.colors.error}")
         checks = sorted(done.result.checks, key=lambda check: check.passed)
         self.table.setRowCount(len(checks))
         for at, check in enumerate(checks):
@@ -156,7 +153,7 @@ class CommissioningPanel(QWidget):
             for place, text in enumerate(cells):
                 item = QTableWidgetItem(text)
                 if place == 0 or not check.passed:
-                    item.setForeground(QColor(self._theme.success if check.passed else self._theme.error))
+                    item.setForeground(QColor(self._theme.colors.success if check.passed else self._theme.colors.error))
                 self.table.setItem(at, place, item)
         self.table.resizeRowsToContents()
         self.table.show()

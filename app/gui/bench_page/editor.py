@@ -16,7 +16,7 @@ from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_button,
@@ -39,7 +39,7 @@ class BenchEditor(QWidget):
     """A value was edited, or a fault in one was made or mended."""
 
     def __init__(
-        self, worker: BackgroundWorker, theme: Theme, controls: SimulationControls | None, *sensor_items: QWidget
+        self, worker: BackgroundWorker, theme: WindowTheme, controls: SimulationControls | None, *sensor_items: QWidget
     ) -> None:
         super().__init__()
         self._worker = worker
@@ -105,9 +105,6 @@ class BenchEditor(QWidget):
         self.further.set_config(draft.config)
         self.simulation.set_config(draft.config, is_open)
         self.message_label.show_message("")
-
-    def set_theme(self, theme: Theme) -> None:
-        self.amplifier.plot.set_theme(theme)
 
     def scan(self) -> None:
         """Look for instruments in the background."""

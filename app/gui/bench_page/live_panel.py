@@ -11,7 +11,7 @@ from app.gui.plots import TimePlot
 from app.gui.widgets import (
     STRETCH,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_button,
@@ -44,10 +44,10 @@ class LivePanel(QWidget):
 
     run_requested = Signal(object)
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool, theme: Theme) -> None:
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, simulated: bool, theme: WindowTheme) -> None:
         super().__init__()
-        self._theme, self._simulated = theme, simulated
-        self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier, self._theme)
+        self._simulated = simulated
+        self._make_plot: Callable[[], TimePlot] = lambda: TimePlot(feed, amplifier, theme)
         self.plot: TimePlot | None = None
         self.range_bar = make_progress_bar(BAR_STEPS, 16, "bench.align.bar")
         self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
@@ -95,11 +95,6 @@ class LivePanel(QWidget):
             spacing=6,
         )
         column(panel, parent=self, margins=(0, 0, 0, 0))
-
-    def set_theme(self, theme: Theme) -> None:
-        self._theme = theme
-        if self.plot is not None:
-            self.plot.set_theme(theme)
 
     def set_enabled(self, enabled: bool) -> None:
         """Allow a run by hand, or not."""

@@ -19,7 +19,7 @@ from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_button,
@@ -57,7 +57,7 @@ class BenchPage(QSplitter):
     speed_requested = Signal(object)
     """Speed of the simulated bench; None is the virtual clock."""
 
-    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: Theme) -> None:
+    def __init__(self, adapter: SessionAdapter, config: BenchConfig, open_bench: str, theme: WindowTheme) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._adapter, self._config, self._open_bench = adapter, config, open_bench
         self._worker = BackgroundWorker("bench page", self)
@@ -101,7 +101,6 @@ class BenchPage(QSplitter):
         self.wiring = WiringPanel(theme)
         self.commissioning = CommissioningPanel(self._worker, theme)
         self._build()
-        self.set_theme(theme)
         self.show_bench(open_bench)
 
     # -- interface to the window -----------------------------------------------------------------------------------------
@@ -117,13 +116,6 @@ class BenchPage(QSplitter):
         if self.editor.simulation.controls is not None:
             self.editor.simulation.controls.set_state(view)
         self._update_buttons()
-
-    def set_theme(self, theme: Theme) -> None:
-        self.editor.set_theme(theme)
-        self.live.set_theme(theme)
-        self.calibration.set_theme(theme)
-        self.wiring.set_theme(theme)
-        self.commissioning.set_theme(theme)
 
     def activate(self) -> None:
         self.benches.list.setFocus()

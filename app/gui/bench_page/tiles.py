@@ -18,7 +18,7 @@ from app.config import (
 )
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, Theme, column, configure, make_label, row
+from app.gui.widgets import STRETCH, Item, WindowTheme, column, configure, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp
 
@@ -133,7 +133,7 @@ class SourceTile(Tile):
 class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__("amplifier", "Amplifier", 2)
         self.form = TableForm(
             "amplifier",

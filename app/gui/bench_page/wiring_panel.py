@@ -4,7 +4,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import CheckTable
-from app.gui.widgets import Theme, column, make_button, make_label, make_panel, row
+from app.gui.widgets import WindowTheme, column, make_button, make_label, make_panel, row
 from app.session import WindowState
 from protocols.registry import WIRING_CHECK
 
@@ -19,7 +19,7 @@ class WiringPanel(QWidget):
 
     start_pressed = Signal()
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.start_button = make_button("Check wiring", self.start_pressed.emit, "go", name="bench.check")
         self.status_label = make_label(kind="large", name="bench.check.status")
@@ -36,9 +36,6 @@ class WiringPanel(QWidget):
             spacing=6,
         )
         column(panel, parent=self, margins=(0, 0, 0, 0))
-
-    def set_theme(self, theme: Theme) -> None:
-        self.table.set_theme(theme)
 
     def set_state(self, view: WindowState, enabled: bool) -> None:
         """Show the state of the check, if it is or was the last run."""

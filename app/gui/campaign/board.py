@@ -16,7 +16,7 @@ from app.gui.widgets import (
     ElidedLabel,
     SheetButton,
     StatusLine,
-    Theme,
+    WindowTheme,
     add_actions,
     column,
     configure,
@@ -173,7 +173,7 @@ class CampaignBoard(QWidget):
     review_requested = Signal()
     """The details show another run, which is to be read."""
 
-    def __init__(self, live: LivePane, theme: Theme) -> None:
+    def __init__(self, live: LivePane, theme: WindowTheme) -> None:
         super().__init__()
         self.summary: CampaignSummary | None = None
         self.step: NextStep | None = None
@@ -239,12 +239,6 @@ class CampaignBoard(QWidget):
         self.side_stack.setCurrentWidget(self.live_pane if state.busy else self._details)
         update_actions(self, state)
         self._show_details_later()
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.item_list.set_theme(theme)
-        self._details.review_pane.set_theme(theme)
-        self.live_pane.set_theme(theme)
 
     @property
     def selected_item(self) -> ItemSummary | None:

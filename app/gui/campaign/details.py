@@ -14,7 +14,7 @@ from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
     Item,
-    Theme,
+    WindowTheme,
     WrappedRow,
     column,
     configure,
@@ -45,7 +45,7 @@ class ItemDetailsPane(QWidget):
     pressed = Signal(str)
     run_selected = Signal(str)
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.review_pane = ReviewPane(theme)
         self.review_pane.run_selected.connect(self._select_run)

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 
 from app.common import format_duration
 from app.gui.status.symbols import SYMBOLS
-from app.gui.widgets import Theme, configure
+from app.gui.widgets import WindowTheme, configure
 
 if TYPE_CHECKING:
     from app.campaign import CampaignSummary, ItemSummary
@@ -45,7 +45,7 @@ class CampaignList(QListWidget):
     selected_item_changed = Signal()
     enter_pressed = Signal()
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.item_delegate = CampaignItemDelegate(theme)
         self.setItemDelegate(self.item_delegate)
@@ -109,11 +109,6 @@ class CampaignList(QListWidget):
         if 0 <= at + offset < len(names) and at >= 0:
             self.item_moved.emit(names[at], [*names, ""][at + offset + (offset > 0)])
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.item_delegate.theme = theme
-        self.viewport().update()
-
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.enter_pressed.emit()
@@ -134,7 +129,7 @@ class CampaignList(QListWidget):
 class CampaignItemDelegate(QStyledItemDelegate):
     """Draws one item: symbol, name and title; below them status and reason; at the right the duration."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.theme = theme
         self.next_item = self.running_item = ""
@@ -148,7 +143,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         row: ItemSummary | None = index.data(ITEM_ROLE)
         if row is None:
             return
-        theme, area = self.theme, option.rect
+        theme, area = self.theme.colors, option.rect
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
@@ -202,11 +197,11 @@ class CampaignItemDelegate(QStyledItemDelegate):
         available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
         elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
         painter.drawText(area.adjusted(used, 0, 0, 0), left_aligned, elided)
-        painter.setPen(QColor(self.theme.secondary_text))
+        painter.setPen(QColor(self.theme.colors.secondary_text))
         painter.drawText(area, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, right)
 
     def _text_color(self, status: str) -> str:
-        theme = self.theme
+        theme = self.theme.colors
         return {
             "done": theme.success,
             "doubtful": theme.warning,

@@ -14,7 +14,7 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots import LivePane
-from app.gui.widgets import Theme, Toast, add_actions, choose_files
+from app.gui.widgets import Toast, WindowTheme, add_actions, choose_files
 from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongations_of
 from app.session import WindowState
 
@@ -43,7 +43,7 @@ class CampaignPage(QStackedWidget):
         feed: LiveFeed,
         overlay: Overlay,
         location: Callable[[], tuple[Path, str]],
-        theme: Theme,
+        theme: WindowTheme,
     ) -> None:
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed
@@ -78,10 +78,6 @@ class CampaignPage(QStackedWidget):
         elif view.connected and not connected:
             self.controller.refresh()  # now there is a bench to rehearse with
         self._show_campaign()
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.board.set_theme(theme)
 
     def activate(self) -> None:
         """Take the keyboard focus."""

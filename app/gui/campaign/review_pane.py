@@ -12,7 +12,16 @@ from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 from app.common import SEVERITY_SYMBOLS
 from app.gui.plots import ResultPlots
 from app.gui.results.card import ResultCard
-from app.gui.widgets import STRETCH, Theme, column, configure, make_label, make_read_only_table, make_splitter, row
+from app.gui.widgets import (
+    STRETCH,
+    WindowTheme,
+    column,
+    configure,
+    make_label,
+    make_read_only_table,
+    make_splitter,
+    row,
+)
 from app.live import OverlayCurve
 from protocols.base import ResultCurve, RunEnded, RunStatus
 from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
@@ -43,10 +52,11 @@ class ReviewPane(QWidget):
     run_selected = Signal(str)
     """File name of a run of the item that the user wants to see."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self._theme = theme
         self.review: ResultReview | None = None
+        theme.changed.connect(self._show_review)
         self._series: tuple[ResultCurve, ...] = ()
         """Figures of a series over its parameter; the one that is drawn is the last."""
         self.figure_box = configure(
@@ -93,14 +103,6 @@ class ReviewPane(QWidget):
         parts.setSizePolicy(policy)
         column(head, indicators, (parts, 1), parent=self, margins=(0, 4, 0, 0), spacing=4)
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        self.plots.set_theme(theme)
-        self.card.set_theme(theme)
-        if self.review is not None:
-            self.show_review(self.review)
-
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the one that is shown."""
         from app.campaign import series_curves, varied_label  # imports HDF5, which a background thread has loaded
@@ -132,6 +134,11 @@ class ReviewPane(QWidget):
     def show_review(self, review: ResultReview) -> None:
         """Show a run with its comparisons."""
         self.review = review
+        self._show_review()
+
+    def _show_review(self) -> None:
+        if (review := self.review) is None:
+            return
         self._parts.show()
         run = review.run
         self.card.show_summary(run.result)
@@ -141,7 +148,7 @@ class ReviewPane(QWidget):
             if shown:
                 indicator = review.indicators[at]
                 label.setText(f"{SEVERITY_SYMBOLS[indicator.severity]} {indicator.text}")
-                label.setStyleSheet(f"color: {self._theme.severity_color(indicator.severity)}")
+                label.setStyleSheet(f"color: {self._theme.colors.severity_color(indicator.severity)}")
         self._draw()
         self._fill_table(review)
 
@@ -169,7 +176,7 @@ class ReviewPane(QWidget):
                 cell = QTableWidgetItem(text)
                 cell.setToolTip(line.remedy or text)
                 if mark and (place == 0 or not line.passed):
-                    cell.setForeground(QColor(self._theme.success if line.passed else self._theme.error))
+                    cell.setForeground(QColor(self._theme.colors.success if line.passed else self._theme.colors.error))
                 self.table.setItem(at, place, cell)
         columns = zip(*((row.value, row.limits, row.before, row.paper, row.others) for row in review.rows), strict=True)
         for place, texts_of in enumerate(columns, 2):  # nothing to compare with: no empty column

@@ -34,7 +34,7 @@ from app.gui.widgets import (
     BackgroundWorker,
     Mode,
     StatusLine,
-    Theme,
+    WindowTheme,
     WrappingPane,
     add_actions,
     choose_files,
@@ -70,7 +70,7 @@ class ExplorePage(QSplitter):
     """The user wants to choose runs from the list of the page Runs."""
     _result_ready = Signal(object, object)
 
-    def __init__(self, theme: Theme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self.session = ExploreSession()
         self.folder: Callable[[], Path] = Path
@@ -114,12 +114,6 @@ class ExplorePage(QSplitter):
 
     def set_state(self, view: WindowState) -> None:
         """Do nothing: the page does not depend on the bench."""
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.plot.set_theme(theme)
-        self.shape_plot.set_theme(theme)
-        self.card.set_theme(theme)
 
     def activate(self) -> None:
         """Take the keyboard focus."""

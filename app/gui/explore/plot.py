@@ -25,7 +25,7 @@ from app.gui.plots import (
     place,
     round_step,
 )
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 from app.live import ModelCurve
 from model import Array
 
@@ -42,7 +42,7 @@ class ExplorePlot(PlotBase):
     log_changed = Signal(bool)
     """Whether the axis of the amplitude is logarithmic."""
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         # No grid: painting one takes longer than a frame, and this plot is painted with every move of a slider.
         super().__init__(theme, parent)
         self._result: ExploreResult | None = None
@@ -77,11 +77,11 @@ class ExplorePlot(PlotBase):
         self.cursor_line.sigPositionChanged.connect(
             lambda line: self.cursor_moved.emit(self._frequency_at(line.value()))
         )
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
         self._scale()
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self.band.setPen(pg.mkPen(theme.threshold, width=5))
         self.cursor_line.setPen(pg.mkPen(theme.secondary_text, width=1, style=Qt.PenStyle.DotLine))
         self.cursor_line.setHoverPen(pg.mkPen(theme.accent, width=2))
@@ -189,7 +189,7 @@ class ExplorePlot(PlotBase):
         self._kept_curves = []
         lines = (self._result.kept_curves or ()) if self._result else ()
         for at, (kept, line) in enumerate(zip(self._kept_settings, lines, strict=False)):
-            pen = pg.mkPen(curve_color(at, self._theme), width=1.5)
+            pen = pg.mkPen(curve_color(at, self._theme.colors), width=1.5)
             upper, lower = CurveItem(antialias=True, pen=pen), CurveItem(antialias=True, pen=pen)
             upper.setData(line.frequency_hz, SERIES[0 if self._shown_series[0] else 1].values_of(line))
             lower.setData(line.frequency_hz, np.degrees(line.phase))
@@ -206,8 +206,8 @@ class ExplorePlot(PlotBase):
             self.phase.removeItem(lower)
         self._points = []
         for at, run in enumerate(self._runs):
-            color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme)
-            pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.panel)
+            color = curve_color(len(CURVE_COLORS) - 1 - at, self._theme.colors)
+            pen, solid, hollow = pg.mkPen(color, width=1.5), pg.mkBrush(color), pg.mkBrush(self._theme.colors.panel)
             fills = [solid if good else hollow for good in run.usable]
             amplitudes = [(series.values_of(run), series.symbol) for series in SERIES]
             upper, second, lower = (

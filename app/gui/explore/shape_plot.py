@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.explore import PHASES, BeamMotion
 from app.gui.plots import PlotBase, PlotSeries, round_step, series_of
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 
 CYCLE_S = 1.6
 """Duration of one displayed period."""
@@ -21,7 +21,7 @@ class ShapePlot(PlotBase):
     ACCESSIBLE_NAME = "plot: shape of the beam"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent)
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
@@ -37,10 +37,10 @@ class ShapePlot(PlotBase):
         for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
             self.plot.addItem(item)
         self._add_head()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         for item, color, width in (
             (self.beam, theme.model, 2),
             (self.layer, theme.warning, 5),

@@ -13,7 +13,7 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     ProgressRow,
-    Theme,
+    WindowTheme,
     WrappedRow,
     column,
     configure,
@@ -37,7 +37,7 @@ class AuditPane(QWidget):
         reload: reads the folder again.
     """
 
-    def __init__(self, theme: Theme, reload: Callable[[], object]) -> None:
+    def __init__(self, theme: WindowTheme, reload: Callable[[], object]) -> None:
         super().__init__()
         self._worker = BackgroundWorker("audit", self)
         self._folder, self._reload = Path(), reload
@@ -67,10 +67,6 @@ class AuditPane(QWidget):
             margins=(0, 0, 0, 0),
             spacing=4,
         )
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.table.set_theme(theme)
 
     def shutdown(self) -> None:
         """Cancel a verification."""

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 from app.common import Column, Severity, Table, pluralize
 from app.config.certificate import WARNING_DAYS, Certificate
 from app.gui.laboratory.value_table import ValueTable
-from app.gui.widgets import Theme, column, make_label, set_style_kind
+from app.gui.widgets import WindowTheme, column, make_label, set_style_kind
 
 SEVERITIES = {"expired": Severity.ERROR, "due soon": Severity.WARNING}
 SYMBOLS = {"expired": "✕ ", "due soon": "! ", "valid": "✓ "}
@@ -21,7 +21,7 @@ NOTE = (
 class CertificatesPane(QWidget):
     """The certificates beside the runs; what is due first is the first row."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.state_label = make_label(kind="caption", name="laboratory.certificates.state")
         self.table = ValueTable(theme, "laboratory.certificates", "calibration certificates")
@@ -33,10 +33,6 @@ class CertificatesPane(QWidget):
             margins=(0, 0, 0, 0),
             spacing=4,
         )
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.table.set_theme(theme)
 
     def show_certificates(self, found: Sequence[Certificate], problems: Sequence[str], today: date) -> str:
         """Show certificates, and return what is expired or due soon in a few words; empty for nothing."""

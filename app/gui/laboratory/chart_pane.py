@@ -16,7 +16,7 @@ from app.gui.laboratory.value_table import ValueTable, write_csv
 from app.gui.widgets import (
     BackgroundWorker,
     Mode,
-    Theme,
+    WindowTheme,
     WrappedRow,
     choose_files,
     column,
@@ -47,7 +47,7 @@ class ChartPane(QWidget):
     run_open_requested = Signal(str)
     """Path of a run, from the folder."""
 
-    def __init__(self, theme: Theme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
+    def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
         super().__init__()
         self._worker, self._say = worker, say
         self._fleet: Fleet | None = None
@@ -96,11 +96,6 @@ class ChartPane(QWidget):
         self.baseline.valueChanged.connect(lambda _: self.update_view())
         self.sensor.currentIndexChanged.connect(lambda _: self._show_chart())
         self.broken.row_opened.connect(self._open_run)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.plot.set_theme(theme)
-        self.broken.set_theme(theme)
 
     def show_fleet(self, folder: Path, fleet: Fleet | None, golden: str) -> None:
         """Chart a specimen of a folder; `golden` is that of the file of limits, if any."""

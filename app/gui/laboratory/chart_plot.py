@@ -13,7 +13,7 @@ from app.fleet.drift import GoldenChart
 from app.gui.plots import CurveItem, PlotBase, PlotSeries, ZoomBox
 from app.gui.plots.items import ScatterItem
 from app.gui.plots.response_plot import hover_text
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 
 SIGMAS = (-3, -2, -1, 0, 1, 2, 3)
 LINE_NAMES = {-3: "−3 σ", 0: "centre", 3: "+3 σ"}
@@ -26,7 +26,7 @@ class ControlChartPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: control chart, single values above their weighted average"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         canvas = pg.GraphicsLayoutWidget()
         canvas.ci.setContentsMargins(0, 0, 10, 0)
         plots = [canvas.addPlot(row=at, col=0, enableMenu=False, viewBox=ZoomBox()) for at in (0, 1)]
@@ -55,10 +55,10 @@ class ControlChartPlot(PlotBase):
         for item in (self.centre_line, self.average, self.upper_limit, self.lower_limit, self.beyond):
             plots[1].addItem(item)
         self._add_head()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         dash, dot = Qt.PenStyle.DashLine, Qt.PenStyle.DotLine
         for k, line in self.sigma_lines.items():
             color = theme.error if abs(k) == 3 else theme.threshold if k == 0 else theme.secondary_text

@@ -15,7 +15,7 @@ from app.gui.laboratory.value_table import ValueTable, write_csv
 from app.gui.widgets import (
     BackgroundWorker,
     Mode,
-    Theme,
+    WindowTheme,
     WrappedRow,
     choose_files,
     column,
@@ -41,7 +41,7 @@ class FleetPane(QWidget):
     run_open_requested = Signal(str)
     """Path of a run, from the folder."""
 
-    def __init__(self, theme: Theme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
+    def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
         super().__init__()
         self._worker, self._say = worker, say
         self._fleet: Fleet | None = None
@@ -103,12 +103,6 @@ class FleetPane(QWidget):
             combo.currentIndexChanged.connect(lambda _: self.update_view())
         self.specimens.row_selected.connect(lambda row: self.plot.show_specimen(self._specimen_at(row)))
         self.specimens.row_opened.connect(self._open_newest)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.plot.set_theme(theme)
-        for table in (self.summary, self.groups, self.specimens):
-            table.set_theme(theme)
 
     def show_fleet(self, folder: Path, fleet: Fleet | None, limits: Mapping[str, Bounds]) -> None:
         """Show the specimens of a folder; None: there are none."""

@@ -13,7 +13,7 @@ from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
 from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, curve_symbol, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 
 MAX_BARS = 400
 """Values up to which each has its error bar: more of them hide the points."""
@@ -25,7 +25,7 @@ class FleetPlot(PlotBase):
     ACCESSIBLE_NAME = "plot: values of many specimens over time"
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         canvas = pg.PlotWidget(viewBox=ZoomBox(), enableMenu=False, axisItems={"bottom": pg.DateAxisItem()})
         super().__init__(theme, parent, canvas=canvas, grid=True)
         self._view: FleetView | None = None
@@ -40,10 +40,10 @@ class FleetPlot(PlotBase):
             self.plot.addItem(item)
         self._add_head()
         self.plot.getViewBox().sigResized.connect(self._rescale)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self.show_view(self._view)
 
     def show_view(self, view: FleetView | None) -> None:
@@ -65,7 +65,7 @@ class FleetPlot(PlotBase):
         self.corner_label.set_text(view.selection.about)
         with_bars = sum(group.values.size for group in view.groups) <= MAX_BARS
         for at, group in enumerate(view.groups):
-            color = curve_color(at, self._theme)
+            color = curve_color(at, self._theme.colors)
             there = np.isfinite(group.times_s) & np.isfinite(group.values)
             x, y = group.times_s[there], factor * group.values[there]
             sources = np.array(group.sources, object)[there]
@@ -94,15 +94,20 @@ class FleetPlot(PlotBase):
 
     def _draw_lines(self, view: FleetView, factor: float) -> None:
         mean, sd = factor * view.spread.mean, factor * view.spread.sd
-        styles = [(mean, "mean", self._theme.text, Qt.PenStyle.SolidLine)]
+        styles = [(mean, "mean", self._theme.colors.text, Qt.PenStyle.SolidLine)]
         if np.isfinite(sd):
             styles += [
-                (mean + side * sd, f"{'+' if side > 0 else '−'}1 sd", self._theme.secondary_text, Qt.PenStyle.DotLine)
+                (
+                    mean + side * sd,
+                    f"{'+' if side > 0 else '−'}1 sd",
+                    self._theme.colors.secondary_text,
+                    Qt.PenStyle.DotLine,
+                )
                 for side in (1, -1)
             ]
         for value, name in zip(view.bounds or (), ("lower limit", "upper limit"), strict=False):
             if value is not None:
-                styles.append((factor * value, name, self._theme.error, Qt.PenStyle.DashLine))
+                styles.append((factor * value, name, self._theme.colors.error, Qt.PenStyle.DashLine))
         for value, name, color, style in styles:
             line = pg.InfiniteLine(
                 value,
@@ -122,8 +127,8 @@ class FleetPlot(PlotBase):
         newest = [v for v in view.selection.newest if v.specimen in view.outliers]
         chosen = [v for v in view.selection.values if v.specimen == self._specimen] if self._specimen else []
         for item, values, color in (
-            (self.outliers, newest, self._theme.warning),
-            (self.selected, chosen, self._theme.accent),
+            (self.outliers, newest, self._theme.colors.warning),
+            (self.selected, chosen, self._theme.colors.accent),
         ):
             shown = [v for v in values if np.isfinite(v.time_s)]
             item.setPen(pg.mkPen(color, width=2))

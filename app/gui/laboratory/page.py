@@ -26,7 +26,7 @@ from app.gui.widgets import (
     BackgroundWorker,
     ProgressRow,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_choice,
@@ -142,7 +142,7 @@ class LaboratoryPage(QWidget):
     run_open_requested = Signal(object)
     """Path of a run to open."""
 
-    def __init__(self, folder: Callable[[], Path], theme: Theme, index: Path | None = None) -> None:
+    def __init__(self, folder: Callable[[], Path], theme: WindowTheme, index: Path | None = None) -> None:
         super().__init__()
         self._folder, self._index, self._theme = folder, index, theme
         self._worker = BackgroundWorker("laboratory", self)
@@ -214,12 +214,6 @@ class LaboratoryPage(QWidget):
     def set_active_file(self, path: Path | None) -> None:
         """Set the run file that this program is writing, which is not read."""
         self._excluded = () if path is None else (path,)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        for pane in self._panes.values():
-            pane.set_theme(theme)
 
     def activate(self) -> None:
         """Take the keyboard focus; what other programs wrote meanwhile is read."""

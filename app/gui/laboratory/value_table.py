@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.common import Column, Severity, Table, typeset
 from app.common.tables import CellValue
-from app.gui.widgets import BackgroundWorker, Theme, configure
+from app.gui.widgets import BackgroundWorker, WindowTheme, configure
 
 Index = QModelIndex | QPersistentModelIndex
 AS_TEXT = " as text"
@@ -31,7 +31,7 @@ class ValueTableModel(QAbstractTableModel):
         longest: text of each column by which its width is chosen: a size hint of each cell would take longer than everything else.
     """
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self._theme = theme
         self._columns: tuple[Column, ...] = ()
@@ -42,10 +42,6 @@ class ValueTableModel(QAbstractTableModel):
         self._sorted: tuple[int, Qt.SortOrder] | None = None
         self.order: list[int] = []
         self.longest: list[str] = []
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
 
     def set_table(self, table: Table, severities: Sequence[Severity] = ()) -> None:
         """Show a table; `severities` colour its rows, and so do its highlighted rows."""
@@ -81,9 +77,9 @@ class ValueTableModel(QAbstractTableModel):
             case Qt.ItemDataRole.DisplayRole | Qt.ItemDataRole.ToolTipRole:
                 return self._texts[row][index.column()]
             case Qt.ItemDataRole.ForegroundRole if row < len(self._severities):
-                return QColor(self._theme.severity_color(self._severities[row]))
+                return QColor(self._theme.colors.severity_color(self._severities[row]))
             case Qt.ItemDataRole.ForegroundRole if row in self._highlighted:
-                return QColor(self._theme.warning)
+                return QColor(self._theme.colors.warning)
             case Qt.ItemDataRole.FontRole if row in self._highlighted:
                 font = QFont()
                 font.setBold(True)
@@ -140,7 +136,7 @@ class ValueTable(QTableView):
     row_opened = Signal(int)
     """Row on which Enter was pressed, or that was double-clicked."""
 
-    def __init__(self, theme: Theme, name: str, accessible_name: str, sortable: bool = True) -> None:
+    def __init__(self, theme: WindowTheme, name: str, accessible_name: str, sortable: bool = True) -> None:
         super().__init__()
         self._values = ValueTableModel(theme)
         self.setModel(self._values)
@@ -166,10 +162,6 @@ class ValueTable(QTableView):
             self.setSortingEnabled(True)
         self.selectionModel().currentRowChanged.connect(lambda now, _: self.row_selected.emit(self._row(now)))
         self.doubleClicked.connect(lambda index: self.row_opened.emit(self._row(index)))
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._values.set_theme(theme)
 
     def set_table(self, table: Table, severities: Sequence[Severity] = ()) -> None:
         """Show a table."""

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import pluralize
 from app.explore import SLIDERS
-from app.gui.widgets import ElidedLabel, Theme, configure, grid
+from app.gui.widgets import ElidedLabel, WindowTheme, configure, grid
 from app.live import EstimateUpdate
 from protocols.base import format_with_uncertainty
 
@@ -60,7 +60,7 @@ class ErrorHistoryPlot(QWidget):
 class EstimatesPanel(QWidget):
     """Estimates of the present run, hidden until it has points."""
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme, self._update, self._busy = theme, EstimateUpdate(), False
         self.caption = configure(QLabel(), "estimates.caption", kind="caption")
@@ -78,19 +78,17 @@ class EstimatesPanel(QWidget):
             spacing=(8, 1),
             stretch={2: 1},
         )
+        theme.changed.connect(self._show_estimates)
         self.hide()
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        update, self._update = self._update, EstimateUpdate()
-        self.show_update(update)
 
     def show_update(self, update: EstimateUpdate) -> None:
         """Show the present estimates."""
-        if update is self._update:
-            return
-        self._update = update
+        if update is not self._update:
+            self._update = update
+            self._show_estimates()
+
+    def _show_estimates(self) -> None:
+        update = self._update
         count = pluralize(update.points, "usable point")
         self.caption.setText(f"From {count}")
         estimates = update.estimates[:MAX_ROWS]
@@ -104,7 +102,7 @@ class EstimatesPanel(QWidget):
             value.setText(
                 format_with_uncertainty(slider.factor * e.value, slider.factor * e.standard_error, slider.unit)
             )
-            history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
+            history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.colors.model)
         rests = f"± by noise, hysteresis and creep: everything else is as in {update.active_model.description}, and counts as exact, as does the sensor's gain."
         self.note.setText(
             rests if estimates else TOO_FEW if update.message.startswith("not identifiable") else update.message

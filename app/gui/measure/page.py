@@ -11,7 +11,7 @@ from app.gui.measure.form_history import FormHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane, PointsPlot, ResponsePlot, ResultPlots, TimePlot
-from app.gui.widgets import LogPane, Theme, configure
+from app.gui.widgets import LogPane, WindowTheme, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -37,7 +37,7 @@ class MeasurePage(QSplitter):
         amplifier: AmplifierMap,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: Theme,
+        theme: WindowTheme,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
@@ -83,13 +83,6 @@ class MeasurePage(QSplitter):
     def points(self) -> PointsPlot:
         """Plot of points that are not amplitudes over frequency."""
         return self.live_pane.plots.points
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.live_pane.set_theme(theme)
-        self.log.set_theme(theme)
-        self.run_panel.estimates_panel.set_theme(theme)
-        self.run_panel.result_card.set_theme(theme)
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""

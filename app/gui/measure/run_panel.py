@@ -15,7 +15,7 @@ from app.gui.widgets import (
     STRETCH,
     ProtocolForm,
     SheetButton,
-    Theme,
+    WindowTheme,
     column,
     configure,
     grid,
@@ -63,7 +63,7 @@ class RunPanel(QWidget):
         protocol: Protocol,
         bench: BenchGetter,
         presets: PresetStore,
-        theme: Theme,
+        theme: WindowTheme,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)

@@ -18,7 +18,7 @@ from app.gui.plots.series import PlotSeries, series_as_text, series_of
 from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
-from app.gui.widgets import Menu, Theme, column, make_label
+from app.gui.widgets import Menu, Theme, WindowTheme, column, make_label
 from model import Array
 from protocols.base import RunEnded
 
@@ -299,7 +299,7 @@ class PlotBase(QWidget):
 
     def __init__(
         self,
-        theme: Theme,
+        theme: WindowTheme,
         parent: QWidget | None = None,
         *,
         canvas: Any = None,
@@ -338,9 +338,8 @@ class PlotBase(QWidget):
         """The text above the plot, at the left."""
         return self.corner_labels[0]
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self._theme = theme
         for canvas in self._canvases:
             canvas.setBackground(theme.panel)
         for plot in self._plots:
@@ -350,14 +349,14 @@ class PlotBase(QWidget):
                 axis.setTextPen(pg.mkPen(theme.text))
                 axis.label.setDefaultTextColor(QColor(theme.text))
         for tools in self.tools:
-            tools.set_theme(theme)
+            tools.apply_theme(theme)
         for simulated, text in zip(self.simulated_labels, self.corner_labels, strict=True):
             simulated.set_color(theme.simulated)
             text.set_color(theme.text)
         if self.legend is not None:
             self.legend.setLabelTextColor(theme.text)
         if self.threshold is not None:
-            self.threshold.set_theme(theme)
+            self.threshold.apply_theme(theme)
 
     def show_simulated(self, simulated: bool) -> None:
         """Mark the plot as simulated, or not."""
@@ -472,7 +471,7 @@ class TracePlotBase(PlotBase):
     NAMES = ("displacement (µm)", "drive at the amplifier (V)")
     LOG_AXES = (False, False)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None, *, zooms: bool = True) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None, *, zooms: bool = True) -> None:
         canvas = pg.GraphicsLayoutWidget()
         canvas.ci.setContentsMargins(0, 0, 10, 0)
         canvas.ci.setSpacing(0)
@@ -489,8 +488,8 @@ class TracePlotBase(PlotBase):
             plot.addItem(curve)
             label.set_text(name)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         for curve, label, color in zip(self.curves, self.corner_labels, (theme.measured, theme.second), strict=True):
             curve.setPen(trace_pen(color))
             label.set_color(color)

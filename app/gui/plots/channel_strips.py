@@ -14,7 +14,7 @@ from app.gui.plots.base import (
     style_axes,
     trace_pen,
 )
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 from app.live import LiveFeed, TimeSpan
 
 STRIP_HEIGHT = 64
@@ -27,7 +27,7 @@ SHOWN_UNITS = {"A": ("mA", 1e3)}
 class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
     """The further channels of the acquisition over the displayed span; hidden where there are none."""
 
-    def __init__(self, feed: LiveFeed, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, feed: LiveFeed, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("plot: further channels")
         self.ci.setContentsMargins(0, 0, 10, 0)
@@ -39,11 +39,10 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
         self._labels: list[CornerLabel] = []
         self._ranges: list[tuple[float, float] | None] = []
         self.setVisible(False)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self._theme = theme
         self.setBackground(theme.panel)
         for at, (plot, curve, label) in enumerate(zip(self._plots, self.curves, self._labels, strict=True)):
             color = curve_color(at, theme).name()
@@ -92,4 +91,4 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
             )
         self.setFixedHeight(STRIP_HEIGHT * max(len(self._plots), 1))
         self.setVisible(bool(self._plots))
-        self.set_theme(self._theme)
+        self.apply_theme(self._theme.colors)

@@ -33,7 +33,7 @@ from app.gui.plots.curve_layers import (
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
 from model import Array
 from protocols.base import ResultCurve
@@ -54,7 +54,7 @@ class CurvesPlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: curves of the run"
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
         self._curves: Sequence[ResultCurve] = ()
         self._model_curve: OverlayCurve | None = None
@@ -79,14 +79,12 @@ class CurvesPlot(PlotBase):
         self.points_button = make_choice("Show the points")
         self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=10))
         self.plot.getViewBox().sigResized.connect(self._scale)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.set_color(theme.model)
-        if "strip" in vars(self):
-            self.strip.set_theme(theme)
         self._draw()
 
     def show_curves(self, curves: Sequence[ResultCurve], bare_tactor: bool) -> None:
@@ -149,7 +147,9 @@ class CurvesPlot(PlotBase):
                     self._add_further(bars)
             if (fitted := curve.columns.get(f"{curve.y}_fit")) is not None:
                 # A fit of one curve among several has its colour: the model's would hide which is which.
-                pen = pg.mkPen(colour if len(shown) > 1 else self._theme.model, width=1.5, style=Qt.PenStyle.DotLine)
+                pen = pg.mkPen(
+                    colour if len(shown) > 1 else self._theme.colors.model, width=1.5, style=Qt.PenStyle.DotLine
+                )
                 dotted = CurveItem(pen=pen)
                 factor = display_unit(curve.columns[curve.y].unit)[0]
                 dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
@@ -178,7 +178,7 @@ class CurvesPlot(PlotBase):
         self._add_legend(left=False)
         self.legend.setColumnCount(columns)
         self.legend.setOffset(offset)
-        self.legend.setLabelTextColor(self._theme.text)
+        self.legend.setLabelTextColor(self._theme.colors.text)
         for item, label in entries:
             self.legend.addItem(item, label)
 
@@ -240,7 +240,7 @@ class CurvesPlot(PlotBase):
         self.strip.draw(thinned, colors, label, symbols=False, zero=zero, simulated=self.simulated)
 
     def _color(self, at: int, count: int) -> QColor:
-        return QColor(self._theme.measured) if count == 1 else curve_color(at, self._theme)
+        return QColor(self._theme.colors.measured) if count == 1 else curve_color(at, self._theme.colors)
 
     def _draw_model(self) -> None:
         """Draw the response to one volt at the amplifier's input: the curve's fundamental divided by its amplitude."""

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets import Theme, column
+from app.gui.widgets import WindowTheme, column
 from app.live import LiveFeed, OverlayCurve
 from app.session import WindowState
 from model import AmplifierMap
@@ -26,7 +26,9 @@ class LivePane(QSplitter):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme, parent: QWidget | None = None
+    ) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
         self._feed, self._amplifier, self._theme = feed, amplifier, theme
         self._places = []
@@ -75,14 +77,6 @@ class LivePane(QSplitter):
         self.addWidget(widget)
         self.setStretchFactor(self.count() - 1, share)
         widget.setMinimumHeight(MIN_PLOT_HEIGHT)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        if "plots" in vars(self):
-            self.plots.set_theme(theme)
-        if "time_plot" in vars(self):
-            self.time_plot.set_theme(theme)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
         """Show the current or last run; without one, the empty plot of the protocol `otherwise`.

@@ -10,7 +10,7 @@ from PySide6.QtGui import QColor
 from app.gui.plots.base import BandFill, PlotBase, limit_ticks
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.series import PlotSeries
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 from model import Mask
 
 MIN_HEIGHT = 60
@@ -23,7 +23,7 @@ class LowerStrip(PlotBase):
 
     LOG_AXES = (False, False)  # x follows the plot above
 
-    def __init__(self, main_plot: Any, theme: Theme) -> None:
+    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
         super().__init__(theme, grid=True)
         self.plot.layout.setRowFixedHeight(0, 4)
         self.simulated_label.set_visible(False)  # the plot above it is marked
@@ -39,10 +39,10 @@ class LowerStrip(PlotBase):
         self.series: tuple[PlotSeries, ...] = ()
         self._add_head()
         self.hide()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._zero.setPen(pg.mkPen(theme.model, width=1.5))
 
     def draw(

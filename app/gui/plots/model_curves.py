@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QCheckBox
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.items import CurveItem, linear_data
 from app.gui.plots.series import SERIES, PlotSeries, series_of
-from app.gui.widgets import ElidedLabel, Theme, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, set_style_kind
 from app.live import COVERAGE, OverlayCurve
 
 LEGEND_COLUMNS = 3
@@ -52,9 +52,8 @@ class DrawnCurve:
 class ModelCurveItems:
     """The model curves of a plot, the check box of their bands, and the label of the model they belong to."""
 
-    def __init__(self, plot: Any) -> None:
-        self._plot = plot
-        self._theme: Theme | None = None
+    def __init__(self, plot: Any, theme: WindowTheme) -> None:
+        self._plot, self._theme = plot, theme
         self.free = DrawnCurve(plot)
         self.on_membrane: list[DrawnCurve] = []
         """On the membrane, in order of rising elongation."""
@@ -76,15 +75,13 @@ class ModelCurveItems:
         """Return the colour of points at an elongation (NaN: free) if several curves are drawn, else `default`."""
         if not self.on_membrane:
             return QColor(default)
-        assert self._theme is not None
         for at, each in enumerate(self.all_curves):
             if self.free.curve is not None and self.free.curve.at_elongation(elongation_m) is each.curve:
-                return curve_color(at, self._theme)
-        return QColor(self._theme.text)  # no curve at this elongation
+                return curve_color(at, self._theme.colors)
+        return QColor(self._theme.colors.text)  # no curve at this elongation
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        self._theme = theme
         self.legend.setLabelTextColor(theme.text)
         for at, each in enumerate(self.all_curves):
             each.set_color(curve_color(at, theme).name() if self.on_membrane else theme.model)
@@ -101,8 +98,7 @@ class ModelCurveItems:
             self.on_membrane.append(DrawnCurve(self._plot))
         for each, shown in zip(self.all_curves, (curve, *curve.on_membrane), strict=True):
             each.show(shown)
-        if self._theme is not None:
-            self.set_theme(self._theme)
+        self.apply_theme(self._theme.colors)
         of, band = curve.active_model, curve.band
         why = f"Where the model's curve lies with {100 * COVERAGE:g} %, by the errors of the calibration"
         self.band_box.setEnabled(band is not None)

@@ -18,7 +18,7 @@ from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.session import describe_point
 from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
@@ -38,7 +38,7 @@ class PointsPlot(PlotBase):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
         self._kind: type[Protocol] | None = None
         self._points: Sequence[Any] = ()
@@ -77,13 +77,11 @@ class PointsPlot(PlotBase):
                 spacing=10,
             )
         )
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._bars.setData(pen=pg.mkPen(theme.measured))
-        if "strip" in vars(self):
-            self.strip.set_theme(theme)
         self._draw()
 
     def set_protocol(self, kind: type[Protocol]) -> None:
@@ -146,7 +144,7 @@ class PointsPlot(PlotBase):
         x_factor, y_factor = (display_unit(known[name][0])[0] for name in self._kind.axes)
         residuals = []
         for line in lines:
-            item = CurveItem(pen=pg.mkPen(self._theme.model, width=1.5))
+            item = CurveItem(pen=pg.mkPen(self._theme.colors.model, width=1.5))
             item.setData(x_factor * line.x, y_factor * line.y)
             item.setZValue(-5)
             self.plot.addItem(item)
@@ -159,7 +157,7 @@ class PointsPlot(PlotBase):
                 PlotSeries(line.label, x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors)
             )
         unit = display_unit(known[self._kind.axes[1]][0])[1]
-        colors = [QColor(self._theme.measured)] * len(residuals)
+        colors = [QColor(self._theme.colors.measured)] * len(residuals)
         label = f"residual ({unit})" if unit else "residual"
         self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
         self._show_strip()
@@ -193,12 +191,14 @@ class PointsPlot(PlotBase):
             display_unit(known.get(name, ("1", "", 0))[0])[0] * np.array([float(getattr(p, name, 0.0)) for p in points])
             for name in (x_name, y_name, f"{y_name}_errors")
         )
-        ink = QColor(self._theme.measured)
+        ink = QColor(self._theme.colors.measured)
         usable = [Quality(p.quality).usable for p in points]
         self._shown_indices = [self._entries[i] if i < len(self._entries) else -1 for i in at]
         chosen = [entry in self.selection.entries for entry in self._shown_indices]
-        pens = [pg.mkPen(QColor(self._theme.accent if taken else ink), width=4 if taken else 2) for taken in chosen]
-        fills = [pg.mkBrush(ink if good else self._theme.panel) for good in usable]
+        pens = [
+            pg.mkPen(QColor(self._theme.colors.accent if taken else ink), width=4 if taken else 2) for taken in chosen
+        ]
+        fills = [pg.mkBrush(ink if good else self._theme.colors.panel) for good in usable]
         texts = [describe_point(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))

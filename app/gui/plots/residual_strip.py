@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor
 from app.gui.plots.base import PlotBase, limit_ticks, stable_range
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.series import PlotSeries, series_of
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 from app.live import OverlayCurve
 from protocols.base import Quality
 
@@ -26,7 +26,7 @@ class ResidualStrip(PlotBase):
     ACCESSIBLE_NAME = "plot: residual of the points"
     LOG_AXES = (False, False)  # x follows the response above
 
-    def __init__(self, main_plot: Any, theme: Theme) -> None:
+    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
         super().__init__(theme, grid=True)
         self.quantity = NOTHING
         self.plot.layout.setRowFixedHeight(0, 4)
@@ -43,10 +43,10 @@ class ResidualStrip(PlotBase):
             self.plot.addItem(item)
         self._add_head()
         self.hide()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._line.setPen(pg.mkPen(theme.model, width=1.5))
         self._bars.setData(pen=pg.mkPen(theme.measured))
 
@@ -69,7 +69,7 @@ class ResidualStrip(PlotBase):
         self._line.setData(*line)
         there = np.isfinite(y)  # Qt crashes when it paints a point that is not finite
         seen = [(p, ink) for p, ink, is_there in zip(points, colors, there, strict=True) if is_there]
-        fills = [pg.mkBrush(ink if Quality(p.quality).usable else self._theme.panel) for p, ink in seen]
+        fills = [pg.mkBrush(ink if Quality(p.quality).usable else self._theme.colors.panel) for p, ink in seen]
         pens = [pg.mkPen(ink, width=2) for _, ink in seen]
         self.scatter.setData(x=x[there], y=y[there], symbol="o", pen=pens, brush=fills)
         half = np.nan_to_num(errors[there])

@@ -16,7 +16,7 @@ from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
-from app.gui.widgets import ElidedLabel, Menu, Theme, configure, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
 from app.session import describe_point
 from protocols.base import Quality
@@ -75,7 +75,7 @@ class ResponsePlot(PlotBase):
     MAX_ESTIMATES = None
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
         self._curve: OverlayCurve | None = None
         self._points: Sequence[Any] = ()
@@ -85,7 +85,7 @@ class ResponsePlot(PlotBase):
         self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")
         self._felt = self._add_threshold(labelled=True, width=1.5)
-        self.model_curves = ModelCurveItems(self.plot)
+        self.model_curves = ModelCurveItems(self.plot, theme)
         self._bars = [BarsItem(beam=0.0) for _ in SERIES]
         self.scatters = [
             ScatterItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=hover_text)
@@ -103,18 +103,16 @@ class ResponsePlot(PlotBase):
         self.selection = EntrySelection(self._draw_points, self.repeat_requested.emit)
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
         self._add_head(self._head_row())
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
         self.plot.getViewBox().sigResized.connect(lambda *_: self._scale())  # the legend's share of the height
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         for series, color, box, bars in zip(SERIES, self._series_colors, self.series_boxes, self._bars, strict=True):
             bars.setData(pen=pg.mkPen(color))
             box.setIcon(legend_icon(series, theme.model, color, self.devicePixelRatioF()))
             box.setIconSize(LEGEND_ICON_SIZE)
-        self.model_curves.set_theme(theme)
-        if "residual_strip" in vars(self):
-            self.residual_strip.set_theme(theme)
+        self.model_curves.apply_theme(theme)
         self._draw_points()
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
@@ -148,10 +146,12 @@ class ResponsePlot(PlotBase):
             inks = self._point_colors(at)
             taken = [i < len(self._entries) and self._entries[i] in self.selection.entries for i in range(len(x))]
             pens = [
-                pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2)
+                pg.mkPen(QColor(self._theme.colors.accent) if t else ink, width=5 if t else 2)
                 for t, ink in zip(taken, inks, strict=True)
             ]
-            fills = [pg.mkBrush(ink if good else self._theme.panel) for good, ink in zip(usable, inks, strict=True)]
+            fills = [
+                pg.mkBrush(ink if good else self._theme.colors.panel) for good, ink in zip(usable, inks, strict=True)
+            ]
             # An imported table may have one of the two only, and Qt crashes when it paints a point that is not finite.
             there = np.flatnonzero(np.isfinite(y)).tolist()
             pens, fills, texts_there = ([every[i] for i in there] for every in (pens, fills, texts))
@@ -258,7 +258,7 @@ class ResponsePlot(PlotBase):
 
     @property
     def _series_colors(self) -> tuple[str, str]:
-        return self._theme.measured, self._theme.second
+        return self._theme.colors.measured, self._theme.colors.second
 
 
 def hover_text(x: float, y: float, data: str) -> str:  # noqa: ARG001 - as pyqtgraph calls it

@@ -13,7 +13,7 @@ from app.gui.plots.base import PlotBase
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
-from app.gui.widgets import Theme
+from app.gui.widgets import WindowTheme
 from app.live import OverlayCurve
 from protocols.base import Protocol, ResultCurve, RunEnded
 from protocols.runfile.schema import point_columns
@@ -28,7 +28,7 @@ class ResultPlots(QStackedWidget):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme = theme
         self.response = ResponsePlot(theme)
@@ -72,14 +72,6 @@ class ResultPlots(QStackedWidget):
         """The plots that exist so far."""
         widgets = (self.widget(at) for at in range(self.count()))
         return [cast("ResponsePlot | PointsPlot | CurvesPlot", each) for each in widgets if isinstance(each, PlotBase)]
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        for plot in self._plots:
-            plot.set_theme(theme)
-        if "checks" in vars(self):
-            self.checks.set_theme(theme)
 
     def show_results(
         self,

@@ -54,7 +54,7 @@ class ThresholdItems:
         for shade in self.shades:
             shade.setZValue(-20)
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         pen = pg.mkPen(theme.threshold, width=self._width)
         self.line.setPen(pen)

@@ -18,7 +18,7 @@ from app.gui.plots.base import (
 )
 from app.gui.plots.channel_strips import ChannelStrips
 from app.gui.plots.copy import PlotCopyButtons
-from app.gui.widgets import ElidedLabel, Theme, configure, make_choice, make_label, row
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, make_label, row
 from app.live import SPANS, LiveFeed, TimeSpan
 from model import AmplifierMap, Array
 
@@ -43,7 +43,9 @@ class TimePlot(TracePlotBase):
 
     ACCESSIBLE_NAME = "plot: live traces"
 
-    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme, parent: QWidget | None = None
+    ) -> None:
         super().__init__(theme, parent)
         self._feed, self._rest_v = feed, amplifier.rest_v
         self.frames = 0
@@ -74,14 +76,13 @@ class TimePlot(TracePlotBase):
         self._rest.setZValue(-1)  # below the trace
         self._drive_plot.addItem(self._rest)
         self._build()
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
         self._spans.idToggled.connect(self._on_span_toggled)
         self.select_span(0)
 
-    def set_theme(self, theme: Theme) -> None:
-        super().set_theme(theme)
+    def apply_theme(self, theme: Theme) -> None:
+        super().apply_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
-        self.strips.set_theme(theme)
         if self._held_s:
             self._grey_out()
 
@@ -164,11 +165,11 @@ class TimePlot(TracePlotBase):
         was_held, self._held_s = bool(self._held_s), held_s
         self.held_label.setText(f"held: {format_duration(held_s)} old" if held_s else "")
         if bool(held_s) is not was_held:
-            self.set_theme(self._theme)
+            self.apply_theme(self._theme.colors)
 
     def _grey_out(self) -> None:
         for curve in self.curves:
-            curve.setPen(trace_pen(self._theme.secondary_text))
+            curve.setPen(trace_pen(self._theme.colors.secondary_text))
 
     def _scale(self, low: float, high: float) -> None:
         limits = stable_range(low, high, self._range)

@@ -94,7 +94,7 @@ class PlotTools(QObject):
         if hidden:
             self._show_text(f"{pluralize(hidden, 'point')} at zero or below: not on a logarithmic axis")
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._marker_color = theme.accent
         if self._marker is not None:

@@ -11,7 +11,7 @@ from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, outcome_s
 from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
-    Theme,
+    WindowTheme,
     WrappedRow,
     column,
     configure,
@@ -59,7 +59,7 @@ class ResultCard(QFrame):
 
     def __init__(
         self,
-        theme: Theme,
+        theme: WindowTheme,
         prefix: str = "result",
         actions: tuple[str, ...] = ACTIONS,
         compact: bool = False,
@@ -70,6 +70,7 @@ class ResultCard(QFrame):
         self._theme, self._compact, self._scrolls = theme, compact, scrolls
         self._outcome: RunEnded | None = None
         self.summary: ResultSummary | None = None
+        theme.changed.connect(self._show_verdict)
         self.verdict_label = make_label(kind="running", wrap=not compact, name=f"{prefix}.verdict")
         self.reason_label = make_label(kind="small", name=f"{prefix}.reason", textInteractionFlags=SELECTABLE)
         self.hints_label = make_label(kind="caution", name=f"{prefix}.hints", textInteractionFlags=SELECTABLE)
@@ -116,12 +117,6 @@ class ResultCard(QFrame):
         )
         self.hide()
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        if self.summary is not None:
-            self._show_verdict(self.summary)
-
     def set_state(self, view: WindowState) -> None:
         """Show the outcome of the last run; hidden during a run and before the first."""
         for name in ("continue", "again"):
@@ -142,7 +137,7 @@ class ResultCard(QFrame):
     def show_summary(self, summary: ResultSummary) -> None:
         """Show the result of a run."""
         self.summary = summary
-        self._show_verdict(summary)
+        self._show_verdict()
         reasons = summary.verdict.describe(summary.reason)
         short = self._scrolls or len(reasons) <= MAX_REASON_LENGTH
         brief = reasons if short else f"{reasons[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} …"
@@ -188,11 +183,13 @@ class ResultCard(QFrame):
     def _request(self, name: str) -> None:
         self.requested.emit(name, Path("" if self.summary is None else self.summary.path))
 
-    def _show_verdict(self, summary: ResultSummary) -> None:
+    def _show_verdict(self) -> None:
+        if (summary := self.summary) is None:
+            return
         verdict = summary.verdict.outcome
         self.verdict_label.setText(f"{OUTCOME_SYMBOLS[verdict]} {verdict.upper()}")
         self.verdict_label.setToolTip(summary.verdict.describe(summary.reason))
-        self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(outcome_severity(verdict))}")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.severity_color(outcome_severity(verdict))}")
 
 
 def _table(lines: tuple[tuple[str, str], ...], heads: tuple[str, str] | None = None) -> str:

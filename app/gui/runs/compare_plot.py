@@ -18,7 +18,7 @@ from app.gui.plots import (
     legend_share,
     round_step,
 )
-from app.gui.widgets import Theme
+from app.gui.widgets import Theme, WindowTheme
 
 
 class ComparePlot(PlotBase):
@@ -26,7 +26,7 @@ class ComparePlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: comparison of the selected runs"
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()
         self.plot.setLabel("left", "peak-to-peak displacement (µm)")
@@ -36,7 +36,7 @@ class ComparePlot(PlotBase):
         self.items: list[pg.PlotDataItem] = []
         self._add_head()
         self.plot.getViewBox().sigResized.connect(self._scale)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
     def _series(self) -> Iterable[PlotSeries]:
         peak_to_peak = SERIES[0]
@@ -45,9 +45,9 @@ class ComparePlot(PlotBase):
             for r in self._runs
         ]
 
-    def set_theme(self, theme: Theme) -> None:
+    def apply_theme(self, theme: Theme) -> None:
         """Apply a theme."""
-        super().set_theme(theme)
+        super().apply_theme(theme)
         self.corner_label.set_color(theme.secondary_text)
         self.show_runs(self._runs, self.corner_label.text)
 
@@ -61,9 +61,9 @@ class ComparePlot(PlotBase):
             self.plot.removeItem(item)
         self.items = []
         for at, run in enumerate(self._runs):
-            colour = curve_color(at, self._theme)
+            colour = curve_color(at, self._theme.colors)
             there = np.isfinite(run.peak_to_peak)  # an imported table may have the fundamental only
-            fills = [pg.mkBrush(colour if good else self._theme.panel) for good in run.usable[there]]
+            fills = [pg.mkBrush(colour if good else self._theme.colors.panel) for good in run.usable[there]]
             item = pg.PlotDataItem(
                 run.frequency_hz[there], 1e6 * run.peak_to_peak[there], pen=pg.mkPen(colour, width=1), symbol=curve_symbol(at), symbolSize=7,
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,

@@ -18,7 +18,7 @@ from app.gui.widgets import (
     STRETCH,
     Menu,
     ProgressRow,
-    Theme,
+    WindowTheme,
     column,
     configure,
     grid,
@@ -72,7 +72,7 @@ class RunDetailsPane(QWidget):
     continue_pressed = Signal()
     export_pressed = Signal(str)
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
         self.heading = make_label(kind="caption", name="runs.heading")
@@ -155,12 +155,6 @@ class RunDetailsPane(QWidget):
             spacing=6,
         )
         self.plot.hide()  # until something is chosen
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.plot.set_theme(theme)
-        self.result_plots.set_theme(theme)
-        self.card.set_theme(theme)
 
     def show_message(self, text: str, is_error: bool = False) -> None:
         """Show a message or an error."""

@@ -35,8 +35,8 @@ from app.gui.widgets import (
     BackgroundWorker,
     Menu,
     Mode,
-    Theme,
     Toast,
+    WindowTheme,
     add_actions,
     choose_files,
     column,
@@ -72,7 +72,7 @@ class RunsPage(QStackedWidget):
         specimen: Callable[[], str],
         amplifier: AmplifierTable,
         overlay: Overlay,
-        theme: Theme,
+        theme: WindowTheme,
         index: Path | None = None,
     ) -> None:
         super().__init__()
@@ -108,12 +108,6 @@ class RunsPage(QStackedWidget):
     def set_active_file(self, path: Path | None) -> None:
         """Set the run file that this program is writing."""
         self.folder_model.set_active_file(path)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.model.set_theme(theme)
-        self.details.set_theme(theme)
-        self.viewer.set_theme(theme)
 
     def activate(self) -> None:
         """Take the keyboard focus."""

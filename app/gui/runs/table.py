@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunSummary
 from app.common import format_duration, typeset
-from app.gui.widgets import Theme, configure
+from app.gui.widgets import WindowTheme, configure
 from protocols.base import Outcome
 
 Index = QModelIndex | QPersistentModelIndex
@@ -40,16 +40,12 @@ SORT_KEYS = {
 class RunTableModel(QAbstractTableModel):
     """Table of run summaries, sortable; dragged rows carry their run files."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self.folder = Path()
         self.summaries: list[RunSummary] = []
         self._theme = theme
         self._sort_column, self._descending = 0, True
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
 
     def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
         """Show these runs."""
@@ -81,7 +77,7 @@ class RunTableModel(QAbstractTableModel):
             case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT_ALIGNED:
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "verdict":
-                return QColor(self._theme.severity_color(entry.severity))
+                return QColor(self._theme.colors.severity_color(entry.severity))
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
                 return f"{self.folder / entry.path}\n{entry.explanation}{note}"

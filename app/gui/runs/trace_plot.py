@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.archive import TraceWindow
 from app.gui.plots import TracePlotBase, limit_ticks
-from app.gui.widgets import Theme, add_actions
+from app.gui.widgets import WindowTheme, add_actions
 
 SETTLE_MS = 80
 """Delay between the last turn of the wheel and reading the file."""
@@ -23,7 +23,7 @@ class TracePlot(TracePlotBase):
     range_viewed = Signal(float, float)
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, zooms=False)
         self._whole: TraceWindow | None = None
         for plot in self._plots:
@@ -48,7 +48,7 @@ class TracePlot(TracePlotBase):
             },
         )
         self._label_axes(raw=False)
-        self.set_theme(theme)
+        theme.follow(self.apply_theme)
 
     def show_traces(self, traces: TraceWindow, simulated: bool) -> None:
         """Draw the traces of a run."""

@@ -12,7 +12,7 @@ from app.gui.widgets import (
     SELECTABLE,
     STRETCH,
     LogPane,
-    Theme,
+    WindowTheme,
     column,
     make_button,
     make_label,
@@ -34,7 +34,7 @@ class RunViewer(QWidget):
     back_pressed = Signal()
     explore_pressed = Signal()
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.run: LoadedRun | None = None
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
@@ -55,11 +55,6 @@ class RunViewer(QWidget):
         columns = make_splitter("runs/run", (rows, 1), (area, 0), sizes=[900, CARD_WIDTH])
         head = row(self.back_button, (self.heading, 1), self.explore_button)
         column(head, (columns, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        for widget in (self.plots, self.trace_plot, self.log, self.card):
-            widget.set_theme(theme)
 
     def show_run(self, run: LoadedRun) -> None:
         """Show a run; its model curve follows."""

@@ -25,7 +25,7 @@ from app.gui.widgets import (
     Item,
     KeyBurstFilter,
     Overlaid,
-    Theme,
+    WindowTheme,
     add_actions,
     column,
     style_sheet,
@@ -92,7 +92,8 @@ class MainWindow(QMainWindow):
             self,
         )
         self.appearance = str(settings.value("window/appearance", "system"))
-        self.theme = theme_for(self.appearance)
+        self.theme = WindowTheme(theme_for(self.appearance), self)
+        self.theme.changed.connect(self._apply_style)  # first: texts of plots have its size
         self.status_bar = BenchStatusBar(self.theme, self.controller)
         self.notices = NoticeArea(self.controller, self)
         controls = (
@@ -108,9 +109,11 @@ class MainWindow(QMainWindow):
         self.remote = RemoteController(settings, adapter, self.tabs.describe_next, self)
         self._build(config.name)
         self._restore(folder, specimen)
-        self.set_theme(self.theme)
+        self.theme.set_colors(self.theme.colors)
         self._show_state()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.set_theme(theme_for(self.appearance)))
+        QGuiApplication.styleHints().colorSchemeChanged.connect(
+            lambda _: self.theme.set_colors(theme_for(self.appearance))
+        )
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
         self._timer.start()
@@ -236,20 +239,15 @@ class MainWindow(QMainWindow):
             self.tabs.run_in_background(lambda: self.adapter.publish(unreported_watchdog_messages(folder)))
             self.tabs.preload_pages()  # while the bench connects, so that no page has to be waited for
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self.theme = theme
-        QApplication.setPalette(theme.palette())
-        self.setStyleSheet(style_sheet(theme, self._text_scale))
-        self.status_bar.set_theme(theme)
-        self.tabs.set_theme(theme)
-        self.central.set_theme(theme)
+    def _apply_style(self) -> None:
+        QApplication.setPalette(self.theme.colors.palette())
+        self.setStyleSheet(style_sheet(self.theme.colors, self._text_scale))
 
     def set_appearance(self, appearance: str) -> None:
         """Choose the theme, one of `APPEARANCES`, now and for later starts."""
         self.appearance = appearance
         self._settings.setValue("window/appearance", appearance)
-        self.set_theme(theme_for(appearance))
+        self.theme.set_colors(theme_for(appearance))
 
     def _make_settings(self) -> "list[Setting]":
         panel = self.measure_page.run_panel
@@ -306,7 +304,7 @@ class MainWindow(QMainWindow):
         super().resizeEvent(event)
         if (scale := text_scale(self.size())) != self._text_scale:
             self._text_scale = scale
-            self.set_theme(self.theme)
+            self.theme.set_colors(self.theme.colors)
         self.status_bar.scale_to_window(self.size())
         if self.faults is not None:
             self.faults.limit_height(self.height() // 4)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from app.gui.help.settings_page import Setting, SettingsPage
     from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
     from app.gui.specimen.page import SpecimenPage
-    from app.gui.widgets import Theme
+    from app.gui.widgets import WindowTheme
     from app.session import WindowState
 
 C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage", "ProblemPage")
@@ -39,7 +39,7 @@ class CentralStack(QWidget):
     bench_chosen = Signal(str)
     """Path of a bench file."""
 
-    def __init__(self, tabs: MainTabs, theme: Theme) -> None:
+    def __init__(self, tabs: MainTabs, theme: WindowTheme) -> None:
         super().__init__()
         self._theme = theme
         self.tabs, self.shortcut_sheet, self.welcome, self.hint = tabs, ShortcutSheet(), WelcomePage(), FirstRunHint()
@@ -147,12 +147,6 @@ class CentralStack(QWidget):
         """Show the identification of a specimen."""
         self._show_cover(self.identification_page)
         self.identification_page.show_subject(subject)
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme to the covers that have plots."""
-        self._theme = theme
-        if "identification_page" in self.__dict__:
-            self.identification_page.set_theme(theme)
 
     def shutdown(self) -> None:
         """Stop background threads; what is being written is finished."""

@@ -23,8 +23,8 @@ from app.gui.specimen.indicators import SheetIndicators
 from app.gui.widgets import (
     ACTIONS,
     BackgroundWorker,
-    Theme,
     Toast,
+    WindowTheme,
     column,
     configure,
     make_scroll_area,
@@ -49,8 +49,6 @@ class Page(Protocol):
     """Interface of a page: a widget that shows window states."""
 
     def set_state(self, view: WindowState) -> None: ...
-
-    def set_theme(self, theme: Theme) -> None: ...
 
     def tick(self) -> None: ...
 
@@ -98,16 +96,15 @@ class MainTabs(QTabWidget):
         adapter: SessionAdapter,
         config: BenchConfig,
         settings: QSettings,
-        theme: Theme,
+        theme: WindowTheme,
         open_bench: str,
     ) -> None:
         super().__init__()
         self._config, self._open_bench = config, open_bench
-        self._adapter, self._settings, self._first_theme = adapter, settings, theme
+        self._adapter, self._settings, self._theme = adapter, settings, theme
         self._amplifier = config.amplifier
         self._worker = BackgroundWorker("pages", self)
         self._state: WindowState | None = None
-        self._theme: Theme | None = None
         self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
         self.measure = MeasurePage(
             protocol,
@@ -176,8 +173,6 @@ class MainTabs(QTabWidget):
             self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
             splitters.restore_splitters(page, self._settings)
-            if self._theme is not None:
-                page.set_theme(self._theme)
             if self._state is not None:
                 page.set_state(self._state)
             if self._threshold.threshold is not None:
@@ -211,11 +206,6 @@ class MainTabs(QTabWidget):
             self.sheets.update()
         for page in self._created.values():
             page.set_state(view)
-
-    def set_theme(self, theme: Theme) -> None:
-        self._theme = theme
-        for page in self._created.values():
-            page.set_theme(theme)
 
     def tick(self) -> None:
         """Refresh the visible page."""
@@ -404,7 +394,7 @@ class MainTabs(QTabWidget):
         controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
         self._adapter.events.subscribe(controller.observe)
         page = CampaignPage(
-            controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
+            controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._theme
         )
         controller.setParent(page)
         controller.run_requested.connect(self.run_requested)
@@ -421,7 +411,7 @@ class MainTabs(QTabWidget):
         from app.explore import fit_runs  # slow to import, and not visible when the window opens
         from app.gui.explore.page import ExplorePage
 
-        page = ExplorePage(self._first_theme, fit_runs)
+        page = ExplorePage(self._theme, fit_runs)
         page.runs_wanted.connect(self._choose_runs)
         page.card.requested.connect(self._on_card_requested)
         page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
@@ -433,7 +423,7 @@ class MainTabs(QTabWidget):
     def _make_runs(self) -> RunsPage:
         from app.gui.runs.page import RunsPage
 
-        page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
+        page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._theme)
         page.explore_requested.connect(self._overlay_runs)
         page.continue_requested.connect(self.continue_requested)
         for card in (page.details.card, page.viewer.card):
@@ -443,7 +433,7 @@ class MainTabs(QTabWidget):
     def _make_bench(self) -> BenchPage:
         from app.gui.bench_page.page import BenchPage
 
-        page = BenchPage(self._adapter, self._config, self._open_bench, self._first_theme)
+        page = BenchPage(self._adapter, self._config, self._open_bench, self._theme)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
         page.run_requested.connect(self.bench_run_requested)
@@ -455,7 +445,7 @@ class MainTabs(QTabWidget):
     def _make_laboratory(self) -> LaboratoryPage:
         from app.gui.laboratory.page import LaboratoryPage
 
-        page = LaboratoryPage(lambda: self.folder, self._first_theme)
+        page = LaboratoryPage(lambda: self.folder, self._theme)
         page.run_open_requested.connect(self.open_run)
         page.restore_state(self._settings)
         return page

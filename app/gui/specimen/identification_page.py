@@ -15,7 +15,7 @@ from app.gui.widgets import (
     SELECTABLE,
     BackgroundWorker,
     StatusLine,
-    Theme,
+    WindowTheme,
     column,
     configure,
     make_button,
@@ -76,7 +76,7 @@ class IdentificationPage(QWidget):
     progressed = Signal(int, float)
     """Evaluations and chi-square of a fit that is running; from its thread."""
 
-    def __init__(self, theme: Theme) -> None:
+    def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
         self._theme = theme
         self._worker = BackgroundWorker("identification", self)
@@ -127,13 +127,8 @@ class IdentificationPage(QWidget):
         self.progressed.connect(self._show_progress)
         self.run_list.itemChanged.connect(lambda _: self._update_runs_button())
         self.reason_edit.textChanged.connect(lambda _: self.accept_message.show_message(""))
+        theme.changed.connect(self._show_verdict)
         self._clear()
-
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
-        self.budget_plot.set_theme(theme)
-        self._show_verdict()
 
     def show_subject(self, subject: IdentificationSubject) -> None:
         """Show a specimen; its runs are listed and fitted, those of the one that is shown if it has new ones or another sheet."""
@@ -309,7 +304,7 @@ class IdentificationPage(QWidget):
         message = "not tested" if adequacy is None else adequacy.message
         self.verdict_label.setText(ADEQUACY_TEXT[adequate].upper())
         self.finding_label.setText(f"{message[:1].upper()}{message[1:]}.")
-        self.verdict_label.setStyleSheet(f"color: {self._theme.severity_color(ADEQUACY_SEVERITY[adequate])}")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.severity_color(ADEQUACY_SEVERITY[adequate])}")
 
     def _fill_table(self, result: IdentificationResult) -> None:
         statistical = result.statistical_errors

@@ -10,7 +10,7 @@ from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
 from app.gui.status.session_controller import SessionController
 from app.gui.status.status_sign import StatusSign
 from app.gui.status.symbols import SYMBOLS
-from app.gui.widgets import LIGHT, Theme, column, configure, grid, make_button, make_progress_bar, row
+from app.gui.widgets import LIGHT, Theme, WindowTheme, column, configure, grid, make_button, make_progress_bar, row
 from app.session import BenchState, InstrumentStatus, Lamp, WindowState, real_duration_s
 from protocols.base import Outcome
 
@@ -120,9 +120,10 @@ class InstrumentLamp(QWidget):
 class BenchStatusBar(QWidget):
     """The top of the window, the same on every page."""
 
-    def __init__(self, theme: Theme, controller: SessionController) -> None:
+    def __init__(self, theme: WindowTheme, controller: SessionController) -> None:
         super().__init__()
         self._theme = theme
+        theme.changed.connect(self._show_again)
         self._state: WindowState | None = None
         self.state_sign, self.voltage_sign, self.task_sign = (
             configure(StatusSign(*widths), f"status.{name}")
@@ -199,9 +200,7 @@ class BenchStatusBar(QWidget):
             if button.styleSheet() != style:
                 button.setStyleSheet(style)
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
-        self._theme = theme
+    def _show_again(self) -> None:
         if self._state is not None:
             view, self._state = self._state, None
             self.set_state(view)
@@ -211,10 +210,12 @@ class BenchStatusBar(QWidget):
         last, self._state = self._state, view
         self.state_sign.set_content(view.bench_state.upper(), symbol=STATE_SYMBOLS[view.bench_state])
         self.state_sign.set_colors(
-            *self._theme.state_colors(view.bench_state), striped=view.bench_state in STRIPED_STATES
+            *self._theme.colors.state_colors(view.bench_state), striped=view.bench_state in STRIPED_STATES
         )
         self.voltage_sign.set_content(view.voltage_text, view.voltage_note)
-        self.voltage_sign.set_colors("", self._theme.error if view.bench_state in ALARM_STATES else self._theme.text)
+        self.voltage_sign.set_colors(
+            "", self._theme.colors.error if view.bench_state in ALARM_STATES else self._theme.colors.text
+        )
         self.simulated_label.setVisible(view.simulated)
         self.stop_button.setEnabled(view.busy)
         self.pause_button.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pause_requested else "PAUSE\nF8")
@@ -236,7 +237,7 @@ class BenchStatusBar(QWidget):
         view = self._state
         if view is None:
             return
-        progress, fraction, color = view.progress, 0.0, self._theme.text
+        progress, fraction, color = view.progress, 0.0, self._theme.colors.text
         flagged = f", {view.unusable} not usable" if view.unusable else ""
         if progress is None:
             ended = "no run yet" if view.outcome is None else _outcome_text(view.outcome.verdict.outcome)
@@ -253,7 +254,7 @@ class BenchStatusBar(QWidget):
             title, note = progress.title, f"{progress.done} of {progress.entries} points{flagged}"
             if view.outcome is not None:
                 title, note = _outcome_text(view.outcome.verdict.outcome), f"{title}, {note}"
-                color = self._theme.severity_color(outcome_severity(view.outcome.verdict.outcome))
+                color = self._theme.colors.severity_color(outcome_severity(view.outcome.verdict.outcome))
         self.task_sign.set_colors("", color)
         self.task_sign.set_content(title, note)
         self.progress_bar.setValue(round(1000 * fraction))
@@ -264,7 +265,9 @@ class BenchStatusBar(QWidget):
             self._lamp_grid.addWidget(self.lamps[-1], (len(self.lamps) - 1) % 2, (len(self.lamps) - 1) // 2)
         for at, lamp in enumerate(self.lamps):
             known = at < len(instruments)
-            lamp.show_instrument(instruments[at] if known else InstrumentStatus("", "", Lamp.WAITING), self._theme)
+            lamp.show_instrument(
+                instruments[at] if known else InstrumentStatus("", "", Lamp.WAITING), self._theme.colors
+            )
         self.scale_to_window(self._window_size)
 
 

@@ -46,6 +46,7 @@ from .status_line import StatusLine as StatusLine
 from .theme import APPEARANCES as APPEARANCES
 from .theme import LIGHT as LIGHT
 from .theme import Theme as Theme
+from .theme import WindowTheme as WindowTheme
 from .theme import style_sheet as style_sheet
 from .theme import system_theme as system_theme
 from .theme import text_scale as text_scale

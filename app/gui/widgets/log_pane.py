@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from app.common import Severity, typeset
 from app.gui.widgets.layouts import configure, make_button
-from app.gui.widgets.theme import Theme
+from app.gui.widgets.theme import WindowTheme
 from app.session import LogLine, WindowState
 
 SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING: "!", Severity.ERROR: "✕"}
@@ -17,7 +17,7 @@ SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING:
 class LogPane(QPlainTextEdit):
     """Shows the log messages of a window state."""
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme, self._written_count = theme, 0
         self._messages: tuple[LogLine, ...] = ()
@@ -37,6 +37,7 @@ class LogPane(QPlainTextEdit):
         bar = self.verticalScrollBar()
         bar.valueChanged.connect(lambda _: self._place_button())
         bar.rangeChanged.connect(lambda *_: self._place_button())
+        theme.changed.connect(self._write_all)
 
     def show_newest(self) -> None:
         """Scroll to the newest message, and follow the log again."""
@@ -55,12 +56,6 @@ class LogPane(QPlainTextEdit):
         area = self.viewport().geometry()
         button.move(area.right() - button.width() - 4, area.bottom() - button.height() - 2)
 
-    def set_theme(self, theme: Theme) -> None:
-        """Apply a theme, also to the lines that are already written."""
-        self._theme = theme
-        self.clear()
-        self._write(self._messages)
-
     def set_state(self, view: WindowState) -> None:
         """Append the new messages."""
         new = view.message_count - self._written_count
@@ -70,9 +65,12 @@ class LogPane(QPlainTextEdit):
 
     def show_messages(self, messages: tuple[LogLine, ...]) -> None:
         """Show these messages only."""
-        self.clear()
         self._written_count, self._messages = len(messages), messages
-        self._write(messages)
+        self._write_all()
+
+    def _write_all(self) -> None:
+        self.clear()
+        self._write(self._messages)
 
     def _write(self, messages: tuple[LogLine, ...]) -> None:
         bar = self.verticalScrollBar()
@@ -80,8 +78,8 @@ class LogPane(QPlainTextEdit):
             follow = bar.value() >= bar.maximum() - 2
             level = message.severity
             self.appendHtml(
-                f'<span style="color:{self._theme.secondary_text}">{message.time:%H:%M:%S}</span> '
-                f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(typeset(message.text))}</span>'
+                f'<span style="color:{self._theme.colors.secondary_text}">{message.time:%H:%M:%S}</span> '
+                f'<span style="color:{self._theme.colors.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(typeset(message.text))}</span>'
             )
             if follow:
                 bar.setValue(bar.maximum())

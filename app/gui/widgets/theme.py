@@ -4,9 +4,10 @@ The system or the user chooses the theme. Colour is never the only indication; s
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QObject, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 
 from app.common import Severity
@@ -133,6 +134,26 @@ DARK = Theme(
     error="#ff6b6b",
     simulated="#ff5a5a",
 )
+
+
+class WindowTheme(QObject):
+    """The theme in use in a window; widgets with colours of their own follow it."""
+
+    changed = Signal(Theme)
+
+    def __init__(self, colors: Theme = LIGHT, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.colors = colors
+
+    def set_colors(self, colors: Theme) -> None:
+        """Use other colours."""
+        self.colors = colors
+        self.changed.emit(colors)
+
+    def follow(self, apply: Callable[[Theme], None]) -> None:
+        """Call a method of a `QObject` with the colours, now and after every change."""
+        apply(self.colors)
+        self.changed.connect(apply)
 
 
 def system_theme() -> Theme:

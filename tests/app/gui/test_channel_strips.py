@@ -6,14 +6,15 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import load_bench
 from app.gui.plots.time_plot import TimePlot
-from app.gui.widgets.theme import DARK, LIGHT
+from app.gui.widgets.theme import DARK, WindowTheme
 from app.live import LiveFeed
 from drivers import Block, InputChannel, Scale
 
 
 def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
     config, feed = load_bench("ideal"), LiveFeed()
-    plot = TimePlot(feed, config.amplifier.amplifier_map, LIGHT)
+    theme = WindowTheme()
+    plot = TimePlot(feed, config.amplifier.amplifier_map, theme)
     plot.resize(600, 500)
     plot.show()
     assert not plot.strips.isVisible()
@@ -25,7 +26,7 @@ def test_each_further_channel_has_a_strip_in_its_unit(qt: QApplication) -> None:
     assert len(plot.strips.curves) == 2
     volts, milliamperes = (curve.getData()[1] for curve in plot.strips.curves)
     assert (volts.max(), milliamperes.max()) == (999.0, 9.99)
-    plot.set_theme(DARK)
+    theme.set_colors(DARK)
     feed.start_stream(1000.0, (Scale((0.0, 1e-3)),) * 2, config.sensor.laser_sensor)
     for start in (0, 1000):
         feed.add_block(Block(start, np.zeros((2, 1000), np.int16)))

@@ -67,7 +67,7 @@ def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSet
     stage.press(Qt.Key.Key_Comma, CTRL)
     box = find(stage.window, "settings.appearance")
     box.setCurrentIndex(box.findData("dark"))
-    assert stage.window.theme == DARK
+    assert stage.window.theme.colors == DARK
     page = stage.window.central.settings_page
     page.search.setText("appearance")
     assert box.isVisible()
@@ -82,9 +82,9 @@ def test_the_appearance_is_chosen_and_kept(open_stage: OpenStage, settings: QSet
     until(lambda: not stage.window.isVisible(), "for the window to close")
     assert settings.value("window/appearance") == "dark"
     again = open_stage()
-    assert again.window.theme == DARK
+    assert again.window.theme.colors == DARK
     again.window.set_appearance("light")
-    assert again.window.theme == LIGHT
+    assert again.window.theme.colors == LIGHT
 
 
 @pytest.mark.deep

@@ -68,8 +68,8 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
     plot.canvas.setFocus()
     assert plot.copy_buttons[0].isVisible()
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
-    assert edge == window.theme.accent
-    assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
+    assert edge == window.theme.colors.accent
+    assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.colors.panel
     plot.canvas.setAttribute(Qt.WidgetAttribute.WA_UnderMouse, False)  # the pointer may rest on it since another test
     find(window, "measure.specimen").setFocus()
     assert not plot.copy_buttons[0].isVisible()

@@ -70,7 +70,7 @@ def test_accepted_calibration_updates_curve_and_band_in_open_window(
     beside = float((high[top] + (low[top] + high[top]) / 2) / 2)
     assert high[top] - low[top] > 100
     QApplication.processEvents()
-    ground = QColor(stage.window.theme.panel)
+    ground = QColor(stage.window.theme.colors.panel)
     assert shown_ink(stage, float(x[top]), beside) != ground
     response.model_curves.band_box.click()
     assert shown_ink(stage, float(x[top]), beside) == ground

@@ -12,7 +12,7 @@ from app.gui.plots.base import TracePlotBase, needed_axis_width
 from app.gui.plots.curve_layers import COHERENCE, LESS_MEAN, RESIDUAL, isolated, layer_series, layers_of
 from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
-from app.gui.widgets.theme import LARGE_TEXT, LIGHT, style_sheet, text_scale
+from app.gui.widgets.theme import LARGE_TEXT, LIGHT, WindowTheme, style_sheet, text_scale
 from model import Array
 from protocols.base import CurveColumn, Quality, ResultCurve
 from protocols.measurements.hysteresis import Hysteresis
@@ -90,7 +90,7 @@ def test_every_protocol_with_estimates_on_its_axes_has_a_line() -> None:
 
 @pytest.mark.deep
 def test_the_points_have_their_line_and_residual(qt: QApplication) -> None:
-    plot = PointsPlot(LIGHT)
+    plot = PointsPlot(WindowTheme())
     plot.resize(900, 500)
     plot.show()
     plot.set_protocol(MassResonance)
@@ -120,7 +120,7 @@ def test_a_thin_loop_is_seen_less_its_mean_line(qt: QApplication) -> None:
     assert series is not None
     assert np.ptp(series.y) == pytest.approx(5.0, rel=0.02)
     assert np.abs(series.y).max() < 3.0, "the stroke of 400 µm is taken off"
-    plot = CurvesPlot(LIGHT)
+    plot = CurvesPlot(WindowTheme())
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((loop(), loop(1e-5, "5 Hz")), bare_tactor=False)
@@ -141,7 +141,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     left = layer_series(fitted, RESIDUAL)
     assert left is not None
     np.testing.assert_allclose(left.y, 1e4 * curve.columns["response"].values)
-    plot = CurvesPlot(LIGHT)
+    plot = CurvesPlot(WindowTheme())
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((fitted,), bare_tactor=False)
@@ -154,7 +154,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
 
 @pytest.mark.deep
 def test_the_legend_lies_above_the_curves(qt: QApplication) -> None:
-    plot = CurvesPlot(LIGHT)
+    plot = CurvesPlot(WindowTheme())
     plot.resize(900, 500)
     plot.show()
     plot.show_curves(tuple(response(f"with {mass} g") for mass in range(9)), bare_tactor=False)
@@ -181,7 +181,7 @@ def test_an_error_that_stands_out_is_no_bow_tie() -> None:
 
 @pytest.mark.deep
 def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) -> None:
-    plot = PointsPlot(LIGHT)
+    plot = PointsPlot(WindowTheme())
     plot.resize(900, 400)
     plot.show()
     plot.set_protocol(MembraneSag)
@@ -203,7 +203,7 @@ def test_no_tick_label_is_printed_over_the_name_of_the_axis(qt: QApplication) ->
 
 @pytest.mark.deep
 def test_one_cursor_goes_through_displacement_and_drive(qt: QApplication) -> None:
-    plot = TracePlotBase(LIGHT)
+    plot = TracePlotBase(WindowTheme())
     plot._add_head()
     plot.resize(800, 400)
     plot.show()

@@ -15,7 +15,7 @@ from app.archive.catalogue import Catalogue
 from app.archive.notes import Notes, notes_path, read_notes
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
-from app.gui.widgets.theme import LIGHT
+from app.gui.widgets.theme import WindowTheme
 from app.live.overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
@@ -52,7 +52,7 @@ def show(open_page: OpenPage, config: BenchConfig) -> Callable[..., RunsPage]:
     def show(folder: Path, count: int = 3) -> RunsPage:
         overlay = Overlay(amplifier=config.amplifier.amplifier_map)
         return listed(
-            open_page(lambda: RunsPage(lambda: folder, lambda: "T7", config.amplifier, overlay, LIGHT)), count
+            open_page(lambda: RunsPage(lambda: folder, lambda: "T7", config.amplifier, overlay, WindowTheme())), count
         )
 
     return show

@@ -42,7 +42,7 @@ def end_with(stage: Stage, verdict: Verdict, *begin: Any) -> None:
 )
 def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: str, color: str) -> None:
     for theme in (LIGHT, DARK):
-        stage.window.set_theme(theme)
+        stage.window.theme.set_colors(theme)
         end_with(stage, verdict)
         sign = find(stage.window, "status.task")
         assert sign.text == header

@@ -161,7 +161,7 @@ def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Sta
     spots = stage.window.measure_page.response.scatters[0].points()
     assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
     assert spots[0].pos().y() == pytest.approx(900.0)
-    paper = stage.window.theme.panel
+    paper = stage.window.theme.colors.panel
     assert spots[0].brush().color().name() != paper
     assert spots[1].brush().color().name() == paper
     assert "unsettled" in spots[1].data()
@@ -367,7 +367,7 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
     stage.window.resize(*size)
     brightness = []
     for theme in (LIGHT, DARK):
-        stage.window.set_theme(theme)
+        stage.window.theme.set_colors(theme)
         grab(stage.window, tmp_path / "window.png")
         image = stage.window.grab().toImage()
         assert image.width() == size[0]
