@@ -12,6 +12,9 @@ import numpy as np
 from model.arrays import Array
 from model.parameter_spec import ParameterError
 
+MIN_READ_S = 1e-3
+"""From reaching a drive to its reading, at least."""
+
 
 @dataclass(frozen=True, eq=False)
 class DriveHistory:
@@ -40,6 +43,16 @@ class DriveHistory:
             raise ParameterError("a drive's history has vertices or readings without a time")
         if np.any(np.diff(self.time_s) < 0) or np.any(self.read_s <= self.start_s):
             raise ParameterError("a drive's history goes back in time")
+
+    @classmethod
+    def of_points(
+        cls, time_s: Array, drive: Array, start_s: Array, read_s: Array, zero_s: Array
+    ) -> "DriveHistory | None":
+        """Return a history from the vertices of each point, (F, V); None where the times are not in order."""
+        t = time_s.ravel()
+        if np.any(np.diff(t) < 0) or np.any(read_s < start_s + MIN_READ_S):
+            return None
+        return cls(t, drive.ravel(), start_s, read_s, zero_s)
 
     def take(self, rows: Any) -> "DriveHistory":
         """Return the history with these of its readings."""

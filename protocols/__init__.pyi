@@ -1,3 +1,4 @@
+from .aspects.run_points import RunPoints as RunPoints
 from .base import Array as Array
 from .base import Ask as Ask
 from .base import Aspects as Aspects

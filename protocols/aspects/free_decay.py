@@ -1,10 +1,26 @@
 """Aspects of the protocol `free-decay`."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from model.identification import DecayPoleObservation, Observation
+from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects
 
 
 class FreeDecayAspects(Aspects):
     """Free decay beside its measurement."""
+
+    def observations(self, points: RunPoints) -> Iterator[Observation]:
+        names = ("resonance", "resonance_errors", "damping", "damping_errors")
+        values = tuple(points.columns[name] for name in names)
+        frequency, errors, damping, damping_errors = values
+        good = points.good & np.isfinite(frequency) & np.isfinite(damping)
+        good &= (errors > 0) & (damping_errors > 0) & (damping < 1)
+        if good.any():
+            filled = (np.where(good, column, 0.5) for column in values)
+            yield DecayPoleObservation(points.label, *filled, good=good, simulated=points.run.simulated)
 
 
 ASPECTS = FreeDecayAspects()

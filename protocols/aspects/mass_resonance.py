@@ -1,10 +1,34 @@
 """Aspects of the protocol `mass-resonance`."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from model.identification import MassResonanceObservation, Observation
+from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects
 
 
 class MassResonanceAspects(Aspects):
     """Mass resonance beside its measurement."""
+
+    def observations(self, points: RunPoints) -> Iterator[Observation]:
+        columns = points.columns
+        peak = (
+            "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"
+        )  # a table may have the latter only
+        frequency, errors = columns[peak], columns[f"{peak}_errors"]
+        good = points.good & (errors > 0) & np.isfinite(frequency)
+        yield MassResonanceObservation(
+            points.label,
+            columns["mass"],
+            frequency,
+            errors,
+            meaning="peak" if peak == "frequency" else "undamped",
+            good=good,
+            shared_errors=points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg"),
+            simulated=points.run.simulated,
+        )
 
 
 ASPECTS = MassResonanceAspects()

@@ -1,10 +1,35 @@
 """Aspects of the protocol `membrane-sag`."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from model.identification import MembraneSagObservation, Observation
+from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects
+from protocols.measurements.membrane_sag import MembraneSag
 
 
 class MembraneSagAspects(Aspects):
     """Membrane sag beside its measurement."""
+
+    def observations(self, points: RunPoints) -> Iterator[Observation]:
+        """Yield the mean sag: errors common to the repeats (reference depth, geometry) do not average out."""
+        if not points.good.any():
+            return
+        given = points.read_protocol()
+        assert isinstance(given, MembraneSag)
+        sag, errors = (points.columns[name][points.good] for name in ("sag", "sag_errors"))
+        mean_m, error_m = given.mean_sag(sag, errors)
+        yield MembraneSagObservation(
+            points.label,
+            np.array([mean_m]),
+            np.array([given.combined_sag_error_m(mean_m, error_m)]),
+            geometry=given.membrane,
+            load_n_per_m=given.load_n_per_m,
+            delta=given.elongation_m / given.length_m,
+            **points.common_arguments("displacement"),
+        )
 
 
 ASPECTS = MembraneSagAspects()

@@ -1,10 +1,90 @@
 """Aspects of the protocol `static-loading`."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from model import GRAVITY, Mask
+from model.drive_history import DriveHistory
+from model.identification import Observation, SharedError, Side, StaticLoadingObservation
+from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects
+from protocols.measurements.static_loading import StaticLoading
+
+SEEN = "seen by the laser"
+MAX_ANSWER_S = 0.5
+"""From the answer to a prompt to the recording that follows it, at most."""
 
 
 class StaticLoadingAspects(Aspects):
     """Static loading beside its measurement."""
+
+    def observations(self, points: RunPoints) -> Iterator[Observation]:
+        """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
+        columns, good = points.columns, points.good
+        history = history_of_loads(points)
+        sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
+        for side, name in sides:
+            at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
+            if not good[at].any():
+                continue
+            deflection = columns["deflection"][at]
+            down = np.sign(np.median(deflection[good[at]])) or 1.0
+            errors = columns["deflection_errors"][at]
+            common = points.common_arguments("displacement")
+            common["shared_errors"] += _weight_errors(points, good & at)
+            yield StaticLoadingObservation(
+                f"{points.label} {name}",
+                columns["load"][at],
+                down * deflection,
+                errors,
+                side=name,
+                history=None if history is None else history.take(at),
+                good=good[at] & (errors > 0),
+                **common,
+            )
+
+
+def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:
+    """Return the error of each weight: the same in every repeat, on both sides and in all runs with it."""
+    load, mass = points.columns["load"], points.columns["mass"]
+    grams = 1e3 * load / GRAVITY if np.isnan(mass).any() else 1e3 * mass
+    errors = []
+    for error in points.input_errors("load", "load", good & (load > 0), "{}"):
+        weight = float(grams[load == error.at][0])
+        label = f"weight of {weight:.6g} g (load {error.at:.9g} N ± {100 * error.standard_error:.6g} %)"
+        errors.append(replace(error, name=label))
+    return tuple(errors)
+
+
+def history_of_loads(points: RunPoints) -> DriveHistory | None:
+    """Return the loads in time; None where the file does not have them all, as in an import.
+
+    A recording follows a weight that the laser saw put on or lifted by the `record_s` in which it was seen to lie still. Where it
+    did not, and a key was pressed, it was about halfway since the recording before.
+    """
+    recordings = points.recording_times(3)
+    load = points.columns["load"]
+    if recordings is None or not np.isfinite(load).all():
+        return None
+    protocol = points.read_protocol()
+    assert isinstance(protocol, StaticLoading)
+    half = protocol.record_s / 2
+    events = points.run.events()
+    seen_s = [event.time_s for event in events if event.kind == "Answered" and event.fields.get("words") == SEEN]
+    begins, ends = recordings[:, 1:, 0], recordings[:, :-1, 1]
+    seen = np.abs(begins[..., None] - np.array([*seen_s, -np.inf])).min(axis=-1) < MAX_ANSWER_S
+    placed, lifted = np.where(seen, np.maximum(begins - protocol.record_s, ends), (begins + ends) / 2).T
+    load = np.where(points.columns["side"] < 0, -load, load)  # as the specimen is bent
+    none = np.zeros(load.size)
+    return DriveHistory.of_points(
+        np.stack((placed, placed, lifted, lifted), axis=1),
+        np.stack((none, load, load, none), axis=1),
+        placed,
+        recordings[:, 1, 1] - half,
+        np.stack((recordings[:, 0, 1], recordings[:, 2, 1]), axis=1) - half,
+    )
 
 
 ASPECTS = StaticLoadingAspects()

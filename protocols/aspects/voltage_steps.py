@@ -1,10 +1,80 @@
 """Aspects of the protocol `voltage-steps`."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from model import Array
+from model.drive_history import DriveHistory
+from model.identification import Observation, SharedError, VoltageStepsObservation
+from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects
+from protocols.measurements.voltage_steps import ZERO_GUARD_S, VoltageSteps
+
+EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
+"""Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
 
 
 class VoltageStepsAspects(Aspects):
     """Voltage steps beside its measurement."""
+
+    def observations(self, points: RunPoints) -> Iterator[Observation]:
+        columns = points.columns
+        good = points.good & (columns["deflection_errors"] > 0)
+        direction = np.nan_to_num(columns["direction"])
+        time = columns["read_time"]
+        input_v = np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"])
+        common = points.common_arguments("displacement", "volts")
+        name = f"{points.label}, level of {{}} V"
+        common["shared_errors"] += points.input_errors("level", "level", good, name, input_v)
+        history = history_of_levels(points)
+        if history is not None:
+            common["shared_errors"] += _rest_errors(points.label, columns["zero"][points.good])
+        yield VoltageStepsObservation(
+            points.label,
+            input_v,
+            columns["deflection"],
+            columns["deflection_errors"],
+            rising=direction > 0 if (direction != 0).all() else None,
+            time_s=time if np.isfinite(time).all() else None,
+            history=history,
+            good=good,
+            **common,
+        )
+
+
+def history_of_levels(points: RunPoints) -> DriveHistory | None:
+    """Return levels and rests in time; None where the file does not have them all, as in an import.
+
+    A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp did.
+    """
+    recordings = points.recording_times(1)
+    ramp, level = points.columns["ramp_time"], points.columns["drive"]
+    if recordings is None or not (np.isfinite(ramp) & np.isfinite(level)).all():
+        return None
+    protocol = points.read_protocol()
+    assert isinstance(protocol, VoltageSteps)
+    end = recordings[:, 0, 1]
+    reached = end - protocol.hold_s
+    begun = reached - ramp
+    rest = np.full(ramp.size, points.run.amplifier_map.rest_v)
+    return DriveHistory.of_points(
+        np.stack((begun, reached, end, end + ramp), axis=1),
+        np.stack((rest, level, level, rest), axis=1),
+        reached,
+        reached + points.columns["read_time"],
+        (begun - ZERO_GUARD_S - protocol.window_s / 2)[:, None],
+    )
+
+
+def _rest_errors(label: str, zero_m: Array) -> tuple[SharedError, ...]:
+    """Return the drifts at rest by creep of what was before the run, which is unknown: each at most what the zeros moved."""
+    moved = float(np.ptp(zero_m)) if zero_m.size and np.isfinite(zero_m).all() else 0.0
+    if moved == 0:
+        return ()
+    return tuple(
+        SharedError(f"{label}, creep of {age:g} s before it", "rest", moved, at=age) for age in EARLIER_CREEP_AGES_S
+    )
 
 
 ASPECTS = VoltageStepsAspects()

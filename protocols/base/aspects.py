@@ -5,13 +5,27 @@ of the same name in `protocols.aspects`; a laboratory's protocol file assigns it
 """
 
 import importlib
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from model.identification import Observation
+    from protocols.aspects.run_points import RunPoints
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
 
 
 class Aspects:
     """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
+
+    def observations(self, points: "RunPoints") -> "Iterable[Observation]":
+        """Return the observations of a run for the fit; none where the protocol does not concern the model.
+
+        Raises:
+            ParameterError: a value is not physical.
+            RunReadError: this version rejects the run's parameters.
+        """
+        return ()
 
 
 class AspectsOfModule:

@@ -1,0 +1,111 @@
+"""Points of a run with the errors of its instruments, from which a protocol's aspects make observations for the fit.
+
+The gain error of a sensor is shared by all its values; it is named by the serial number, so that runs with the same sensor share
+it and runs with different sensors do not.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from model import Array, Mask, ParameterError
+from model.identification import ErrorTarget, SharedError
+from protocols.base import Protocol
+from protocols.runfile.reader import Run
+
+MAX_INPUT_ERRORS = 100
+"""Errors of single inputs, such as masses or levels, that a fit takes from one run."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunPoints:
+    """Points of an open run.
+
+    Attributes:
+        run: the run; further data, such as its curves and events, are read from it.
+        columns: of its points, (F,) each.
+        good: points that a fit may use, (F,); flagged ones are kept but not used.
+        read_protocol: returns the protocol with the run's parameters; raises RunReadError where they are rejected.
+    """
+
+    run: Run
+    columns: dict[str, Array]
+    good: Mask
+    read_protocol: Callable[[], Protocol]
+
+    @property
+    def label(self) -> str:
+        """Label of the run's observations."""
+        return self.run.path.stem
+
+    def take(self, rows: Mask) -> "RunPoints":
+        """Return some of the points."""
+        return replace(
+            self, columns={name: column[rows] for name, column in self.columns.items()}, good=self.good[rows]
+        )
+
+    def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
+        """Return the errors of sensor and amplifier that act on these targets, and whether the run is simulated."""
+        sensor, bench = self.run.sensor, self.run.configuration
+        amplifier = bench.get("amplifier", {})
+        label = f"{sensor.name} {sensor.serial}".strip()
+        slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
+        stated: tuple[tuple[str, ErrorTarget, float], ...] = (
+            (f"gain of {label}", "displacement", sensor.gain_relative_uncertainty),
+            (f"delay of {label}", "delay", float(bench.get("sensor", {}).get("delay_uncertainty_s", 0.0))),
+            (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
+        )
+        errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
+        return {"shared_errors": errors, "simulated": self.run.simulated}
+
+    def input_errors(
+        self, column: str, target: ErrorTarget, good: Mask, name: str, values: Array | None = None
+    ) -> tuple[SharedError, ...]:
+        """Return an error for each different value of an input whose uncertainty a table states, such as each mass.
+
+        Args:
+            column: of the input; its errors are in `<column>_errors`.
+            target: what they act on.
+            good: usable points.
+            name: of the error, with {} for the value.
+            values: the input as the model takes it, if not the column.
+        """
+        stated = self.columns.get(f"{column}_errors")
+        if stated is None:
+            return ()
+        at = self.columns[column] if values is None else values
+        counts = good & np.isfinite(at) & np.isfinite(stated) & (stated > 0)
+        errors = []
+        for value in np.unique(at[counts]).tolist():
+            error = float(np.sqrt(np.mean(stated[counts & (at == value)] ** 2)))
+            relative = error / abs(value) if target == "load" else error
+            errors.append(SharedError(name.format(f"{value:.9g}"), target, float(f"{relative:.6g}"), at=value))
+        if len(errors) > MAX_INPUT_ERRORS:
+            raise ParameterError(
+                f"{column} has {len(errors)} different values with an uncertainty of their own, the limit is {MAX_INPUT_ERRORS}: "
+                "add it to the uncertainty of what was measured, and leave this one away"
+            )
+        return tuple(errors)
+
+    def recording_times(self, count: int) -> Array | None:
+        """Return begin and end of the last `count` recordings of each point, s, (F, count, 2); None where one has fewer."""
+        run, entries = self.run, self.columns["entry"]
+        if run.imported or not entries.size or run.resumed_from is not None:
+            return None
+        trace, places = run.trace, dict[int, list[tuple[int, int]]]()
+        for first, stop, entry in trace.recording_rows():
+            places.setdefault(entry, []).append((first, stop))
+        rows = [places.get(int(entry), [])[-count:] for entry in entries]
+        if any(len(each) < count for each in rows):
+            return None
+        edges = sorted({edge for each in rows for pair in each for edge in pair})
+        step_s = 1 / trace.rate_hz
+        lasts = [max(edge - 1, 0) for edge in edges]
+        ends = {
+            edge: last + step_s if edge else 0.0 for edge, last in zip(edges, trace.times_of_rows(lasts), strict=True)
+        }
+        firsts = sorted({first for each in rows for first, _ in each})
+        begins = dict(zip(firsts, trace.times_of_rows(firsts), strict=True))
+        return np.array([[(begins[first], ends[stop]) for first, stop in each] for each in rows])
