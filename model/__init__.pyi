@@ -19,6 +19,15 @@ from .parameters import Membrane as Membrane
 from .parameters import Tactor as Tactor
 from .parameters import beam_from_values as beam_from_values
 from .parameters import beams as beams
+from .quantities import PARAMETERS as PARAMETERS
+from .quantities import QUANTITIES as QUANTITIES
+from .quantities import RESULTS as RESULTS
+from .quantities import SCALES as SCALES
+from .quantities import Quantity as Quantity
+from .quantities import current_name as current_name
+from .quantities import find_quantity as find_quantity
+from .quantities import quantity_label as quantity_label
+from .quantities import shown_unit as shown_unit
 from .skin_model import CONTACT_LENGTH as CONTACT_LENGTH
 from .skin_model import NO_SKIN as NO_SKIN
 from .skin_model import PRE_STRETCH as PRE_STRETCH
@@ -38,3 +47,9 @@ from .specimen import Specimen as Specimen
 from .specimen import replace_variables as replace_variables
 from .specimen import specimen_record as specimen_record
 from .specimen import variable_specs as variable_specs
+from .value_text import COVERAGE_FACTOR_95 as COVERAGE_FACTOR_95
+from .value_text import format_estimate as format_estimate
+from .value_text import format_quantity as format_quantity
+from .value_text import format_uncertainty as format_uncertainty
+from .value_text import format_value as format_value
+from .value_text import format_with_uncertainty as format_with_uncertainty

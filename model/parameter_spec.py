@@ -1,19 +1,20 @@
 """Parameter specifications: unit, limits and meaning, read from the annotation of a field.
 
-A field is `Annotated[float, Unit("m"), Interval(gt=0), "what it is"]`. Validation, forms, command-line options and file
-attributes all use it.
+A field is `Annotated[float, Unit("m"), Interval(gt=0), "what it is"]`, or `Annotated[float, Interval(gt=0)]` where its quantity is
+listed in `model.quantities`. Validation, forms, command-line options and file attributes all use it.
 """
 
 import dataclasses
 import operator
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, Self, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import ArrayLike
 
 from model.arrays import Array, Mask
+from model.quantities import QUANTITIES
 
 
 class ParameterError(ValueError):
@@ -30,6 +31,11 @@ class ParameterSpec:
     description: str
     default: float | None
 
+    @classmethod
+    def listed(cls, name: str, interval: Interval, default: float | None) -> Self:
+        """Return the parameter with unit and definition of the quantity of its name."""
+        return cls(name, QUANTITIES[name].unit, interval, QUANTITIES[name].definition, default)
+
     @property
     def limits(self) -> str:
         """The limits as text, e.g. "greater than 0 m"; every quantity is finite besides."""
@@ -39,7 +45,11 @@ class ParameterSpec:
             ("less than", self.interval.lt),
             ("at most", self.interval.le),
         )
-        parts = [f"{word} {bound:g} {self.unit}".strip() for word, bound in bounds if isinstance(bound, int | float)]
+        parts = [
+            f"{word} {bound:g} {self.unit.removesuffix('1')}".strip()
+            for word, bound in bounds
+            if isinstance(bound, int | float)
+        ]
         return " and ".join(parts) or "finite"
 
     def is_valid(self, values: ArrayLike) -> Mask:
@@ -73,16 +83,18 @@ class ParameterSpec:
 
 @cache
 def parameter_specs(cls: type[Any]) -> tuple[ParameterSpec, ...]:
-    """The annotated fields of dataclass `cls`, in order; fields without a Unit are left out."""
+    """The annotated fields of dataclass `cls`, in order; fields without annotation are left out."""
     hints = get_type_hints(cls, include_extras=True)
     specs = []
     for field in dataclasses.fields(cls):
         marks = getattr(hints[field.name], "__metadata__", ())
+        interval = next((m for m in marks if isinstance(m, Interval)), Interval())
+        default = None if field.default is dataclasses.MISSING else field.default
         if (unit := next((m.unit for m in marks if isinstance(m, Unit)), None)) is not None:
-            interval = next((m for m in marks if isinstance(m, Interval)), Interval())
             description = next((m for m in marks if isinstance(m, str)), field.name)
-            default = None if field.default is dataclasses.MISSING else field.default
             specs.append(ParameterSpec(field.name, unit, interval, description, default))
+        elif marks:
+            specs.append(ParameterSpec.listed(field.name, interval, default))
     return tuple(specs)
 
 

@@ -10,7 +10,7 @@ from math import sqrt
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from annotated_types import Interval, Unit
+from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
@@ -42,18 +42,18 @@ class Tactor:
         ParameterError: a value is not physical, or the order 0 < L1 < L2 < L is broken.
     """
 
-    L: Annotated[float, Unit("m"), Interval(gt=0), "half length, clamp to centre"] = 2.2e-2
-    L1: Annotated[float, Unit("m"), Interval(gt=0), "end of the bare plate, where the MFC begins"] = 0.8e-2
-    L2: Annotated[float, Unit("m"), Interval(gt=0), "start of the cylinder's contact"] = 1.5e-2
-    b_Al: Annotated[float, Unit("m"), Interval(gt=0), "width of the aluminium plate"] = 2.0e-2
-    h_Al: Annotated[float, Unit("m"), Interval(gt=0), "thickness of the aluminium plate"] = 2.0e-4
-    rho1: Annotated[float, Unit("kg/m"), Interval(gt=0), "linear density of the bare plate"] = 1.13e-2
-    rho2: Annotated[float, Unit("kg/m"), Interval(gt=0), "linear density of plate and MFC"] = 2.50e-2
-    E_Al: Annotated[float, Unit("Pa"), Interval(gt=0), "Young modulus of aluminium"] = 69e9
-    k2: Annotated[float, Unit("N m^2"), Interval(gt=0), "bending stiffness of plate and MFC"] = 7.0e-3
-    mu: Annotated[float, Unit("N m/V"), Interval(), "piezoelectric moment per volt"] = -1.33e-5
-    c0: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "structural damping per length"] = 159.0
-    m_add: Annotated[float, Unit("kg"), Interval(ge=0), "mass added in the cylinder"] = 7.73e-3
+    L: Annotated[float, Interval(gt=0)] = 2.2e-2
+    L1: Annotated[float, Interval(gt=0)] = 0.8e-2
+    L2: Annotated[float, Interval(gt=0)] = 1.5e-2
+    b_Al: Annotated[float, Interval(gt=0)] = 2.0e-2
+    h_Al: Annotated[float, Interval(gt=0)] = 2.0e-4
+    rho1: Annotated[float, Interval(gt=0)] = 1.13e-2
+    rho2: Annotated[float, Interval(gt=0)] = 2.50e-2
+    E_Al: Annotated[float, Interval(gt=0)] = 69e9
+    k2: Annotated[float, Interval(gt=0)] = 7.0e-3
+    mu: Annotated[float, Interval()] = -1.33e-5
+    c0: Annotated[float, Interval(ge=0)] = 159.0
+    m_add: Annotated[float, Interval(ge=0)] = 7.73e-3
 
     def __post_init__(self) -> None:
         validate_parameters(self)
@@ -98,12 +98,12 @@ class Membrane:
         ParameterError: a value is not physical.
     """
 
-    L_m: Annotated[float, Unit("m"), Interval(gt=0), "free length of the membrane"] = 1.7e-1
-    b_m: Annotated[float, Unit("m"), Interval(gt=0), "width of the membrane"] = 6.6e-2
-    h_m: Annotated[float, Unit("m"), Interval(gt=0), "thickness of the membrane"] = 1.4e-3
-    E_m: Annotated[float, Unit("Pa"), Interval(gt=0), "Young modulus of the membrane"] = 6.95e6
-    c_s_delta: Annotated[float, Unit("kg/(m s)"), Interval(), "skin damping gained per unit pre-stretch"] = 5.48e4
-    c_s_0: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "skin damping without pre-stretch"] = 165.0
+    L_m: Annotated[float, Interval(gt=0)] = 1.7e-1
+    b_m: Annotated[float, Interval(gt=0)] = 6.6e-2
+    h_m: Annotated[float, Interval(gt=0)] = 1.4e-3
+    E_m: Annotated[float, Interval(gt=0)] = 6.95e6
+    c_s_delta: Annotated[float, Interval()] = 5.48e4
+    c_s_0: Annotated[float, Interval(ge=0)] = 165.0
 
     def __post_init__(self) -> None:
         validate_parameters(self)

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Interval, Unit
+from annotated_types import Interval
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
 from model.parameter_spec import ParameterSpec, validate_parameters
 from model.parameters import Membrane, Tactor
+from model.quantities import QUANTITIES
 
 THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
@@ -17,10 +18,8 @@ THRESHOLD_M = 50e-6
 UNCOMFORTABLE_HZ = 200.0, 250.0
 """From a frequency between these on, vibration tends to be uncomfortable (paper, Sec. I, ref. [22])."""
 
-PRE_STRETCH = ParameterSpec(
-    "delta", "", Interval(ge=0), "pre-stretch of the membrane, elongation over free length", 0.0
-)
-CONTACT_LENGTH = ParameterSpec("contact_length", "m", Interval(gt=0), "length the point stiffness is spread over", None)
+PRE_STRETCH = ParameterSpec("delta", "", Interval(ge=0), QUANTITIES["delta"].definition, 0.0)
+CONTACT_LENGTH = ParameterSpec.listed("contact_length", Interval(gt=0), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +30,8 @@ class Skin:
         ParameterError: a value is negative or not finite.
     """
 
-    k_s: Annotated[float, Unit("N/m^2"), Interval(ge=0), "distributed stiffness of the skin"] = 0.0
-    c_s: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "distributed damping of the skin"] = 0.0
+    k_s: Annotated[float, Interval(ge=0)] = 0.0
+    c_s: Annotated[float, Interval(ge=0)] = 0.0
 
     def __post_init__(self) -> None:
         validate_parameters(self)

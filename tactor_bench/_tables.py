@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from app.common import format_quantity
-from model import Array, Mask
+from model import Array, Mask, format_quantity
 from protocols.base import Quality, ResultCurve, usable_mask
 
 if TYPE_CHECKING:

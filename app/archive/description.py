@@ -11,14 +11,19 @@ from app.archive.checking import describe_check
 from app.archive.figures import FELT, LATENCY_PROTOCOL, run_figures
 from app.archive.notes import NotesError, notes_path, read_notes
 from app.archive.run_summary import instruments_text
-from app.common import format_bytes, format_duration, format_outcome, format_point, format_quantity
+from app.common import (
+    format_bytes,
+    format_duration,
+    format_outcome,
+    format_point,
+)
+from model import format_quantity, format_with_uncertainty
 from protocols.base import (
     InjectedFaultChanged,
     Outcome,
     Quality,
     RunConditions,
     RunStatus,
-    format_with_uncertainty,
     to_jsonable,
 )
 from protocols.registry import PROTOCOLS

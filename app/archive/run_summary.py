@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from app.archive.figures import run_figures
 from app.archive.notes import Notes
-from app.common import OUTCOME_SYMBOLS, Severity, format_estimate, outcome_severity
+from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
 from drivers import LaserSensor
-from model import EstimatedQuantity
+from model import EstimatedQuantity, format_estimate
 from protocols.base import Outcome, RunStatus, Verdict
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from app.campaign.series import varied_label
 from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
-from app.common import format_bytes, format_duration, format_quantity
+from app.common import format_bytes, format_duration
 from app.session import format_voltage_range
+from model import format_quantity
 from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive import Catalogue, LoadedRun, RunSummary, load_run, read_run_summary
-from app.common import Severity, check_row, display_unit, format_quantity, pluralize
-from model import AmplifierMap, EstimatedQuantity, Membrane, Tactor
+from app.common import Severity, check_row, pluralize
+from model import AmplifierMap, EstimatedQuantity, Membrane, Tactor, format_quantity, shown_unit
 from protocols.base import Quality
 
 MAX_OTHERS = 3
@@ -150,7 +150,7 @@ def _paper_text(estimate: EstimatedQuantity, paper: Mapping[str, float]) -> str:
     value = paper.get(estimate.name.partition(",")[0])
     if value is None:
         return ""
-    factor, unit = display_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit)
     return f"{factor * value:.5g} {unit} ({_percent(estimate.value, value)})"
 
 
@@ -168,7 +168,7 @@ def _percent(value: float, reference: float) -> str:
 
 
 def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> str:
-    factor, unit = display_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit)
     values = {
         run.specimen: factor * each.value
         for run in others

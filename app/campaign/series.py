@@ -11,7 +11,13 @@ from app.archive import RunSummary
 from app.archive.figures import RunFigure
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
-from app.common import UnitError, display_unit, field_label, read_numbers, unit_of
+from app.common import (
+    UnitError,
+    field_label,
+    read_numbers,
+    unit_of,
+)
+from model import shown_unit
 from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve
 from protocols.registry import PROTOCOLS
 
@@ -144,7 +150,7 @@ def read_series_values(
 
 def value_text(item: CampaignItem, value: float) -> str:
     """Return a value of the varied parameter as text."""
-    factor, unit = display_unit(varied_unit(item))
+    factor, unit = shown_unit(varied_unit(item))
     return f"{varied_label(item)} {factor * value:.6g} {unit}".rstrip()
 
 

@@ -42,7 +42,6 @@ from app.common import (
     Table,
     UnitError,
     UsageError,
-    display_unit,
     format_bytes,
     format_duration,
     print_line,
@@ -51,6 +50,7 @@ from app.common import (
 )
 from app.identification import verdict_line
 from drivers import BenchError
+from model import shown_unit
 from protocols.base import Protocol
 from protocols.runfile.reader import RunReadError
 
@@ -174,12 +174,12 @@ class CurveCommand(CampaignCommand):
             raise UsageError(f"{self.item} has results of fewer than two values: {state.reason}")
         check_output_files(self.files)
         main = curves[-1]
-        x, factor_unit = main.columns[main.x], display_unit(main.columns[main.x].unit)[1]
+        x, factor_unit = main.columns[main.x], shown_unit(main.columns[main.x].unit)[1]
         columns = [Column(main.x, x.unit, x.values, display_unit=factor_unit if factor_unit != x.unit else "")]
         for curve in reversed(curves):
             if len(curve.columns[curve.x].values) == len(x.values):
                 y, errors = curve.columns[curve.y], curve.columns[f"{curve.y}_errors"]
-                unit = display_unit(y.unit)[1]
+                unit = shown_unit(y.unit)[1]
                 shown = unit if unit != y.unit else ""
                 total = curve.columns[f"{curve.y}_total_uncertainty"]
                 columns += [

@@ -20,7 +20,7 @@ from app.identification import (
     steps_line,
     unstated_errors,
 )
-from model import ParameterError
+from model import ParameterError, format_with_uncertainty
 from model.identification import (
     Adequacy,
     DecayPoleObservation,
@@ -41,7 +41,7 @@ from model.identification import (
     profile_interval,
     rank_candidates,
 )
-from protocols.base import format_with_uncertainty, to_jsonable
+from protocols.base import to_jsonable
 
 MAX_FINDINGS = 10
 """Findings that are displayed."""

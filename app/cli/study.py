@@ -42,7 +42,6 @@ from app.common import (
     ExitCode,
     Table,
     UsageError,
-    display_unit,
     path_argument,
     print_message,
     terminal_progress,
@@ -50,7 +49,7 @@ from app.common import (
     usage_errors,
 )
 from app.plotting.charts import draw_figure
-from model import Array, replace_variables
+from model import Array, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice
 from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
@@ -78,7 +77,7 @@ def study_summary(study: Study, amplitude: Array) -> tuple[Column, ...]:
         for axis, i in zip(study.axes[:-1], index, strict=False)
     )
     unit = MEASURE_UNITS[study.measure]
-    shown = "nm/V" if unit == "m/V" else display_unit(unit)[1]
+    shown = "nm/V" if unit == "m/V" else shown_unit(unit)[1]
     ends = (
         (f"at_{f[0]:g}_hz", amplitude[:, 0], f"at {f[0]:g} Hz"),
         (f"at_{f[-1]:g}_hz", amplitude[:, -1], f"at {f[-1]:g} Hz"),

@@ -7,10 +7,8 @@ from .formatting import SUPERSCRIPTS as SUPERSCRIPTS
 from .formatting import format_bytes as format_bytes
 from .formatting import format_curve as format_curve
 from .formatting import format_duration as format_duration
-from .formatting import format_estimate as format_estimate
 from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
-from .formatting import format_quantity as format_quantity
 from .formatting import pluralize as pluralize
 from .formatting import typeset as typeset
 from .formatting import typeset_unit as typeset_unit
@@ -57,7 +55,6 @@ from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
 from .units import PLAIN_NUMBER as PLAIN_NUMBER
 from .units import UnitError as UnitError
 from .units import description_of as description_of
-from .units import display_unit as display_unit
 from .units import field_label as field_label
 from .units import read_number as read_number
 from .units import read_numbers as read_numbers

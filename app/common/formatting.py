@@ -3,8 +3,8 @@
 import re
 from typing import Any
 
-from app.common.units import display_unit
-from protocols.base import EstimatedQuantity, Quality, ResultCurve, format_with_uncertainty
+from model import format_quantity, format_with_uncertainty, shown_unit
+from protocols.base import Quality, ResultCurve
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -49,17 +49,6 @@ def format_bytes(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-def format_quantity(value: float, standard_error: float, unit: str) -> str:
-    """Format a value and its standard error in the display unit: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
-    factor, unit = display_unit(unit)
-    return format_with_uncertainty(factor * value, factor * standard_error, unit or "1")
-
-
-def format_estimate(estimate: EstimatedQuantity) -> str:
-    """Format name, value and standard error: `k2 31.20 ± 0.40 N/m`."""
-    return f"{estimate.name} {format_quantity(estimate.value, estimate.standard_error, estimate.unit)}"
-
-
 def format_curve(curve: ResultCurve) -> str:
     """Format a curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
@@ -71,7 +60,7 @@ def format_curve(curve: ResultCurve) -> str:
         return ""
     top = int(abs(y.values).argmax())
     height = format_quantity(float(y.values[top]), float(errors.values[top]), y.unit)
-    factor, unit = display_unit(x.unit)
+    factor, unit = shown_unit(x.unit)
     low, at, high = (f"{factor * x.values[i]:.5g}" for i in (0, top, -1))
     name = f"{curve.name} {curve.label}".strip()
     return f"{name}: {y.values.size} lines, {low} to {high} {unit}, highest {height} at {at} {unit}"

@@ -4,7 +4,7 @@ import math
 from enum import StrEnum
 from typing import NamedTuple
 
-from app.common.units import display_unit
+from model import shown_unit
 from protocols.base import CheckResult, Outcome
 
 
@@ -62,7 +62,7 @@ class CheckRow(NamedTuple):
 
 def check_row(check: CheckResult) -> CheckRow:
     """Return a check as a row of a table, in display units."""
-    factor, unit = display_unit(check.unit)
+    factor, unit = shown_unit(check.unit)
     low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (check.low, check.high))
     limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
     figure = f"{factor * check.value:.4g}" if math.isfinite(check.value) else "not seen"

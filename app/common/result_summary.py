@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.common.formatting import format_quantity, typeset
-from app.common.units import display_unit
+from app.common.formatting import typeset
+from model import format_quantity, shown_unit
 from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.schema import point_columns
@@ -95,7 +95,7 @@ def summarize_result(
 def _total_text(estimate: EstimatedQuantity, gain_uncertainty: float) -> str:
     if estimate.unit not in LENGTH_UNITS or not gain_uncertainty > 0:
         return ""
-    factor, unit = display_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit)
     total = factor * math.hypot(estimate.standard_error, gain_uncertainty * estimate.value)
     return f"± {total:.2g} {typeset(unit)} with gain"
 
@@ -114,8 +114,8 @@ def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str,
         ):
             continue
         error = float(getattr(point, f"{kind.axes[1]}_errors", math.nan))
-        factor, unit = display_unit(units[kind.axes[0]])
-        y_factor, y_unit = display_unit(units[kind.axes[1]])
+        factor, unit = shown_unit(units[kind.axes[0]])
+        y_factor, y_unit = shown_unit(units[kind.axes[1]])
         height = (
             format_quantity(values[1], error, units[kind.axes[1]])
             if math.isfinite(error)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from app.common.units import DISPLAY_SCALES
+from model import SCALES
 from protocols.base import visible_text
 
 CellValue = float | int | str | None
@@ -54,7 +54,7 @@ class Column:
             return self.missing
         if isinstance(value, str):
             return visible_text(value, multiline=True)
-        text = format(value * DISPLAY_SCALES.get(self.display_unit, 1), self.format_spec)
+        text = format(value * SCALES.get(self.display_unit, 1), self.format_spec)
         return text if text.strip("-0.") else text.removeprefix("-")
 
 

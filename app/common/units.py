@@ -5,7 +5,7 @@ Numbers without a unit are in the unit of their quantity.
 
 import re
 from functools import cache
-from math import copysign, floor, isfinite, pi, tau
+from math import copysign, floor, isfinite, tau
 from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Interval, Unit
@@ -27,40 +27,6 @@ PEAK_TO_PEAK = ParameterSpec("peak-to-peak", "V", Interval(gt=0), "drive at the 
 MAX_TEXT_LENGTH = 60
 REPEATED_POWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
 """Powers of powers, which the unit library would evaluate exactly, without end."""
-
-
-DISPLAY_SCALES = {
-    "µm": 1e6,
-    "mm": 1e3,
-    "ms": 1e3,
-    "g": 1e3,
-    "%": 1e2,
-    "°": 180 / pi,
-    "MPa": 1e-6,
-    "µm/V": 1e6,
-    "nm/V": 1e9,
-    "µm/N": 1e6,
-    "N mm/kV": 1e6,
-    "krad/s": 1e-3,
-}
-"""Factor from SI to a display unit."""
-
-DISPLAY_UNITS = {
-    "m": "µm",
-    "m/V": "µm/V",
-    "m/N": "µm/N",
-    "kg": "g",
-    "s": "ms",
-    "Pa": "MPa",
-    "N m/V": "N mm/kV",
-}
-"""Display units that differ from the SI unit."""
-
-
-def display_unit(unit: str) -> tuple[float, str]:
-    """Return factor and unit in which a quantity is displayed; `1` has no unit."""
-    shown = DISPLAY_UNITS.get(unit)
-    return (1.0, "" if unit == "1" else unit) if shown is None else (DISPLAY_SCALES[shown], shown)
 
 
 class UnitError(ValueError):

@@ -8,8 +8,7 @@ import numpy as np
 
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model import LAG_NAMES, AmplifierMap, Membrane, ParameterError
-from protocols.base import format_with_uncertainty
+from model import LAG_NAMES, AmplifierMap, Membrane, ParameterError, format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse

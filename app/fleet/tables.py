@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.common import Column, Table, display_unit, format_quantity
+from app.common import Column, Table
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
 from app.fleet.drift import DriftCause, GoldenChart
 from app.fleet.statistics import by_group, capability, outlier_mask, spread_of, trend_of
 from app.fleet.values import Fleet, FleetSelection, arrays
-from model import Array
+from model import Array, format_quantity, shown_unit
 
 Bounds = tuple[float | None, float | None]
 """Lower and upper limit, SI; None for no limit."""
@@ -29,7 +29,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
     for selection in selections:
         newest = selection.newest
         values, errors = arrays(newest)
-        spread, factor = spread_of(values, errors), display_unit(selection.unit)[0]
+        spread, factor = spread_of(values, errors), shown_unit(selection.unit)[0]
         outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
         limit = bounds_of(selection, limits)
         indices: tuple[object, ...] = (None, None, None)
@@ -40,7 +40,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
             f"{factor * x:.5g}" if math.isfinite(x) else "" for x in (spread.mean, spread.sd, spread.mean_uncertainty)
         )
         rows.append((selection, spread, outliers, indices, shown))
-    units = [display_unit(s.unit)[1].removesuffix("1") for s, *_ in rows]
+    units = [shown_unit(s.unit)[1].removesuffix("1") for s, *_ in rows]
     with_limits = any(indices[2] is not None for *_, indices, _ in rows)
     capable = (
         Column("cpk", None, [r[3][0] or "" for r in rows], "Cpk, 95 %"),
@@ -110,7 +110,7 @@ def group_table(selection: FleetSelection, by: str) -> Table:
     """Return mean and spread of a quantity by batch, bench, month and so on, of all values."""
     values, errors = arrays(selection.values)
     groups = by_group(values, errors, [str(getattr(v, by)) or "unknown" for v in selection.values])
-    spreads, unit = list(groups.values()), display_unit(selection.unit)[1]
+    spreads, unit = list(groups.values()), shown_unit(selection.unit)[1]
     shown = unit if unit != selection.unit else ""
     return Table(
         f"{selection.name} by {by}",
@@ -152,7 +152,7 @@ def times_of(selection: FleetSelection) -> Array:
 
 def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[GoldenChart]) -> Table:
     """Return a row for each sensor: centre, sigma, first signal with its rules, and what drifted."""
-    first, unit = [each.first_signal for each in charts], display_unit(selection.unit)[1]
+    first, unit = [each.first_signal for each in charts], shown_unit(selection.unit)[1]
     shown = unit if unit != selection.unit else ""
     return Table(
         "charts",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import read_since
-from app.common import Column, Table, display_unit
+from app.common import Column, Table
 from app.fleet.control_chart import BASELINE
 from app.fleet.drift import GoldenChart, golden_charts
 from app.fleet.statistics import Spread, outlier_mask, spread_of, trend_of
@@ -23,7 +23,7 @@ from app.fleet.tables import (
     times_of,
 )
 from app.fleet.values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
-from model import Array
+from model import Array, shown_unit
 
 MAX_SPECIMEN_QUANTITIES = 4
 """Quantities in the table of the specimens: more do not fit beside each other at 900 points."""
@@ -210,7 +210,7 @@ def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
     for signal in chart.chart.signals:
         rules.setdefault(signal.index, []).append(signal.rule)
     found = [(at, chart.values[at]) for at in sorted(rules)]
-    unit = display_unit(selection.unit)[1]
+    unit = shown_unit(selection.unit)[1]
     return Table(
         "broken rules",
         f"{len(found)} of {len(chart.values)} values break a rule",

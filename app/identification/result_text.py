@@ -1,11 +1,9 @@
 """First lines of an identification: adequacy, what dimensions are from, and the parameters that were held, with their values."""
 
-from app.common import display_unit
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import Membrane, Tactor, parameter_specs
+from model import Membrane, Tactor, format_with_uncertainty, parameter_specs, shown_unit
 from model.identification import MembraneSagObservation, parameter_spec
-from protocols.base import format_with_uncertainty
 
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
 HELD_TEXT = "held, as if exact"
@@ -59,7 +57,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
         value = None if name in identification.known else identification.fixed.get(name)
         if value is not None:
             unit = parameter_spec(name).unit
-            factor, text = display_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
+            factor, text = shown_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())
     if not shown:
         return ""

@@ -10,7 +10,7 @@ import numpy as np
 from app.common import Column, Table
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import EstimatedQuantity
+from model import EstimatedQuantity, format_with_uncertainty
 from model.identification import (
     ErrorTarget,
     FrequencyResponseObservation,
@@ -23,7 +23,6 @@ from model.identification import (
     observed_values,
     parameter_spec,
 )
-from protocols.base import format_with_uncertainty
 
 MIN_SHARE = 0.01
 """Share of the squared total uncertainty from which on a source is named."""

@@ -7,8 +7,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from app.common import display_unit
 from app.plotting.panels import new_figure
+from model import shown_unit
 from model.response import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 
@@ -93,7 +93,7 @@ def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
 
 
 def _axis_unit(unit: str) -> tuple[float, str]:
-    return display_unit(unit) if unit in CONVERTED_UNITS else (1.0, TYPESET_UNITS.get(unit, unit))
+    return shown_unit(unit) if unit in CONVERTED_UNITS else (1.0, TYPESET_UNITS.get(unit, unit))
 
 
 def _axis_label(text: str, unit: str) -> str:

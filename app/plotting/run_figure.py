@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from app.common import display_unit, format_estimate
 from app.plotting.panels import draw_measured, draw_reference, new_figure
 from app.plotting.threshold_line import threshold_line
-from model import AmplifierMap, Array, Specimen
+from model import AmplifierMap, Array, Specimen, format_estimate, shown_unit
 from model.response import (
     ABDOMEN_THRESHOLD,
     PerceptionThreshold,
@@ -161,7 +160,7 @@ def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
     amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         x, y = curve.columns[curve.x], curve.columns[curve.y]
-        factor, unit = display_unit(y.unit)
+        factor, unit = shown_unit(y.unit)
         axes.plot(x.values, factor * y.values, "-", color=colour, lw=1.2, label=curve.label or "measured")
         if (errors := curve.columns.get(f"{curve.y}_errors")) is not None:
             low, high = y.values - 2 * errors.values, y.values + 2 * errors.values
@@ -229,7 +228,7 @@ def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
 def _draw_points(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw the points of any protocol over its axes in display units; points that no fit may use are hollow."""
     points, units, (x, y) = run.points(), run.units(), run.axes
-    (over, over_unit), (factor, unit) = display_unit(units[x]), display_unit(units[y])
+    (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
     good = usable_mask(points["quality"])
     errors = points.get(f"{y}_errors", np.zeros(len(good)))
     draw_measured(

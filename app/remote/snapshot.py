@@ -4,9 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from app.common import OUTCOME_SYMBOLS, axis_name, display_unit, format_estimate, typeset
+from app.common import OUTCOME_SYMBOLS, axis_name, typeset
 from app.session import BenchState, WindowState, format_bench_duration, protocol_title
 from drivers import Bench
+from model import format_estimate, shown_unit
 from protocols.base import Quality, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import point_columns
@@ -89,7 +90,7 @@ def _points(view: WindowState) -> dict[str, Any]:
     if kind is None:
         return {"x": "", "y": "", "points": []}
     known, (x_name, y_name) = point_columns(kind.point_type), kind.axes
-    (x_factor, x_unit), (y_factor, y_unit) = (display_unit(known[name][0]) for name in (x_name, y_name))
+    (x_factor, x_unit), (y_factor, y_unit) = (shown_unit(known[name][0]) for name in (x_name, y_name))
     measured: list[Any] = list(view.points[-MAX_POINTS:])
     points = [
         [x, y, Quality(point.quality).usable]

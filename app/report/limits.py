@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common import display_unit, parse_toml, typeset_unit
+from app.common import parse_toml, typeset_unit
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
 from app.report.merits import FIGURES_OF_MERIT
 from app.report.rounding import COVERAGE_FACTOR_95, MINUS, typeset_measurement, typeset_number
-from model import EstimatedQuantity
+from model import EstimatedQuantity, shown_unit
 
 LIMITS_FILE_NAME = "limits.toml"
 """Name of the limits file in the folder of the runs."""
@@ -196,7 +196,7 @@ def _verdict(value: float, half_interval: float, low: float, high: float, rule: 
 
 
 def _limit_text(limit: Limit, unit: str) -> str:
-    factor, shown = display_unit(unit)
+    factor, shown = shown_unit(unit)
     low, high = (None if v is None else typeset_number(factor * v) for v in (limit.low, limit.high))
     shown = f" {typeset_unit(shown)}".rstrip()
     if low is not None and high is not None:

@@ -2,8 +2,8 @@
 
 import math
 
-from app.common import SUPERSCRIPTS, display_unit, typeset_unit
-from protocols.base import format_with_uncertainty
+from app.common import SUPERSCRIPTS, typeset_unit
+from model import format_with_uncertainty, shown_unit
 
 COVERAGE_FACTOR_95 = 1.959964
 """Standard errors to either side that cover 95 % of a normal distribution."""
@@ -18,7 +18,7 @@ def typeset_measurement(value: float, error: float, unit: str) -> str:
 
     Without an error, to six digits.
     """
-    factor, unit = display_unit(unit)
+    factor, unit = shown_unit(unit)
     text = typeset_with_error(factor * value, factor * error)
     return f"{text}{SPACE}{typeset_unit(unit).replace(' ', SPACE)}".rstrip()
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from app.common import Table, display_unit, pluralize, typeset_unit
+from app.common import Table, pluralize, typeset_unit
 from app.identification import (
     TABLE_ONE,
     BudgetBar,
@@ -36,7 +36,7 @@ from app.report.rounding import (
 )
 from app.report.runs import InstrumentRecord, ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
-from model import Membrane, Tactor
+from model import Membrane, Tactor, shown_unit
 from model.identification import SPECIMEN_PARAMETERS
 from protocols.base import Outcome
 
@@ -167,7 +167,7 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
     statistical = {} if found is None else found.statistical_errors
     for e in () if found is None else found.identified:
         paper = TABLE_I.get(e.name)
-        factor, unit = display_unit(e.unit)
+        factor, unit = shown_unit(e.unit)
         rows.append(
             (
                 e.name,
@@ -393,7 +393,7 @@ def _shares(value: float, total: float, statistical: float | None) -> tuple[str,
 
 def _format_value(value: float, unit: str) -> str:
     """Format a value; lengths in millimetres."""
-    factor, shown = (1e3, "mm") if unit == "m" else display_unit(unit)
+    factor, shown = (1e3, "mm") if unit == "m" else shown_unit(unit)
     return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 

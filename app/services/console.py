@@ -8,8 +8,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common import format_curve, format_duration, format_point, format_quantity, print_message
+from app.common import (
+    format_curve,
+    format_duration,
+    format_point,
+    print_message,
+)
 from app.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
+from model import format_quantity
 from protocols.base import (
     BenchArmed,
     BlockDiscarded,

@@ -5,8 +5,15 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import Any
 
-from app.common import Severity, format_curve, format_duration, format_estimate, outcome_severity, pluralize
+from app.common import (
+    Severity,
+    format_curve,
+    format_duration,
+    outcome_severity,
+    pluralize,
+)
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
+from model import format_estimate, format_with_uncertainty
 from protocols.base import (
     BenchArmed,
     CurveReady,
@@ -30,7 +37,6 @@ from protocols.base import (
     SpecimenMayBeLive,
     StreamStarted,
     Verdict,
-    format_with_uncertainty,
 )
 from protocols.registry import PROTOCOLS
 from protocols.signals import MAINS_HZ

@@ -28,53 +28,23 @@ Values = Mapping[str, Any]
 NONIDEALITIES = {
     spec.name: spec
     for spec in (
-        ParameterSpec(
-            "mass_fraction", "1", Interval(gt=0), "share of the masses put in the cylinder that acts at the centre", 1.0
-        ),
-        ParameterSpec(
-            "mass_offset", "kg", Interval(), "mass of cylinder and glue, or an error common to all added masses", 0.0
-        ),
-        ParameterSpec(
-            "mass_put_in",
-            "kg",
-            Interval(ge=0),
-            "mass put in the cylinder for the dwells, of which m_add acts; 0: unknown, m_add is identified by itself",
-            0.0,
-        ),
-        ParameterSpec(
-            "load_gain", "1", Interval(gt=-1), "relative error common to all loads: the balance's scale", 0.0
-        ),
-        ParameterSpec("sensor_gain", "1", Interval(gt=-1), "relative error common to all displacements", 0.0),
-        ParameterSpec("load_offset", "N", Interval(), "load of pan and hook, or an error common to all loads", 0.0),
-        ParameterSpec(
-            "zero_drift", "m", Interval(), "drift of the sensor's zero from first to last row of a static loading", 0.0
-        ),
+        ParameterSpec.listed("mass_fraction", Interval(gt=0), 1.0),
+        ParameterSpec.listed("mass_offset", Interval(), 0.0),
+        ParameterSpec.listed("mass_put_in", Interval(ge=0), 0.0),
+        ParameterSpec.listed("load_gain", Interval(gt=-1), 0.0),
+        ParameterSpec.listed("sensor_gain", Interval(gt=-1), 0.0),
+        ParameterSpec.listed("load_offset", Interval(), 0.0),
+        ParameterSpec.listed("zero_drift", Interval(), 0.0),
         CLAMP_FLEXIBILITY,
         CREEP,
         HYSTERESIS,
-        ParameterSpec(
-            "stiffening",
-            "1",
-            Interval(),
-            "share by which the stiffness grows up to a deflection of 1 mm, with its square",
-            0.0,
-        ),
-        ParameterSpec(
-            "gain_below_rest", "1", Interval(gt=-1), "relative error of the amplifier's slope below rest", 0.0
-        ),
-        ParameterSpec(
-            "gain_above_rest", "1", Interval(gt=-1), "relative error of the amplifier's slope above rest", 0.0
-        ),
-        ParameterSpec(
-            "delay", "s", Interval(), "lateness of the displacement that was not corrected in the phases", 0.0
-        ),
-        ParameterSpec(
-            "gain_drift", "1", Interval(gt=-1), "share by which the dwells grow from the first to the last", 0.0
-        ),
-        ParameterSpec("elongation_offset", "m", Interval(), "error common to all elongations of the membrane", 0.0),
-        ParameterSpec(
-            "elongation_slip", "1", Interval(lt=1), "share of every elongation that the membrane's clamps lose", 0.0
-        ),
+        ParameterSpec.listed("stiffening", Interval(), 0.0),
+        ParameterSpec.listed("gain_below_rest", Interval(gt=-1), 0.0),
+        ParameterSpec.listed("gain_above_rest", Interval(gt=-1), 0.0),
+        ParameterSpec.listed("delay", Interval(), 0.0),
+        ParameterSpec.listed("gain_drift", Interval(gt=-1), 0.0),
+        ParameterSpec.listed("elongation_offset", Interval(), 0.0),
+        ParameterSpec.listed("elongation_slip", Interval(lt=1), 0.0),
     )
 }
 LOADING_TIME_S = 10.0

@@ -18,9 +18,7 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 
-ASYMMETRY = ParameterSpec(
-    "asymmetry", "1", Interval(gt=-1, lt=1), "share by which loads deflect more on the MFC side, less on the other", 0.0
-)
+ASYMMETRY = ParameterSpec.listed("asymmetry", Interval(gt=-1, lt=1), 0.0)
 SPECIMEN_PARAMETERS = {
     q.name: q
     for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), CONTACT_LENGTH, ASYMMETRY, *NONIDEALITIES.values())

@@ -54,7 +54,6 @@ from .records import ResultCurve as ResultCurve
 from .records import StreamedRecording as StreamedRecording
 from .records import recording_too_long_message as recording_too_long_message
 from .reference import ReferenceModel as ReferenceModel
-from .rounding import format_with_uncertainty as format_with_uncertainty
 from .steps import Ask as Ask
 from .steps import DetectionResult as DetectionResult
 from .steps import Detector as Detector

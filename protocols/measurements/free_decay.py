@@ -14,6 +14,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Steps
+from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
     CurveColumn,
@@ -27,7 +28,6 @@ from protocols.base import (
     ResultCurve,
     Step,
     first_adapted,
-    format_with_uncertainty,
 )
 from protocols.measurements.fields import (
     DampingRatio,

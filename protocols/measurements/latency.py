@@ -15,7 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine, Steps
-from model import THRESHOLD_M, Array
+from model import THRESHOLD_M, Array, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     CurveColumn,
@@ -28,7 +28,6 @@ from protocols.base import (
     ResultCurve,
     Step,
     first_adapted,
-    format_with_uncertainty,
 )
 from protocols.measurements.fields import DriveVpp, QualityFlags, RepeatNumber, point_quality
 from protocols.measurements.result_checks import (

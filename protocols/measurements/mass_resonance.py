@@ -18,6 +18,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, LinearSweep, Sine
+from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -32,7 +33,6 @@ from protocols.base import (
     Settle,
     Step,
     first_adapted,
-    format_with_uncertainty,
 )
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality

@@ -13,7 +13,15 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Interval, Unit
 
-from model import Array, Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
+from model import (
+    Array,
+    Membrane,
+    ParameterError,
+    format_with_uncertainty,
+    linear_young_modulus,
+    weight_per_length,
+    young_modulus_from_sag,
+)
 from protocols.base import (
     Ask,
     CheckResult,
@@ -28,7 +36,6 @@ from protocols.base import (
     Recording,
     Repeat,
     Step,
-    format_with_uncertainty,
 )
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
 from protocols.measurements.fit_lines import mean_line

@@ -16,6 +16,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers import Drive, PeriodicSweep
+from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -29,7 +30,6 @@ from protocols.base import (
     ResultCurve,
     Step,
     first_adapted,
-    format_with_uncertainty,
 )
 from protocols.measurements.fields import (
     DampingRatio,

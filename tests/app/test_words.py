@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome
-from protocols.base import CurveColumn, ResultCurve, format_with_uncertainty
+from model import format_with_uncertainty
+from protocols.base import CurveColumn, ResultCurve
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,8 @@ from app.identification import (
     question_sheet,
     sheet_unit,
 )
-from model import ParameterError
+from model import ParameterError, format_with_uncertainty
 from model.identification import parameter_spec
-from protocols.base import format_with_uncertainty
 from protocols.runfile.names import sheet_path
 
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")

@@ -24,7 +24,7 @@ from app.gui.widgets import (
     row,
 )
 from app.live import LiveValues
-from protocols.base import format_with_uncertainty
+from model import format_with_uncertainty
 
 VALID_FOR = timedelta(days=365)
 """Initial value of the due date; the laboratory's own rule takes precedence."""

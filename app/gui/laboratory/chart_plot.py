@@ -8,12 +8,12 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
-from app.common import display_unit, format_quantity
 from app.fleet.drift import GoldenChart
 from app.gui.plots import CurveItem, PlotBase, PlotSeries, ZoomBox
 from app.gui.plots.items import ScatterItem
 from app.gui.plots.response_plot import hover_text
 from app.gui.widgets import Theme, WindowTheme
+from model import format_quantity, shown_unit
 
 SIGMAS = (-3, -2, -1, 0, 1, 2, 3)
 LINE_NAMES = {-3: "−3 σ", 0: "centre", 3: "+3 σ"}
@@ -86,11 +86,11 @@ class ControlChartPlot(PlotBase):
         self.show_simulated(simulated)
         self.corner_labels[0].set_text(title)
         self.corner_labels[1].set_text("weighted moving average (EWMA) with its limits")
-        factor, shown_unit = display_unit(unit)
+        factor, bench_unit = shown_unit(unit)
         one = chart.chart
         x, y = np.arange(1, one.values.size + 1, dtype=float), factor * one.values
         for plot, name in zip(self._plots, ("value", "EWMA"), strict=True):
-            plot.setLabel("left", f"{name} ({shown_unit})" if shown_unit else name)
+            plot.setLabel("left", f"{name} ({bench_unit})" if bench_unit else name)
         for k, line in self.sigma_lines.items():
             line.setValue(factor * (one.centre + k * one.sigma))
             line.label.setFormat(LINE_NAMES.get(k, ""))
@@ -123,7 +123,7 @@ class ControlChartPlot(PlotBase):
     def _rescale(self) -> None:
         if self._chart is None:
             return
-        one, factor = self._chart.chart, display_unit(self._unit)[0]
+        one, factor = self._chart.chart, shown_unit(self._unit)[0]
         for plot, values, limit in (
             (self._plots[0], one.values, 3.3 * one.sigma),
             (self._plots[1], one.average, 1.1 * float(one.average_limit.max())),
@@ -135,7 +135,7 @@ class ControlChartPlot(PlotBase):
     def _series(self) -> Iterable[PlotSeries]:
         if self._chart is None:
             return []
-        one, factor = self._chart.chart, display_unit(self._unit)[0]
+        one, factor = self._chart.chart, shown_unit(self._unit)[0]
         x = np.arange(1, one.values.size + 1, dtype=float)
         errors = factor * np.array([value.total for value in self._chart.values])
         return [

@@ -8,12 +8,13 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
-from app.common import display_unit, format_quantity, typeset
+from app.common import typeset
 from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
 from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, curve_symbol, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.widgets import Theme, WindowTheme
+from model import format_quantity, shown_unit
 
 MAX_BARS = 400
 """Values up to which each has its error bar: more of them hide the points."""
@@ -59,7 +60,7 @@ class FleetPlot(PlotBase):
             self.outliers.clear()
             self.selected.clear()
             return
-        factor, unit = display_unit(view.selection.unit)
+        factor, unit = shown_unit(view.selection.unit)
         name = typeset(view.selection.name)
         self.plot.setLabel("left", f"{name} ({unit})" if unit else name)
         self.corner_label.set_text(view.selection.about)
@@ -123,7 +124,7 @@ class FleetPlot(PlotBase):
         view = self._view
         if view is None:
             return
-        factor = display_unit(view.selection.unit)[0]
+        factor = shown_unit(view.selection.unit)[0]
         newest = [v for v in view.selection.newest if v.specimen in view.outliers]
         chosen = [v for v in view.selection.values if v.specimen == self._specimen] if self._specimen else []
         for item, values, color in (
@@ -141,7 +142,7 @@ class FleetPlot(PlotBase):
         groups = self._view.groups if self._view is not None else ()
         if not groups or self._view is None:
             return
-        factor = display_unit(self._view.selection.unit)[0]
+        factor = shown_unit(self._view.selection.unit)[0]
         x, y = (np.concatenate(parts) for parts in zip(*((g.times_s, factor * g.values) for g in groups), strict=True))
         x = x[np.isfinite(x)]
         ends = [float(y.min()), float(y.max()), *(float(line.value()) for line in self.lines)]
@@ -156,7 +157,7 @@ class FleetPlot(PlotBase):
 
     def _series(self) -> Iterable[PlotSeries]:
         groups = self._view.groups if self._view is not None else ()
-        factor = display_unit(self._view.selection.unit)[0] if self._view is not None else 1.0
+        factor = shown_unit(self._view.selection.unit)[0] if self._view is not None else 1.0
         return [PlotSeries(g.name, g.times_s, factor * g.values, factor * g.errors) for g in groups]
 
     def _column_names(self) -> tuple[str, str]:

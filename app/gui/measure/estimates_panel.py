@@ -11,7 +11,7 @@ from app.common import pluralize
 from app.explore import SLIDERS
 from app.gui.widgets import ElidedLabel, WindowTheme, configure, grid
 from app.live import EstimateUpdate
-from protocols.base import format_with_uncertainty
+from model import format_with_uncertainty
 
 MAX_ROWS = 3
 MIN_HISTORY_WIDTH = 16

@@ -11,7 +11,7 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetrics, QFontMetricsF, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
-from app.common import format_estimate, typeset
+from app.common import typeset
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.items import place, place_end
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
@@ -19,7 +19,7 @@ from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
 from app.gui.widgets import Menu, Theme, WindowTheme, column, make_label
-from model import Array
+from model import Array, format_estimate
 from protocols.base import RunEnded
 
 if TYPE_CHECKING:

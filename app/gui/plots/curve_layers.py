@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.common import display_unit
 from app.gui.plots.series import PlotSeries
-from model import Array
+from model import Array, shown_unit
 from protocols.base import ResultCurve
 
 NOTHING, RESIDUAL, LESS_MEAN, PHASE, COHERENCE = "nothing", "residual", "less mean", "phase", "coherence"
@@ -43,8 +42,8 @@ def layer_series(curve: ResultCurve, layer: str) -> PlotSeries | None:
     """Return a layer of a curve in display units with the errors of its y; None where it has no such layer."""
     x, y = curve.columns[curve.x], curve.columns[curve.y]
     errors = curve.columns.get(f"{curve.y}_errors")
-    name, factor = f"{curve.name} {curve.label}".strip(), display_unit(y.unit)[0]
-    places = display_unit(x.unit)[0] * x.values
+    name, factor = f"{curve.name} {curve.label}".strip(), shown_unit(y.unit)[0]
+    places = shown_unit(x.unit)[0] * x.values
     error = None if errors is None else factor * errors.values
     fitted = curve.columns.get(f"{curve.y}_fit")
     if layer == RESIDUAL and fitted is not None:
@@ -66,7 +65,7 @@ def layer_series(curve: ResultCurve, layer: str) -> PlotSeries | None:
 
 def layer_label(curve: ResultCurve, layer: str) -> str:
     """Return the label of the vertical axis of a layer."""
-    unit = display_unit(curve.columns[curve.y].unit)[1]
+    unit = shown_unit(curve.columns[curve.y].unit)[1]
     return {RESIDUAL: f"residual ({unit})", LESS_MEAN: f"less mean ({unit})", PHASE: "phase (°)"}.get(layer, layer)
 
 

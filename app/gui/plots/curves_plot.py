@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
 
-from app.common import display_unit, minmax_decimate
+from app.common import minmax_decimate
 from app.gui.plots.base import (
     MAX_LEGEND_ENTRIES,
     BandFill,
@@ -35,7 +35,7 @@ from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
-from model import Array
+from model import Array, shown_unit
 from protocols.base import ResultCurve
 
 MAX_DRAWN_POINTS = 4000
@@ -151,7 +151,7 @@ class CurvesPlot(PlotBase):
                     colour if len(shown) > 1 else self._theme.colors.model, width=1.5, style=Qt.PenStyle.DotLine
                 )
                 dotted = CurveItem(pen=pen)
-                factor = display_unit(curve.columns[curve.y].unit)[0]
+                factor = shown_unit(curve.columns[curve.y].unit)[0]
                 dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
                 self._add_further(dotted)
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
@@ -159,7 +159,7 @@ class CurvesPlot(PlotBase):
             self.drawn_curves.append((line, fill))
             self.caption.setText(curve.name.capitalize())
             for side, name in (("bottom", curve.x), ("left", curve.y)):
-                unit = display_unit(curve.columns[name].unit)[1]
+                unit = shown_unit(curve.columns[name].unit)[1]
                 self.plot.setLabel(side, f"{name} ({unit})" if unit else name)
         self.legend.setOffset(
             (8, 4) if any(is_loop(curve) for curve in shown) else (-8, 4)
@@ -251,7 +251,7 @@ class CurvesPlot(PlotBase):
         self.source.setText(f"dashed: {curve.active_model.description}" if fits and curve is not None else "")
         if not fits or curve is None:
             return
-        factor = display_unit("m/V")[0] / curve.request.amplitude_v
+        factor = shown_unit("m/V")[0] / curve.request.amplitude_v
         self.model.setData(curve.frequency_hz, factor * curve.fundamental)
         ends = None if curve.band is None else [factor * end for end in curve.band.fundamental]
         self.band.show_band(curve.frequency_hz, ends)
@@ -281,9 +281,9 @@ def _display_values(curve: ResultCurve) -> tuple[Array, Array, Array | None]:
     x, y, errors = (curve.columns.get(name) for name in (curve.x, curve.y, f"{curve.y}_errors"))
     assert x is not None
     assert y is not None
-    factor = display_unit(y.unit)[0]
+    factor = shown_unit(y.unit)[0]
     return (
-        display_unit(x.unit)[0] * x.values,
+        shown_unit(x.unit)[0] * x.values,
         factor * y.values,
         None if errors is None else factor * errors.values,
     )

@@ -11,7 +11,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
 
-from app.common import axis_name, display_unit
+from app.common import axis_name
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
@@ -20,6 +20,7 @@ from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.session import describe_point
+from model import shown_unit
 from protocols.base import FitLine, Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 
@@ -92,7 +93,7 @@ class PointsPlot(PlotBase):
         self.caption.setText(kind.title)
         known = point_columns(kind.point_type)
         for side, name in zip(("bottom", "left"), kind.axes, strict=True):
-            shown = display_unit(known[name][0])[1]
+            shown = shown_unit(known[name][0])[1]
             self.plot.setLabel(side, axis_name(name) + (f" ({shown})" if shown else ""))
         self._draw()
 
@@ -141,7 +142,7 @@ class PointsPlot(PlotBase):
         if not lines and "strip" not in vars(self):
             return
         known = point_columns(self._kind.point_type)
-        x_factor, y_factor = (display_unit(known[name][0])[0] for name in self._kind.axes)
+        x_factor, y_factor = (shown_unit(known[name][0])[0] for name in self._kind.axes)
         residuals = []
         for line in lines:
             item = CurveItem(pen=pg.mkPen(self._theme.colors.model, width=1.5))
@@ -156,7 +157,7 @@ class PointsPlot(PlotBase):
             residuals.append(
                 PlotSeries(line.label, x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors)
             )
-        unit = display_unit(known[self._kind.axes[1]][0])[1]
+        unit = shown_unit(known[self._kind.axes[1]][0])[1]
         colors = [QColor(self._theme.colors.measured)] * len(residuals)
         label = f"residual ({unit})" if unit else "residual"
         self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
@@ -188,7 +189,7 @@ class PointsPlot(PlotBase):
         ]
         points: list[Any] = [self._points[i] for i in at]
         x, y, errors = (
-            display_unit(known.get(name, ("1", "", 0))[0])[0] * np.array([float(getattr(p, name, 0.0)) for p in points])
+            shown_unit(known.get(name, ("1", "", 0))[0])[0] * np.array([float(getattr(p, name, 0.0)) for p in points])
             for name in (x_name, y_name, f"{y_name}_errors")
         )
         ink = QColor(self._theme.colors.measured)

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QTableWidgetItem, QVBoxLayout, QWidget
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
-from app.common import Severity, display_unit, pluralize
+from app.common import Severity, pluralize
 from app.gui.specimen.budget_plot import BudgetPlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -44,9 +44,8 @@ from app.identification import (
     steps_line,
     unstated_errors,
 )
-from model import EstimatedQuantity
+from model import EstimatedQuantity, format_with_uncertainty, shown_unit
 from model.identification import Explanation, FitCancelled, FitOptions
-from protocols.base import format_with_uncertainty
 
 COLUMNS = ("parameter", "value ± total", "unit", "total", "statistical", "from")
 PATH_ROLE = Qt.ItemDataRole.UserRole
@@ -439,7 +438,7 @@ class IdentificationPage(QWidget):
 
 def _cells(e: EstimatedQuantity, statistical: float | None) -> tuple[str, ...]:
     """Return the texts of a row; both uncertainties are rounded alike."""
-    factor, unit = display_unit(e.unit)
+    factor, unit = shown_unit(e.unit)
     value = format_with_uncertainty(factor * e.value, factor * e.standard_error)
     relative = [
         None if error is None or not e.value else abs(error / e.value) for error in (e.standard_error, statistical)

@@ -1,0 +1,188 @@
+"""Quantities that the program names: identifier, name for people, symbol, units, rounding and definition, as one list.
+
+A value of a quantity is rounded to two digits of its standard uncertainty; without one to `digits` significant digits.
+An estimate has the name of a quantity, which a comma separates from a condition: `compliance, MFC up`.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+SCALES = {
+    "µm": 1e6, "mm": 1e3, "ms": 1e3, "µs": 1e6, "g": 1e3, "mg": 1e6, "%": 1e2, "°": 57.29577951308232, "GPa": 1e-9, "MPa": 1e-6,
+    "µm/V": 1e6, "nm/V": 1e9, "µm/N": 1e6, "N mm/kV": 1e6, "N mm^2": 1e6, "krad/s": 1e-3, "g/m": 1e3, "nF": 1e9, "mA": 1e3, "mN": 1e3,
+}  # fmt: skip
+"""Factor from SI to a bench unit."""
+
+BENCH_UNITS = {"m": "µm", "m/V": "µm/V", "m/N": "µm/N", "kg": "g", "s": "ms", "Pa": "MPa", "N m/V": "N mm/kV"}
+"""Bench units of SI units, where a quantity has no other."""
+
+
+class ShownUnit(NamedTuple):
+    """Factor from SI to the unit in which a value is shown, and that unit; empty for a number without unit."""
+
+    factor: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One quantity.
+
+    Attributes:
+        identifier: in files, options and JSON.
+        name: for people.
+        unit: SI; `1` for a number.
+        bench: unit in which it is shown.
+        definition: one noun phrase or sentence.
+        former: names in run files of earlier versions.
+        digits: significant digits of a value without uncertainty.
+    """
+
+    identifier: str
+    name: str
+    symbol: str
+    unit: str
+    bench: str
+    definition: str
+    former: tuple[str, ...] = ()
+    digits: int = 6
+
+    @property
+    def shown(self) -> ShownUnit:
+        """Factor from SI to the bench unit, and the bench unit."""
+        return ShownUnit(SCALES.get(self.bench, 1.0), "" if self.bench == "1" else self.bench)
+
+
+def _listed(*rows: tuple[Any, ...]) -> dict[str, Quantity]:
+    return {row[0]: Quantity(*row) for row in rows}
+
+
+# fmt: off
+PARAMETERS: Mapping[str, Quantity] = _listed(
+    ("L", "clamp to centre L", "L", "m", "mm", "half length, clamp to centre"),
+    ("L1", "clamp to MFC L₁", "L₁", "m", "mm", "end of the bare plate, where the MFC begins"),
+    ("L2", "clamp to cylinder L₂", "L₂", "m", "mm", "start of the cylinder's contact"),
+    ("b_Al", "plate width", "b_Al", "m", "mm", "width of the aluminium plate"),
+    ("h_Al", "plate thickness", "h_Al", "m", "mm", "thickness of the aluminium plate"),
+    ("rho1", "mass per length ρ₁", "ρ₁", "kg/m", "g/m", "linear density of the bare plate"),
+    ("rho2", "mass per length with MFC ρ₂", "ρ₂", "kg/m", "g/m", "linear density of plate and MFC"),
+    ("E_Al", "plate modulus E_Al", "E_Al", "Pa", "GPa", "Young modulus of aluminium"),
+    ("k2", "bending stiffness k₂", "k₂", "N m^2", "N mm^2", "bending stiffness of plate and MFC"),
+    ("mu", "moment per volt μ", "μ", "N m/V", "N mm/kV", "piezoelectric moment per volt"),
+    ("c0", "damping c₀", "c₀", "kg/(m s)", "kg/(m s)", "structural damping per length"),
+    ("m_add", "added mass", "m_add", "kg", "g", "mass added in the cylinder"),
+    ("L_m", "membrane length", "L_m", "m", "mm", "free length of the membrane"),
+    ("b_m", "membrane width", "b_m", "m", "mm", "width of the membrane"),
+    ("h_m", "membrane thickness", "h_m", "m", "mm", "thickness of the membrane"),
+    ("E_m", "Young modulus E_m", "E_m", "Pa", "MPa", "Young modulus of the membrane", ("Young modulus",)),
+    ("c_s_delta", "skin damping per stretch", "c_s^δ", "kg/(m s)", "kg/(m s)", "skin damping gained per unit pre-stretch"),
+    ("c_s_0", "skin damping unstretched", "c_s^0", "kg/(m s)", "kg/(m s)", "skin damping without pre-stretch"),
+    ("delta", "pre-stretch δ", "δ", "1", "%", "pre-stretch of the membrane, elongation over free length"),
+    ("contact_length", "contact length", "l_c", "m", "mm", "length the point stiffness is spread over"),
+    ("k_s", "skin stiffness k_s", "k_s", "N/m^2", "N/m^2", "distributed stiffness of the skin"),
+    ("c_s", "skin damping c_s", "c_s", "kg/(m s)", "kg/(m s)", "distributed damping of the skin"),
+    ("asymmetry", "asymmetry", "", "1", "%", "share by which loads deflect more on the MFC side, less on the other"),
+    ("hysteresis", "hysteresis", "", "1", "%", "share of the deflection at full drive that comes late, in proportion to the drive"),
+    ("creep", "creep a decade", "", "1", "%", "share of a deflection gained per decade of time, none at the time of 100 Hz"),
+    ("clamp_flexibility", "flexibility of the clamp", "", "1", "%", "rotation of the clamp, as a share of what the bare plate bends: it acts as a bare plate that is so much longer"),
+    ("mass_fraction", "acting share of the masses", "", "1", "%", "share of the masses put in the cylinder that acts at the centre"),
+    ("mass_offset", "mass offset", "", "kg", "g", "mass of cylinder and glue, or an error common to all added masses"),
+    ("mass_put_in", "mass put in", "", "kg", "g", "mass put in the cylinder for the dwells, of which m_add acts; 0: unknown, m_add is identified by itself"),
+    ("load_gain", "load gain error", "", "1", "%", "relative error common to all loads: the balance's scale"),
+    ("sensor_gain", "sensor gain error", "", "1", "%", "relative error common to all displacements"),
+    ("load_offset", "load offset", "", "N", "mN", "load of pan and hook, or an error common to all loads"),
+    ("zero_drift", "zero drift", "", "m", "µm", "drift of the sensor's zero from the first to the last row"),
+    ("stiffening", "stiffening", "", "1", "%", "share by which the stiffness grows up to a deflection of 1 mm, with its square"),
+    ("gain_below_rest", "amplifier gain error below rest", "", "1", "%", "relative error of the amplifier's slope below rest"),
+    ("gain_above_rest", "amplifier gain error above rest", "", "1", "%", "relative error of the amplifier's slope above rest"),
+    ("delay", "delay", "", "s", "ms", "lateness of the displacement that was not corrected in the phases"),
+    ("gain_drift", "gain drift", "", "1", "%", "share by which the dwells grow from the first to the last"),
+    ("elongation_offset", "elongation offset", "", "m", "mm", "error common to all elongations of the membrane"),
+    ("elongation_slip", "elongation slip", "", "1", "%", "share of every elongation that the membrane's clamps lose"),
+)
+"""Parameters of the model, of its extensions and of the instruments' errors."""
+
+RESULTS: Mapping[str, Quantity] = _listed(
+    ("natural_frequency", "natural frequency", "f₀", "Hz", "Hz", "undamped natural frequency: of the mode fitted to the response, as if it had no damping", ("resonance frequency",)),
+    ("damped_frequency", "damped frequency", "f_d", "Hz", "Hz", "frequency of the free decay of the fitted mode: natural frequency × √(1 − damping ratio²)"),
+    ("peak_frequency", "peak frequency", "f_p", "Hz", "Hz", "frequency of the largest response to a sine of constant voltage", ("peak",)),
+    ("damping_ratio", "damping ratio", "ζ", "1", "1", "damping of the fitted mode over its critical damping"),
+    ("quality_factor", "quality factor Q", "Q", "1", "1", "1 / (2 × damping ratio)", ("Q",)),
+    ("decay_time", "decay time", "τ", "s", "ms", "time in which a free decay falls to 1/e: 1 / (2π × natural frequency × damping ratio)"),
+    ("lowest_coherence", "lowest coherence", "γ²", "1", "1", "lowest coherence within the resonance's half-power width"),
+    ("amplitude_at_resonance", "largest max - min", "y_p", "m", "µm", "largest peak-to-peak displacement under sines, at full drive unless a condition names another", ("largest max - min",)),
+    ("square_wave_amplitude", "largest max - min, square wave", "", "m", "µm", "largest peak-to-peak displacement under square waves", ("largest max - min, square wave",)),
+    ("largest_twice_fundamental", "largest 2 x fundamental", "", "m", "µm", "largest peak-to-peak displacement of the fundamental alone", ("largest 2 x fundamental",)),
+    ("margin_at_resonance", "margin at the largest", "", "1", "1", "largest peak-to-peak displacement over the threshold of perception at its frequency", ("margin at the largest",)),
+    ("smallest_margin", "smallest margin", "", "1", "1", "smallest max - min over the threshold, 5 to 250 Hz, free, by the model"),
+    ("smallest_margin_on_membrane", "smallest margin on the membrane", "", "1", "1", "the same at the largest elongation that was measured"),
+    ("usable_from", "usable from", "", "Hz", "Hz", "lowest frequency felt, free, full drive; by the model, from 5 Hz on"),
+    ("usable_to", "usable to", "", "Hz", "Hz", "highest frequency felt, free, full drive; by the model, up to 250 Hz"),
+    ("latency", "latency", "t_l", "s", "ms", "time from a step, or from the onset of a sine, until the displacement is felt"),
+    ("rise_time", "rise time", "t_r", "s", "ms", "time from 10 to 90 % after a step, or from the onset of a sine to 90 % of its peak", ("rise",)),
+    ("overshoot", "overshoot", "", "1", "%", "largest displacement after a step over the final value, less one"),
+    ("settling_time", "settling time", "t_s", "s", "ms", "time from a step until the displacement stays within a band about its final value", ("settling",)),
+    ("threshold_speed", "speed at the threshold", "", "m/s", "m/s", "speed of the displacement when it reaches the threshold of perception"),
+    ("bench_latency", "latency of the bench", "", "s", "ms", "delay of the displacement behind a slow sine, less the sensor's configured delay"),
+    ("noise_floor", "noise floor", "", "m", "µm", "standard deviation of the displacement at rest"),
+    ("interference_at_rest", "interference at rest", "", "m", "µm", "amplitude of the largest line of the mains or its harmonics in the displacement at rest"),
+    ("static_gain_above_rest", "static gain above rest", "", "m/V", "µm/V", "displacement per volt at the amplifier's input, above rest", ("gain above rest", "deflection per volt above rest")),
+    ("static_gain_below_rest", "static gain below rest", "", "m/V", "µm/V", "displacement per volt at the amplifier's input, below rest", ("gain below rest", "deflection per volt below rest")),
+    ("creep_per_decade", "creep per decade", "", "1", "%", "share of a step's deflection gained per decade of time"),
+    ("repeatability", "repeatability", "", "m", "µm", "standard deviation of a deflection from repeat to repeat"),
+    ("loop_width", "loop width", "", "m", "µm", "deflection with levels falling minus deflection with levels rising, mean over the levels"),
+    ("loop_hysteresis", "hysteresis of the loop", "", "1", "%", "width of the displacement-voltage loop at frequency zero, over its stroke", ("hysteresis",)),
+    ("loop_width_per_frequency", "loop width per frequency", "", "s", "ms", "growth of the relative loop width with the frequency: damping and delay"),
+    ("compliance", "compliance", "", "m/N", "µm/N", "deflection of the centre per newton at the centre"),
+    ("side_difference", "difference of the sides", "", "1", "%", "difference of the compliances of both sides over their mean", ("difference of the sides",)),
+    ("nonlinearity", "nonlinearity", "", "1", "%", "share by which the compliance at the largest load differs from the compliance at none"),
+    ("sag", "sag", "", "m", "mm", "deflection of the middle of the horizontal membrane by its own weight"),
+    ("linear_young_modulus", "Young modulus by linear theory", "", "Pa", "MPa", "Young modulus of the membrane by a theory without stretch", ("Young modulus by linear theory",)),
+    ("free_response_drift", "drift of the free response", "", "1", "%", "relative change of the free response over a membrane series, mean over frequencies", ("drift of the free response",)),
+)
+"""Results of runs and figures of merit."""
+# fmt: on
+
+QUANTITIES: Mapping[str, Quantity] = {**PARAMETERS, **RESULTS}
+"""All quantities by identifier."""
+
+_FORMER = {former: each.identifier for each in QUANTITIES.values() for former in each.former} | {
+    "latency": "bench_latency"
+}
+_FORMER_CONDITIONS = {"peak with ": "peak_frequency, ", "latency to ": "latency, ", "speed at ": "threshold_speed, "}
+
+
+def find_quantity(name: str) -> Quantity | None:
+    """Return the quantity of an estimate's name, `compliance, MFC up` or `c_s(1.27 mm)`; None if it is not listed."""
+    return QUANTITIES.get(re.split(r", |\(", name, maxsplit=1)[0])
+
+
+def quantity_label(name: str) -> str:
+    """Return an estimate's name for people: `compliance, MFC up`, `natural frequency`, `skin damping c_s(1.27 mm)`."""
+    found = find_quantity(name)
+    return name if found is None else found.name + name.removeprefix(found.identifier)
+
+
+def current_name(stored: str) -> str:
+    """Return the name of an estimate that a run file of any version stores, with `_` for blanks."""
+    text = stored.replace("_", " ")
+    for former, now in _FORMER_CONDITIONS.items():
+        if text.startswith(former):
+            return now + text.removeprefix(former)
+    if text in _FORMER:
+        return _FORMER[text]
+    base, comma, condition = text.partition(", ")
+    known = _FORMER.get(base) if base != "latency" else base
+    identifier = known or base.replace(" ", "_")
+    return (identifier if identifier in QUANTITIES else base) + comma + condition
+
+
+def shown_unit(unit: str, name: str = "") -> ShownUnit:
+    """Return the unit in which a value in an SI unit is shown: that of the quantity of this name, or else of all such values."""
+    found = find_quantity(name)
+    if found is not None and found.unit == unit:
+        return found.shown
+    bench = BENCH_UNITS.get(unit, unit)
+    return ShownUnit(SCALES[bench] if unit in BENCH_UNITS else 1.0, "" if bench == "1" else bench)

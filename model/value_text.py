@@ -1,0 +1,44 @@
+"""Text of a value with its standard uncertainty, rounded to two digits of it: the only place that writes `±`."""
+
+import math
+
+from model.estimate import EstimatedQuantity
+from model.quantities import quantity_label, shown_unit
+
+COVERAGE_FACTOR_95 = 1.959964
+"""Standard uncertainties to either side that cover 95 % of a normal distribution."""
+
+
+def format_with_uncertainty(value: float, standard_error: float, unit: str = "1", signed: bool = False) -> str:
+    """Format a value to two digits of its standard error, `158.1203 ± 0.0041 Hz`; the value alone without an error.
+
+    `signed` writes the sign of a positive value, too.
+    """
+    sign = "+" if signed else ""
+    text = f"{value:{sign}.6g}"
+    if standard_error > 0 and math.isfinite(standard_error):
+        places = max(1 - math.floor(math.log10(standard_error)), 0)
+        text = f"{value:{sign}.{places}f} {format_uncertainty(standard_error, places=places)}"
+    return text if unit == "1" else f"{text} {unit}".rstrip()
+
+
+def format_uncertainty(uncertainty: float, unit: str = "1", places: int | None = None) -> str:
+    """Format an uncertainty alone to two digits, or to decimal places: `± 0.45 µm`."""
+    text = f"± {uncertainty:.2g}" if places is None else f"± {uncertainty:.{places}f}"
+    return text if unit == "1" else f"{text} {unit}".rstrip()
+
+
+def format_quantity(value: float, standard_error: float, unit: str, name: str = "") -> str:
+    """Format an SI value and its standard error in the unit of a bench: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
+    factor, shown = shown_unit(unit, name)
+    return format_with_uncertainty(factor * value, factor * standard_error, shown)
+
+
+def format_value(estimate: EstimatedQuantity) -> str:
+    """Format value and standard error of an estimate: `31.20 ± 0.40 N/m`."""
+    return format_quantity(estimate.value, estimate.standard_error, estimate.unit, estimate.name)
+
+
+def format_estimate(estimate: EstimatedQuantity) -> str:
+    """Format name, value and standard error: `natural frequency 158.350 ± 0.010 Hz`."""
+    return f"{quantity_label(estimate.name)} {format_value(estimate)}"
