@@ -1,6 +1,6 @@
 """Exact static deflection of the free tactor: under a load at its centre (Eq. 7) and under a voltage (Eq. 8).
 
-The denominator of Eq. (7) is misprinted in the paper; see docs/decisions/0010-paper-slips.md.
+The denominator of Eq. (7) is misprinted in the paper; see docs/decisions/0010-errors-in-the-paper.md.
 """
 
 from typing import Any
