@@ -17,6 +17,8 @@ from .base import Record as Record
 from .base import Recording as Recording
 from .base import Repeat as Repeat
 from .base import ResultCurve as ResultCurve
+from .base import ResultTable as ResultTable
+from .base import RunFigure as RunFigure
 from .base import Settle as Settle
 from .base import SettlingResult as SettlingResult
 from .base import Step as Step

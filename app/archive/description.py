@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.archive.checking import describe_check
-from app.archive.figures import FELT, LATENCY_PROTOCOL, run_figures
+from app.archive.figures import run_figures
 from app.archive.notes import NotesError, notes_path, read_notes
 from app.archive.run_summary import instruments_text
 from app.common import (
@@ -26,7 +26,7 @@ from protocols.base import (
     RunStatus,
     to_jsonable,
 )
-from protocols.registry import PROTOCOLS
+from protocols.registry import PROTOCOLS, aspects_of
 from protocols.resume import measured_points
 from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
@@ -123,21 +123,10 @@ def run_text(run: Run) -> str:
     for estimate in run.estimates():
         value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
-    if run.protocol == LATENCY_PROTOCOL:
-        lines += latency_lines(run)
+    for remark, figure in aspects_of(run.protocol).remarks(run_figures(overview_of(run))):
+        value = "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit)}"
+        lines.append(remark + value)
     return "\n".join(lines)
-
-
-def latency_lines(run: Run) -> Iterator[str]:
-    """Yield the latencies with their total uncertainty, and the published ones of other actuators."""
-    from model.response import PUBLISHED_LATENCIES  # slow to import
-
-    for figure in run_figures(overview_of(run)):
-        if figure.name.startswith(FELT):
-            value = format_quantity(figure.value, figure.total, figure.unit)
-            yield f"{figure.name}, with the uncertainty of the sensor's gain and delay: {value}"
-    yield "published for other actuators, to nearly the full vibration:"
-    yield from (f"  {published.description}" for published in PUBLISHED_LATENCIES)
 
 
 def _people_lines(run: Run) -> Iterator[str]:

@@ -294,7 +294,7 @@ def _summary(file: Path, path: str, run: RunOverview, failed_checks: Sequence[st
             bench=run.bench_name,
             instruments=instruments_text(run),
             sensor=" ".join(filter(None, (run.sensor.name, run.sensor.serial and f"#{run.sensor.serial}"))),
-            figures_json=json.dumps(run_figures(run)),
+            figures_json=json.dumps(tuple(run_figures(run))),
         )
     )
 

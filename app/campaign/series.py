@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import RunSummary
-from app.archive.figures import RunFigure
 from app.campaign.plan import CampaignItem
 from app.campaign.status import HAS_VALID_RUN, Basis, ItemState, ItemStatus, NextAction, evaluate_item
 from app.common import (
@@ -18,7 +17,7 @@ from app.common import (
     unit_of,
 )
 from model import shown_unit
-from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve
+from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve, RunFigure
 from protocols.registry import PROTOCOLS
 
 SERIES = "series"

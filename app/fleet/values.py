@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import Catalogue, RunSummary
-from app.archive.figures import MARGIN, RunFigure
 from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
 from app.identification.calibrations import FORMAT, SUFFIX
 from model import THRESHOLD_M, Array
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import visible_text, visible_values
+from protocols.base import RunFigure, visible_text, visible_values
 from protocols.runfile.names import SHEET_SUFFIX
 
 CALIBRATION = "calibration"
@@ -192,7 +191,7 @@ def _run_values(
     for entry in entries:
         for record in json.loads(entry.figures_json):
             figure = RunFigure(*record)
-            if figure.name == MARGIN:
+            if figure.frequency_hz:
                 figure = _over(figure, threshold.marked_label, scale(figure.frequency_hz))
             yield FleetValue(
                 figure.name,

@@ -14,9 +14,8 @@ from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
-from app.report.measured_latency import latency_blocks
 from app.report.plots import TITLE, paper_plots, response_figure, threshold_caption
-from app.report.result_cards import result_cards
+from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
 from model.identification import ObservationSet
@@ -191,7 +190,7 @@ def _contents(
         return ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
 
     def perception() -> ReportSection | None:
-        perceived = [*tables.perception_blocks(summary), *latency_blocks(runs)]
+        perceived = [*tables.perception_blocks(summary), *result_tables(runs, "perception")]
         return ReportSection("Perceived amplitude and latency", perceived) if perceived else None
 
     return {
@@ -200,7 +199,7 @@ def _contents(
         "figures": lambda: _figure_section(summary, plots),
         "agreement": agreement,
         "perception": perception,
-        "results": lambda: ReportSection("Result of every run", result_cards(runs)),
+        "results": lambda: ReportSection("Result of every run", [*result_cards(runs), *result_tables(runs, "results")]),
         "provenance": lambda: _provenance_section(folder, summary, runs),
     }
 

@@ -1,11 +1,14 @@
-"""Result cards of a report: verdict, quantities or points, and hints of every run, as the window shows them."""
+"""Result cards of a report: verdict, quantities or points, and hints of every run, as the window shows them; tables of results."""
 
+import json
 from collections.abc import Sequence
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, Table, outcome_severity
 from app.report.document import Block, Paragraph, Tone
+from app.report.rounding import typeset_measurement, typeset_with_error
 from app.report.runs import ReportRun
-from protocols.base import Outcome
+from protocols.base import Outcome, RunFigure
+from protocols.registry import aspects_of
 
 NOISE_NOTE = (
     "± one standard error of this run's noise only; total uncertainties are those of the identified parameters."
@@ -21,6 +24,32 @@ def result_cards(runs: Sequence[ReportRun]) -> list[Block]:
         if run.result is not None:
             blocks += _card(run, run.result)
     return blocks
+
+
+def result_tables(runs: Sequence[ReportRun], section: str) -> list[Block]:
+    """Return the tables of a section that protocols make of their newest run with a result."""
+    newest = {run.summary.protocol: run for run in runs if run.result is not None and not run.without_result}
+    tables = (
+        table
+        for protocol, run in newest.items()
+        for table in aspects_of(protocol).result_tables(
+            run.name, [RunFigure(*record) for record in json.loads(run.summary.figures_json)]
+        )
+    )
+    return [
+        Table.of_rows(table.title, table.columns, [tuple(map(_typeset, row)) for row in table.rows], table.note)
+        for table in tables
+        if table.section == section
+    ]
+
+
+def _typeset(cell: str | RunFigure) -> str:
+    """Return a cell as text, a figure with its total uncertainty."""
+    if isinstance(cell, str):
+        return cell
+    if cell.unit == "1":
+        return f"{typeset_with_error(100 * cell.value, 100 * cell.total)} %"
+    return typeset_measurement(cell.value, cell.total, cell.unit)
 
 
 def _card(run: ReportRun, result: ResultSummary) -> list[Block]:

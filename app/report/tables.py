@@ -39,21 +39,12 @@ from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_descripti
 from model import Membrane, Tactor, shown_unit
 from model.identification import SPECIMEN_PARAMETERS
 from protocols.base import Outcome
+from protocols.registry import aspects_of
 
 EMPTY_CELL = "–"
 BAR_HEIGHT_IN = 0.24
 MAX_FINDINGS = 10
 """Findings that are listed."""
-SHORT_NAMES = {
-    "wiring-check": "wiring",
-    "static-loading": "loading",
-    "mass-resonance": "resonance",
-    "voltage-steps": "steps",
-    "sine-dwell": "dwell",
-    "membrane-sag": "sag",
-    "membrane-series": "membrane",
-}
-"""Names of protocols that fit a narrow column: those of their items in a campaign."""
 VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot tell": "not decided"}
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
@@ -293,7 +284,7 @@ def _percent(share: float) -> str:
 def _item_name(label: str) -> str:
     """`20261121T091502Z_T7_static-loading mfc` as `loading`."""
     protocol = label.rpartition("_")[2].split(" ")[0]
-    return SHORT_NAMES.get(protocol, protocol)
+    return aspects_of(protocol).short_name or protocol
 
 
 def _spell_out(text: str) -> str:

@@ -1,10 +1,85 @@
 """Aspects of the protocol `latency`."""
 
-from protocols.base import Aspects
+import math
+from collections.abc import Iterator, Sequence
+
+from protocols.base import Aspects, ResultTable, RunFigure
+from protocols.runfile.overview import RunOverview
+
+FELT = "latency to"
+"""How the names of times to the threshold begin."""
+BETWEEN = "rise, after a step"
+"""How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
+
+TIMES_NOTE = (
+    "± total standard uncertainty, that of the sensor's gain and delay included. A step's times count from the centroid of its "
+    "edge in the recorded drive, a sine's from its begin; the amplifier's own delay is part of them. Rise: 10 to 90 % of a step, "
+    "from the begin to 90 % of the peak of a sine."
+)
+PUBLISHED_NOTE = "Times to nearly the full vibration: the rise of a sine's onset compares with them, the time to the threshold does not."
 
 
 class OnsetLatencyAspects(Aspects):
     """Latency beside its measurement."""
+
+    def run_figures(self, run: RunOverview, estimates: Sequence[RunFigure]) -> Iterator[RunFigure]:
+        """Yield the estimates with the sensor's delay and gain in their total uncertainty.
+
+        An error of the delay shifts all times from an onset. An error of the gain moves the threshold, which the displacement
+        reaches at the measured speed; shares of the final value do not depend on it.
+        """
+        sensor, threshold_m = run.sensor, float(run.parameters["threshold_m"])
+        speeds = {f.name.partition(", ")[2]: f.value for f in estimates if f.unit == "m/s"}
+        for figure in estimates:
+            name, _, onset = figure.name.partition(", ")
+            from_onset = figure.unit == "s" and not figure.name.startswith(BETWEEN)
+            delay_s = sensor.delay_uncertainty_s if from_onset else 0.0
+            timed = name.startswith(FELT) and speeds.get(onset, 0.0) > 0
+            moved_s = sensor.gain_relative_uncertainty * threshold_m / speeds[onset] if timed else 0.0
+            yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
+
+    def remarks(self, figures: Iterator[RunFigure]) -> Iterator[tuple[str, RunFigure | None]]:
+        """Yield the latencies with their total uncertainty, and the published ones of other actuators."""
+        from model.response import PUBLISHED_LATENCIES  # slow to import
+
+        for figure in figures:
+            if figure.name.startswith(FELT):
+                yield f"{figure.name}, with the uncertainty of the sensor's gain and delay", figure
+        yield "published for other actuators, to nearly the full vibration:", None
+        yield from ((f"  {published.description}", None) for published in PUBLISHED_LATENCIES)
+
+    def result_tables(self, run_name: str, figures: Sequence[RunFigure]) -> Iterator[ResultTable]:
+        """Yield the table of the times of each onset, and that of other actuators."""
+        from model.response import PUBLISHED_LATENCIES  # slow to import
+
+        onsets: dict[str, dict[str, RunFigure]] = {}
+        for figure in figures:
+            name, _, onset = figure.name.partition(", ")
+            if onset and figure.unit != "m/s":
+                onsets.setdefault(onset, {})[name] = figure
+        names = list(dict.fromkeys(name for values in onsets.values() for name in values))
+        names.sort(key=lambda name: not name.startswith(FELT))
+        rows = tuple(
+            (onset, *(values.get(name, "–") for name in names))
+            for onset, values in sorted(onsets.items(), key=_onset_order)
+        )
+        yield ResultTable(f"Latency as measured ({run_name})", ("onset", *names), rows, TIMES_NOTE, "perception")
+        published = tuple(
+            (p.actuator, f"{'below ' if not p.low_s else ''}{_span_ms(p.low_s, p.high_s)} ms", p.meaning, p.source)
+            for p in PUBLISHED_LATENCIES
+        )
+        heads = ("actuator", "time", "what", "source")
+        yield ResultTable("Other actuators, published", heads, published, PUBLISHED_NOTE, "perception")
+
+
+def _onset_order(item: tuple[str, object]) -> tuple[bool, float]:
+    """Return steps before sines, each by its number."""
+    return item[0].startswith("from"), float(next(word for word in item[0].split() if word[0].isdigit()))
+
+
+def _span_ms(low_s: float, high_s: float) -> str:
+    low, high = f"{1e3 * low_s:g}", f"{1e3 * high_s:g}"
+    return high if low in ("0", high) else f"{low} to {high}"
 
 
 ASPECTS = OnsetLatencyAspects()

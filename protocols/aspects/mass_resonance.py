@@ -12,6 +12,8 @@ from protocols.base import Aspects
 class MassResonanceAspects(Aspects):
     """Mass resonance beside its measurement."""
 
+    short_name = "resonance"
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         columns = points.columns
         peak = (

@@ -13,6 +13,8 @@ from protocols.measurements.membrane_sag import MembraneSag
 class MembraneSagAspects(Aspects):
     """Membrane sag beside its measurement."""
 
+    short_name = "sag"
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield the mean sag: errors common to the repeats (reference depth, geometry) do not average out."""
         if not points.good.any():

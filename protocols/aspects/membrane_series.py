@@ -7,10 +7,14 @@ import numpy as np
 from model.identification import Observation
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.sine_dwell import SineDwellAspects, dwell_observation
+from protocols.base import Aspects
 
 
 class MembraneSeriesAspects(SineDwellAspects):
     """Membrane series beside its measurement."""
+
+    short_name = "membrane"
+    run_figures = Aspects.run_figures
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield one response for each elongation and each free reference."""

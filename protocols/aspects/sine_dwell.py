@@ -1,6 +1,7 @@
 """Aspects of the protocol `sine-dwell`; those of dwells under a membrane build on them."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import numpy as np
 from model import AmplifierMap, Array
 from model.identification import FrequencyResponseObservation, Observation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.base import Aspects, RunFigure
+from protocols.runfile.overview import RunOverview
 
 CARD_READBACK_MARGIN_V = 0.02
 """How far a recorded drive may lie beyond the amplifier's range."""
@@ -17,8 +19,26 @@ CARD_READBACK_MARGIN_V = 0.02
 class SineDwellAspects(Aspects):
     """Sine dwell beside its measurement."""
 
+    short_name = "dwell"
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         yield dwell_observation(points, points.label, None)
+
+    def run_figures(self, run: RunOverview, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+        """Yield the estimates, the largest max - min of the usable points, and its margin over the abdomen's threshold of perception."""
+        from model.response import perception_margin  # slow to import
+
+        yield from estimates
+        if (top := run.largest) is None:
+            return
+        y, error, gain = top.peak_to_peak_m, top.error_m, run.sensor.gain_relative_uncertainty
+        condition = f"{2 * top.median_drive_v:.2g} V"
+        yield RunFigure.with_gain("largest max - min", y, error, "m", gain, condition)
+        margin = float(perception_margin(np.array([top.frequency_hz]), np.array([y]))[0])
+        error = margin * error / y if y else math.nan
+        yield RunFigure.with_gain("margin at the largest", margin, error, "1", gain, condition)._replace(
+            frequency_hz=top.frequency_hz
+        )
 
 
 def dwell_observation(points: RunPoints, label: str, elongation_m: float | None) -> FrequencyResponseObservation:

@@ -20,6 +20,8 @@ MAX_ANSWER_S = 0.5
 class StaticLoadingAspects(Aspects):
     """Static loading beside its measurement."""
 
+    short_name = "loading"
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
         columns, good = points.columns, points.good

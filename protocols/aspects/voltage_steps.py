@@ -18,6 +18,8 @@ EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 class VoltageStepsAspects(Aspects):
     """Voltage steps beside its measurement."""
 
+    short_name = "steps"
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         columns = points.columns
         good = points.good & (columns["deflection_errors"] > 0)

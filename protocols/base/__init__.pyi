@@ -54,6 +54,8 @@ from .records import ResultCurve as ResultCurve
 from .records import StreamedRecording as StreamedRecording
 from .records import recording_too_long_message as recording_too_long_message
 from .reference import ReferenceModel as ReferenceModel
+from .run_figures import ResultTable as ResultTable
+from .run_figures import RunFigure as RunFigure
 from .steps import Ask as Ask
 from .steps import DetectionResult as DetectionResult
 from .steps import Detector as Detector

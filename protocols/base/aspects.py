@@ -5,18 +5,24 @@ of the same name in `protocols.aspects`; a laboratory's protocol file assigns it
 """
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+from protocols.base.run_figures import ResultTable, RunFigure
 
 if TYPE_CHECKING:
     from model.identification import Observation
     from protocols.aspects.run_points import RunPoints
+    from protocols.runfile.overview import RunOverview
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
 
 
 class Aspects:
     """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
+
+    short_name: str = ""
+    """Name for a narrow column of the report; empty: the protocol's own."""
 
     def observations(self, points: "RunPoints") -> "Iterable[Observation]":
         """Return the observations of a run for the fit; none where the protocol does not concern the model.
@@ -25,6 +31,18 @@ class Aspects:
             ParameterError: a value is not physical.
             RunReadError: this version rejects the run's parameters.
         """
+        return ()
+
+    def run_figures(self, run: "RunOverview", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+        """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""
+        return estimates
+
+    def remarks(self, figures: Iterator[RunFigure]) -> Iterable[tuple[str, RunFigure | None]]:
+        """Return lines at the end of a run's description as text, each with the figure that follows it."""
+        return ()
+
+    def result_tables(self, run_name: str, figures: Sequence[RunFigure]) -> Iterable[ResultTable]:
+        """Return tables for the report of a specimen from the figures of its newest run."""
         return ()
 
 

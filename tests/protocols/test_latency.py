@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.description import latency_lines
+from app.archive.description import run_text
 from app.archive.figures import run_figures
 from app.config.bench_file import BenchConfig, load_bench
 from app.plotting.run_figure import draw_run
-from app.report.measured_latency import latency_blocks
+from app.report.result_cards import result_tables
 from app.report.runs import read_report_runs
 from model import Tactor
 from model.response import PUBLISHED_LATENCIES, step_latency
@@ -159,7 +159,7 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
     with laboratory() as lab:
         ran = run(OnsetLatency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
     with Run(ran.path) as file:
-        text = "\n".join(latency_lines(file))
+        text = run_text(file)
     assert "latency to 50 µm, after a step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
     assert "ERM: 50 to 100 ms" in text
     assert "LRA: 10 to 20 ms" in text
@@ -167,7 +167,7 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
     with Run(ran.path) as file:
         draw_run(file, tmp_path / "latency.svg")
     assert "<svg" in (tmp_path / "latency.svg").read_text(encoding="utf-8")
-    measured, others = (asdict(block) for block in latency_blocks(read_report_runs(tmp_path, "T1")))
+    measured, others = (asdict(block) for block in result_tables(read_report_runs(tmp_path, "T1"), "perception"))
     assert "after a step to 5 V" in str(measured)
     assert "from the onset of 150 Hz" in str(measured)
     assert all(published.source in str(others) for published in PUBLISHED_LATENCIES)
