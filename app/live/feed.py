@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.live.minmax_trace import MinMaxTrace
-from app.live.running_response import RunningResponse
+from app.live.running_curve import RunningCurve
 from drivers import Block, InputChannel, LaserSensor, Scale
 from protocols.base import ChannelCalibration
 
@@ -86,8 +86,8 @@ class LiveFeed:
         self._monitored: deque[tuple[float, float]] = deque(maxlen=READING_BLOCKS)
         """Mean volts of drive and sensor, block by block."""
         self._monitored_at_s = 0.0
-        self.running_response = RunningResponse()
-        """Response of a sweep that is running."""
+        self.running_curve = RunningCurve()
+        """Curve of the entry that is being measured."""
 
     @property
     def streamed_s(self) -> float:
@@ -119,7 +119,7 @@ class LiveFeed:
         self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor, inputs: Sequence[InputChannel] = ()
     ) -> None:
         """Start a stream; drops earlier samples. `inputs` are the further channels, in the order of a block's rows."""
-        self.running_response.start_stream(rate_hz, scales, sensor)
+        self.running_curve.start_stream(rate_hz, scales, sensor)
         with self._lock:
             self._inputs, self._scales = tuple(inputs), scales[2:]
             self._input_traces = {

@@ -120,7 +120,7 @@ class SessionAdapter:
 
     def observe(self, event: SessionEvent) -> None:
         """Forward blocks to the feed and every other event to the queue; called in the bench thread."""
-        self.feed.running_response.observe(event)
+        self.feed.running_curve.observe(event)
         if isinstance(event, BlockStored | BlockDiscarded):
             self.feed.add_block(event.block)
             return

@@ -6,10 +6,10 @@ import numpy as np
 
 from model.identification import MassResonanceObservation, Observation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.aspects.running_sweep import RunningSweepAspects
 
 
-class MassResonanceAspects(Aspects):
+class MassResonanceAspects(RunningSweepAspects):
     """Mass resonance beside its measurement."""
 
     short_name = "resonance"

@@ -10,7 +10,7 @@ from model.identification import FrequencyResponseObservation, Observation
 from model.response.lag import loop_share
 from protocols.aspects.response_lines import response_lines
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.measurements.sweep import Sweep
 
 MAX_SWEPT_CYCLES = 2000
@@ -23,7 +23,7 @@ SAMPLES_PER_CYCLE = 64
 """Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
 
 
-class SweepAspects(Aspects):
+class SweepAspects(RunningSweepAspects):
     """Sweep beside its measurement."""
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:

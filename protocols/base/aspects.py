@@ -8,6 +8,8 @@ import importlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from drivers import Drive
+from protocols.base.records import Recording, ResultCurve
 from protocols.base.run_figures import ResultTable, RunFigure
 
 if TYPE_CHECKING:
@@ -32,6 +34,20 @@ class Aspects:
             RunReadError: this version rejects the run's parameters.
         """
         return ()
+
+    live_drives: tuple[type[Drive], ...] = ()
+    """Drives from whose samples `live_curve` makes a curve while they are played; none: curves are drawn when an entry is finished."""
+
+    def live_part(self, recording: Recording) -> Any:
+        """Return what a drive of an entry gives so far, such as a frequency response; None while its samples do not suffice.
+
+        Called in a background thread: again and again for the running drive, once for a finished one.
+        """
+        return None
+
+    def live_curve(self, parts: Sequence[Any], running: Recording) -> ResultCurve:
+        """Return the curve of an entry so far from the parts of its drives; `running` are the samples of the last one."""
+        raise NotImplementedError
 
     def run_figures(self, run: "RunOverview", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""

@@ -99,7 +99,7 @@ class LivePane(QSplitter):
         self.prepare()
 
     def _draw(self, view: WindowState, otherwise: type[Protocol]) -> None:
-        self._running = self._feed.running_response.latest if view.busy else None
+        self._running = self._feed.running_curve.latest if view.busy else None
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         curves = view.curves if self._running is None else (*view.curves, self._running)
         self.plots.show_results(kind, view.points, curves, view.outcome, view.simulated, view.entries, view.can_run)
@@ -113,6 +113,6 @@ class LivePane(QSplitter):
 
     def tick(self) -> None:
         """Redraw the live traces and the response of a running sweep; called at every tick of the window."""
-        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_response.latest:
+        if self._state is not None and self._state[0].busy and self._running is not self._feed.running_curve.latest:
             self.set_state(*self._state)
         self.time_plot.tick()

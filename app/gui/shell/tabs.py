@@ -361,7 +361,7 @@ class MainTabs(QTabWidget):
         self._worker.close()
         self._report_job.shutdown()
         self.overlay.close()
-        self._adapter.feed.running_response.close()
+        self._adapter.feed.running_curve.close()
         for page in self._pages_with("shutdown"):
             page.shutdown()
 

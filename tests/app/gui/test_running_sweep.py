@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from app.live.running_response import RunningResponse
+from app.live.running_curve import RunningCurve
 from drivers.drive import Drive, LinearSweep, PeriodicSweep
 from drivers.interfaces import Block
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base import BlockStored, CurveReady, DriveStarted, EntryStarted, ResultCurve
+from protocols.base import BlockStored, CurveReady, DriveStarted, EntryStarted, ResultCurve, RunStarted
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import LIVE, OPENED, SCALES, STOPPED
 
@@ -21,9 +21,10 @@ SENSOR_V_PER_V = 0.8
 
 
 @pytest.fixture
-def running() -> Iterator[RunningResponse]:
-    made = RunningResponse(pause_s=0.0)
+def running() -> Iterator[RunningCurve]:
+    made = RunningCurve(pause_s=0.0)
     made.start_stream(RATE_HZ, SCALES, SENSOR)
+    made.observe(RunStarted("sweep", "run.h5", 10.0, 1, simulated=True))
     yield made
     made.close()
 
@@ -43,7 +44,7 @@ def moduli(curve: ResultCurve | None) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.deep
-def test_a_periodic_sweep_has_a_response_from_its_third_period_on(running: RunningResponse) -> None:
+def test_a_periodic_sweep_has_a_response_from_its_third_period_on(running: RunningCurve) -> None:
     running.observe(EntryStarted(0, "sweep 1", (1,)))
     play(running.observe, PeriodicSweep(25.0, 525.0, 0.5, 9, 1.0, 2.5), 3.5)
     until(lambda: running.latest is not None and running.latest.label == "running, 3 of 9 periods", "for the response")
@@ -55,7 +56,7 @@ def test_a_periodic_sweep_has_a_response_from_its_third_period_on(running: Runni
 
 
 @pytest.mark.deep
-def test_pieces_of_a_slow_sweep_follow_each_other(running: RunningResponse) -> None:
+def test_pieces_of_a_slow_sweep_follow_each_other(running: RunningCurve) -> None:
     running.observe(EntryStarted(0, "1.75 g", (1.75e-3,)))
     play(running.observe, LinearSweep.with_whole_cycles(25.0, 275.0, 5.0, 1.0, 2.5), 5.0)
     play(running.observe, LinearSweep.with_whole_cycles(260.0, 525.0, 5.0, 1.0, 2.5), 2.5)
@@ -76,8 +77,9 @@ def test_a_running_sweep_is_shown_until_its_run_ends(stage: Stage) -> None:
     window.start_run()
     stage.happen(*LIVE)
     plots = window.measure_page.plots
-    feed.running_response._pause_s = 0.0  # all samples come at once here
+    feed.running_curve._pause_s = 0.0  # all samples come at once here
     feed.start_stream(RATE_HZ, SCALES, SENSOR)
+    feed.running_curve.observe(RunStarted("sweep", "run.h5", 10.0, 1, simulated=True))
     play(stage.happen, PeriodicSweep(25.0, 525.0, 0.5, 9, 1.0, 2.5), 3.5)
 
     def drawn() -> bool:
@@ -87,5 +89,5 @@ def test_a_running_sweep_is_shown_until_its_run_ends(stage: Stage) -> None:
     until(drawn, "for the running sweep")
     assert "running" in plots.curves.legend.items[0][1].text
     stage.happen(*STOPPED)
-    assert feed.running_response.latest is None
+    assert feed.running_curve.latest is None
     assert not plots.curves.drawn_curves or plots.currentWidget() is not plots.curves

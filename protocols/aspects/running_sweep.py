@@ -1,0 +1,80 @@
+"""Frequency response of a sweep that is still running, from the samples so far."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivers import LinearSweep, PeriodicSweep
+from protocols.base import Aspects, Recording, ResultCurve
+from protocols.measurements.response_curve import frequency_response_curve
+from protocols.measurements.sweep_pieces import SETTLED_S
+from protocols.signals import FrequencyResponse, estimate_periodic_response, estimate_swept_response
+from protocols.signals.response import concatenate_responses
+
+
+class RunningSweepAspects(Aspects):
+    """Aspects of a protocol whose sweeps are drawn while they run."""
+
+    live_drives = (PeriodicSweep, LinearSweep)
+
+    def live_part(self, recording: Recording) -> FrequencyResponse | None:
+        """Return the response so far; None while the samples do not suffice."""
+        drive, rate, delay_s = recording.drive, recording.rate_hz, recording.sensor_delay_s
+        volts, metres = recording.drive_v, recording.displacement_m
+        assert isinstance(drive, PeriodicSweep | LinearSweep)
+        band = drive.start_hz, drive.stop_hz
+        try:
+            if isinstance(drive, LinearSweep):
+                response = estimate_swept_response(volts, metres, rate, band, delay_s=delay_s)
+            else:
+                # Samples before the drive belong to the periods that are dropped.
+                used = round(_periods(recording, drive) * drive.period_s * rate)
+                dropped = max(math.ceil(SETTLED_S / drive.period_s), 1)
+                response = estimate_periodic_response(
+                    volts[-used:], metres[-used:], rate, drive.period_s, band, dropped, delay_s
+                )
+        except ValueError:
+            return None
+        return response if response.frequency_hz.size else None
+
+    def live_curve(self, parts: Sequence[FrequencyResponse], running: Recording) -> ResultCurve:
+        """Return the response of the entry so far; its axis has the whole band of the running sweep."""
+        assert isinstance(running.drive, PeriodicSweep | LinearSweep)
+        curve = frequency_response_curve(_joined(parts), _progress(running))
+        return _over_the_band(curve, running.drive.start_hz, running.drive.stop_hz)
+
+
+def _progress(recording: Recording) -> str:
+    """Return how far the sweep has come, as text."""
+    drive = recording.drive
+    if isinstance(drive, LinearSweep):
+        share = min(recording.drive_v.size / recording.rate_hz / drive.duration_s, 1.0)
+        return f"running, at {drive.start_hz + share * (drive.stop_hz - drive.start_hz):.0f} Hz"
+    assert isinstance(drive, PeriodicSweep)
+    return f"running, {min(_periods(recording, drive), drive.periods)} of {drive.periods} periods"
+
+
+def _periods(recording: Recording, drive: PeriodicSweep) -> int:
+    return int(recording.drive_v.size / recording.rate_hz / drive.period_s)
+
+
+def _joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+    """Return responses of sweeps that follow each other as one, each up to where the next begins."""
+    parts = sorted(parts, key=lambda part: float(part.frequency_hz[0]))
+    starts = [float(part.frequency_hz[0]) for part in parts[1:]]
+    kept = [part.within(0.0, math.nextafter(start, 0.0)) for part, start in zip(parts, starts, strict=False)]
+    return concatenate_responses([*kept, parts[-1]])
+
+
+def _over_the_band(curve: ResultCurve, *ends_hz: float) -> ResultCurve:
+    """Return the curve with empty lines at the ends of the running sweep's band, so that its axis does not grow with it."""
+    frequency = curve.columns[curve.x].values
+    low = np.array([end for end in ends_hz if end < frequency[0]])
+    high = np.array([end for end in ends_hz if end > frequency[-1]])
+    columns = {}
+    for name, column in curve.columns.items():
+        before, after = (low, high) if name == curve.x else (np.full(low.size, np.nan), np.full(high.size, np.nan))
+        columns[name] = replace(column, values=np.concatenate((before, column.values, after)))
+    return replace(curve, columns=columns)
