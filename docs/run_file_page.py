@@ -65,7 +65,7 @@ ESTIMATE = {
 }
 
 FURTHER = {
-    "/entry/curves/NAME_NUMBER": "curves of a protocol, such as a response or a loop: NXdata with `title`, and its columns with units",
+    "/entry/curves/NAME_NUMBER": "series of a protocol, such as a response or a loop: NXdata with `title` and columns with units; beside the signal `SIGNAL_errors` (statistical), `SIGNAL_total_errors`, `SIGNAL_fit`, `phase` (rad; the signal is then a modulus), `coherence` and `usable`, where there are any",
     "/entry/earlier": "external link to the run that this one continues; the program itself does not follow it",
     "/entry/requested": "requested values of the parameters that were adapted to the source (JSON); absent if none was",
     "/entry/air_origin": "where temperature and humidity are from: a sensor's identity, or when they were typed; absent if not stated",
@@ -77,21 +77,22 @@ FURTHER = {
 }
 
 ATTRIBUTES = {
-    "auxiliary_signals": "`trace`: plotted beside the signal (NXdata)",
-    "axes": "`points`, curves: column of the horizontal axis (NXdata)",
+    "auxiliary_signals": "`trace`, series: plotted beside the signal (NXdata)",
+    "axes": "`points`, series: column of the horizontal axis (NXdata)",
     "creator": "file: the program",
-    "default": "file and entry: group of the default plot (NeXus)",
-    "entry": "curves: entry of the plan",
+    "default": "file, entry and `curves`: group of the default plot (NeXus): the series that the protocol states, or the points",
+    "entry": "series: entry of the plan",
     "format": "file: kind of file, `tactor-bench-run`",
     "format_version": "file: version of the format",
     "further_channels": "`trace`: names of the further inputs, in the order of the bench file",
     "kind": "further inputs: what is measured",
-    "label": "curves: which one of its name",
+    "label": "series: which one of its name",
     "long_name": "meaning and unit of a dataset, the label of its axis (NXdata)",
-    "name": "curves: name of the curve",
+    "name": "series: kind of series",
     "NX_class": "NeXus class of a group",
+    "role": "series: `measured`, `fit`, `model` or `reference`",
     "scaled_units": "channels: unit after scaling",
-    "signal": "`points`, `trace`, curves: plotted column (NXdata)",
+    "signal": "`points`, `trace`, series: plotted column (NXdata)",
     "terminal": "further inputs: terminal of the card",
     "units": "unit of a dataset; `1` for a pure number",
 }

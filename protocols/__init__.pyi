@@ -2,7 +2,6 @@ from .aspects.run_points import RunPoints as RunPoints
 from .base import Array as Array
 from .base import Ask as Ask
 from .base import Aspects as Aspects
-from .base import CurveColumn as CurveColumn
 from .base import DetectionResult as DetectionResult
 from .base import Detector as Detector
 from .base import EstimatedQuantity as EstimatedQuantity
@@ -16,9 +15,11 @@ from .base import ReadMeter as ReadMeter
 from .base import Record as Record
 from .base import Recording as Recording
 from .base import Repeat as Repeat
-from .base import ResultCurve as ResultCurve
 from .base import ResultTable as ResultTable
+from .base import Role as Role
 from .base import RunFigure as RunFigure
+from .base import Series as Series
+from .base import SeriesAxis as SeriesAxis
 from .base import Settle as Settle
 from .base import SettlingResult as SettlingResult
 from .base import Step as Step

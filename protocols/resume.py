@@ -21,8 +21,8 @@ from protocols.base import (
     Quality,
     Recording,
     ReferenceModel,
-    ResultCurve,
     RunStatus,
+    Series,
     extend_plan,
 )
 from protocols.registry import PROTOCOLS
@@ -41,7 +41,7 @@ class ResumeState:
     drift_check_entry: int | None = None
     repeat_entries: frozenset[int] = frozenset()
     message: str = ""
-    curves: tuple[ResultCurve, ...] = ()
+    series: tuple[Series, ...] = ()
     """Curves of the carried-over entries."""
 
 
@@ -103,8 +103,8 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         if stale:
             words += f", {len(stale)} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
-        curves = run.curves() or _recompute_curves(run, protocol, plan)
-        kept = tuple(curve for curve in curves if curve.entry in points)
+        series = run.series() or _recompute_series(run, protocol, plan)
+        kept = tuple(one for one in series if one.entry in points)
         continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
         return ResumableRun(path, protocol, run.specimen, continuation, run.reference)
 
@@ -177,9 +177,9 @@ def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tup
     return words, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def _recompute_curves(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[ResultCurve, ...]:
-    """Recompute the curves of an unfinished run from its raw data."""
-    if type(protocol).curves is Protocol.curves:
+def _recompute_series(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[Series, ...]:
+    """Recompute the series of an unfinished run from its raw data."""
+    if type(protocol).series is Protocol.series:
         return ()
     latest: dict[int, list[Recording]] = {}
     for recording in run.recordings():
@@ -187,10 +187,10 @@ def _recompute_curves(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
         if of_entry and of_entry[-1].index + 1 != recording.index:
             of_entry.clear()  # the entry was measured again later
         of_entry.append(recording)
-    found: list[ResultCurve] = []
+    found: list[Series] = []
     for entry, recordings in sorted(latest.items()):
         with contextlib.suppress(ValueError):
-            found += [replace(curve, entry=entry) for curve in protocol.curves(plan[entry].key, recordings)]
+            found += [replace(one, entry=entry) for one in protocol.series(plan[entry].key, recordings)]
     return tuple(found)
 
 

@@ -146,9 +146,9 @@ class MeasuredRun:
         return self._read(lambda run: EstimateTable(run.estimates()))
 
     @cached_property
-    def curves(self) -> tuple[CurveTable, ...]:
+    def series(self) -> tuple[CurveTable, ...]:
         """Curves of entries in addition to their points, for example frequency responses; empty until a run is finished."""
-        return self._read(lambda run: tuple(map(CurveTable, run.curves())))
+        return self._read(lambda run: tuple(map(CurveTable, run.series())))
 
     @cached_property
     def log(self) -> tuple[LoggedEvent, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from model import Array, Mask, format_quantity
-from protocols.base import Quality, ResultCurve, usable_mask
+from protocols.base import Quality, Series, usable_mask
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,10 +123,11 @@ class CurveTable(ColumnTable):
         entry: the entry of the protocol's plan it belongs to.
     """
 
-    def __init__(self, curve: ResultCurve) -> None:
-        columns = curve.columns
-        super().__init__({n: c.values for n, c in columns.items()}, {n: c.unit for n, c in columns.items()})
-        self.name, self.label, self.x, self.y, self.entry = curve.name, curve.label, curve.x, curve.y, curve.entry
+    def __init__(self, series: Series) -> None:
+        columns = list(series.columns())
+        super().__init__({axis.name: values for axis, values in columns}, {axis.name: axis.unit for axis, _ in columns})
+        self.name, self.label, self.entry = series.name, series.label, series.entry
+        self.x, self.y = series.x_axis.name, series.y_axis.name
 
 
 class EstimateTable(Mapping[str, ValueWithError]):

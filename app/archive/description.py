@@ -114,12 +114,11 @@ def run_text(run: Run) -> str:
                 if np.isfinite(points[name][row])
             ]
             lines.append(f"{row + 1}: {', '.join(values)}; {Quality(int(quality)).description}")
-    for curve in run.curves():
-        x = curve.columns[curve.x]
-        title = f"{curve.name} {curve.label}".strip()
-        if len(x.values):
-            what = "lines" if x.unit == "Hz" else "values"
-            lines.append(f"{title}: {len(x.values)} {what}, {x.values.min():.4g} to {x.values.max():.4g} {x.unit}")
+    for curve in run.series():
+        if curve.x.size:
+            unit, low, high = curve.x_axis.unit, curve.x.min(), curve.x.max()
+            rows = "lines" if unit == "Hz" else "values"
+            lines.append(f"{curve.title}: {curve.x.size} {rows}, {low:.4g} to {high:.4g} {unit}")
     for estimate in run.estimates():
         value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")

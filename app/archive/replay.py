@@ -23,7 +23,7 @@ from protocols.base import (
     PromptShown,
     Protocol,
     RecordingFinished,
-    ResultCurve,
+    Series,
     Verdict,
     usable_mask,
 )
@@ -62,7 +62,7 @@ class LoadedRun:
     simulated: bool
     parameters: Mapping[str, Any]
     points: tuple[Any, ...]
-    curves: tuple[ResultCurve, ...]
+    curves: tuple[Series, ...]
     estimates: tuple[EstimatedQuantity, ...]
     messages: tuple[LogLine, ...]
     traces: TraceWindow
@@ -134,7 +134,7 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
             simulated=run.simulated,
             parameters=run.parameters,
             points=points,
-            curves=run.curves(),
+            curves=run.series(),
             estimates=run.estimates(),
             messages=tuple(message for message in log if message is not None),
             traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),

@@ -17,7 +17,7 @@ from app.common import (
     unit_of,
 )
 from model import shown_unit
-from protocols.base import CurveColumn, EstimatedQuantity, Protocol, ResultCurve, RunFigure
+from protocols.base import EstimatedQuantity, Protocol, RunFigure, Series, SeriesAxis
 from protocols.registry import PROTOCOLS
 
 SERIES = "series"
@@ -87,11 +87,10 @@ def evaluate_series(
     )
 
 
-def series_curves(state: ItemState) -> tuple[ResultCurve, ...]:
+def series_curves(state: ItemState) -> tuple[Series, ...]:
     """Return each figure of the runs of a series over the varied parameter, with its standard errors; the first figure is the last curve.
 
-    A curve has columns of statistical standard errors (`_errors`) and of total standard uncertainties (`_total_uncertainty`). Values
-    without a result, and figures of fewer than two values, are left out.
+    Values without a result, and figures of fewer than two values, are left out.
     """
     item, found = state.item, dict[tuple[str, str], list[tuple[float, RunFigure]]]()
     for step in state.steps:
@@ -109,13 +108,11 @@ def series_curves(state: ItemState) -> tuple[ResultCurve, ...]:
             np.array(column, float)
             for column in zip(*((value, f.value, f.statistical, f.total) for value, f in pairs), strict=True)
         )
-        columns = {
-            item.varied: CurveColumn(x, varied_unit(item), "varied parameter"),
-            name: CurveColumn(y, unit, "figure of the run"),
-            f"{name}_errors": CurveColumn(errors, unit, "statistical standard error"),
-            f"{name}_total_uncertainty": CurveColumn(totals, unit, "total standard uncertainty"),
-        }
-        curves.append(ResultCurve(SERIES, "", item.varied, name, columns))
+        axes = (
+            SeriesAxis(item.varied, varied_unit(item), "varied parameter"),
+            SeriesAxis(name, unit, "figure of the run"),
+        )
+        curves.append(Series(x, y, errors, totals, x_axis=axes[0], y_axis=axes[1], name=SERIES))
     return tuple(reversed(curves))
 
 

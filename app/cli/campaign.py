@@ -174,28 +174,27 @@ class CurveCommand(CampaignCommand):
             raise UsageError(f"{self.item} has results of fewer than two values: {state.reason}")
         check_output_files(self.files)
         main = curves[-1]
-        x, factor_unit = main.columns[main.x], shown_unit(main.columns[main.x].unit)[1]
-        columns = [Column(main.x, x.unit, x.values, display_unit=factor_unit if factor_unit != x.unit else "")]
+        x, factor_unit = main.x_axis, shown_unit(main.x_axis.unit)[1]
+        columns = [Column(x.name, x.unit, main.x, display_unit=factor_unit if factor_unit != x.unit else "")]
         for curve in reversed(curves):
-            if len(curve.columns[curve.x].values) == len(x.values):
-                y, errors = curve.columns[curve.y], curve.columns[f"{curve.y}_errors"]
+            if curve.x.size == main.x.size and curve.errors is not None and curve.total_errors is not None:
+                y = curve.y_axis
                 unit = shown_unit(y.unit)[1]
                 shown = unit if unit != y.unit else ""
-                total = curve.columns[f"{curve.y}_total_uncertainty"]
                 columns += [
-                    Column(curve.y, y.unit, y.values, display_unit=shown),
-                    Column(f"{curve.y}_errors", y.unit, errors.values, "± noise", shown, ".2g"),
-                    Column(f"{curve.y}_total_uncertainty", y.unit, total.values, "± total", shown, ".2g"),
+                    Column(y.name, y.unit, curve.plotted, display_unit=shown),
+                    Column(f"{y.name}_errors", y.unit, curve.errors, "± noise", shown, ".2g"),
+                    Column(f"{y.name}_total_uncertainty", y.unit, curve.total_errors, "± total", shown, ".2g"),
                 ]
         table = Table("series", f"{self.item} of {known.specimen}: {state.reason}", tuple(columns))
         figure = PaperFigure(
             "series",
-            main.x,
+            x.name,
             x.unit,
-            main.y,
-            main.columns[main.y].unit,
-            (FigureCurve(self.item, x.values, main.columns[main.y].values),),
-            f"{main.y} of {known.specimen} over {main.x}.",
+            main.y_axis.name,
+            main.y_axis.unit,
+            (FigureCurve(self.item, main.x, main.plotted),),
+            f"{main.y_axis.name} of {known.specimen} over {x.name}.",
         )
         return render(
             CommandResult(

@@ -5,10 +5,10 @@ from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors
 from .formatting import SUPERSCRIPTS as SUPERSCRIPTS
 from .formatting import format_bytes as format_bytes
-from .formatting import format_curve as format_curve
 from .formatting import format_duration as format_duration
 from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
+from .formatting import format_series as format_series
 from .formatting import pluralize as pluralize
 from .formatting import typeset as typeset
 from .formatting import typeset_unit as typeset_unit

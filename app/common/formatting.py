@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from model import format_quantity, format_with_uncertainty, shown_unit
-from protocols.base import Quality, ResultCurve
+from protocols.base import Quality, Series
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -49,21 +49,19 @@ def format_bytes(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-def format_curve(curve: ResultCurve) -> str:
+def format_series(curve: Series) -> str:
     """Format a curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
     Empty for a curve without errors, which is a record of samples, and for a loop, whose point has the result.
     """
-    errors = curve.columns.get(f"{curve.y}_errors")
-    x, y = curve.columns[curve.x], curve.columns[curve.y]
-    if errors is None or not y.values.size or (x.values[1:] <= x.values[:-1]).any():
+    x, y = curve.x, curve.plotted
+    if curve.errors is None or not y.size or (x[1:] <= x[:-1]).any():
         return ""
-    top = int(abs(y.values).argmax())
-    height = format_quantity(float(y.values[top]), float(errors.values[top]), y.unit)
-    factor, unit = shown_unit(x.unit)
-    low, at, high = (f"{factor * x.values[i]:.5g}" for i in (0, top, -1))
-    name = f"{curve.name} {curve.label}".strip()
-    return f"{name}: {y.values.size} lines, {low} to {high} {unit}, highest {height} at {at} {unit}"
+    top = int(abs(y).argmax())
+    height = format_quantity(float(y[top]), float(curve.errors[top]), curve.y_axis.unit)
+    factor, unit = shown_unit(curve.x_axis.unit)
+    low, at, high = (f"{factor * x[i]:.5g}" for i in (0, top, -1))
+    return f"{curve.title}: {y.size} lines, {low} to {high} {unit}, highest {height} at {at} {unit}"
 
 
 def format_point(point: Any) -> str:

@@ -14,14 +14,14 @@ from protocols.base import (
     Aspects,
     BlockStored,
     ChannelCalibration,
-    CurveReady,
     DriveStarted,
     EntryStarted,
     Quality,
     Recording,
-    ResultCurve,
     RunEnded,
     RunStarted,
+    Series,
+    SeriesReady,
     ShutdownStarted,
 )
 from protocols.registry import aspects_of
@@ -82,7 +82,7 @@ class RunningCurve:
         self._entry = object()
         self._computed: tuple[object, list[object]] = None, []
         """An entry, and the parts of its finished drives; used in the worker thread only."""
-        self.latest: ResultCurve | None = None
+        self.latest: Series | None = None
         """Curve of the entry so far; None while there is none."""
 
     def start_stream(self, rate_hz: float, scales: Sequence[Scale], sensor: LaserSensor) -> None:
@@ -101,7 +101,7 @@ class RunningCurve:
             case RunStarted(protocol=protocol):
                 self._aspects = aspects_of(protocol)
                 self._reset()
-            case EntryStarted() | CurveReady() | ShutdownStarted() | RunEnded():
+            case EntryStarted() | SeriesReady() | ShutdownStarted() | RunEnded():
                 self._reset()
 
     def close(self) -> None:
@@ -131,7 +131,7 @@ class RunningCurve:
     def _samples(self, drive: Drive) -> LiveSamples:
         return LiveSamples(drive, tuple(self._blocks), self._rate_hz, self._channels, self._delay_s)
 
-    def _compute(self, task: CurveTask) -> Iterator[ResultCurve | None]:
+    def _compute(self, task: CurveTask) -> Iterator[Series | None]:
         *earlier, running = task.samples
         if self._computed[0] is not task.entry:
             self._computed = task.entry, []
@@ -141,6 +141,6 @@ class RunningCurve:
         parts = [part for part in (*done, task.aspects.live_part(recording)) if part is not None]
         yield task.aspects.live_curve(parts, recording) if parts else None
 
-    def _store(self, task: CurveTask, result: ResultCurve | Exception | None) -> None:
+    def _store(self, task: CurveTask, result: Series | Exception | None) -> None:
         if task.entry is self._entry and not isinstance(result, Exception):
             self.latest = result

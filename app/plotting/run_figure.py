@@ -67,9 +67,9 @@ def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[An
     panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
     if points.keys() >= {"latency", "threshold_speed"}:
         return [(_draw_onsets, 3), (_draw_latencies, 3)]
-    if curves := run.curves():
+    if curves := run.series():
         panels.append((_draw_curves, 3))
-        if all("coherence" in curve.columns for curve in curves):
+        if all(curve.coherence is not None for curve in curves):
             panels.append((_draw_coherence, 0.8))
     if not curves or len(points[run.axes[0]]) > 1:
         panels.append((_draw_points, 2))
@@ -156,37 +156,36 @@ def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionT
 
 def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw the curves of the entries; frequency responses with the model's."""
-    curves, points = run.curves(), run.points()
+    curves, points = run.series(), run.points()
     amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
-        x, y = curve.columns[curve.x], curve.columns[curve.y]
-        factor, unit = shown_unit(y.unit)
-        axes.plot(x.values, factor * y.values, "-", color=colour, lw=1.2, label=curve.label or "measured")
-        if (errors := curve.columns.get(f"{curve.y}_errors")) is not None:
-            low, high = y.values - 2 * errors.values, y.values + 2 * errors.values
-            axes.fill_between(x.values, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
-        if y.unit == "m/V":
+        x, y = curve.x, curve.plotted
+        factor, unit = shown_unit(curve.y_axis.unit)
+        axes.plot(x, factor * y, "-", color=colour, lw=1.2, label=curve.label or "measured")
+        if curve.errors is not None:
+            low, high = y - 2 * curve.errors, y + 2 * curve.errors
+            axes.fill_between(x, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
+        if curve.y_axis.unit == "m/V":
             mass = points["mass"][points[ENTRY_COLUMN] == curve.entry] if "mass" in points else np.empty(0)
             tactor = specimen.acting_tactor
             loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
-            f = x.values[:: max(len(x.values) // 300, 1)]
+            f = x[:: max(x.size // 300, 1)]
             gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
             axes.plot(f, factor * gain * np.abs(frequency_response(loaded, f)), "--", color=colour, lw=0.9)
-        axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
+        axes.set(xlabel=f"{curve.x_axis.name} ({curve.x_axis.unit})", ylabel=f"{curve.y_axis.name} ({unit})")
     found = [*map(format_estimate, run.estimates())]
-    if any(curve.columns[curve.y].unit == "m/V" for curve in curves):
+    if any(curve.y_axis.unit == "m/V" for curve in curves):
         found.append("dashed: model")
     axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
-    if all((curve.columns[curve.y].values >= 0).all() for curve in curves):
+    if all((curve.plotted >= 0).all() for curve in curves):
         axes.set_ylim(0, None)
 
 
 def _draw_onsets(axes: Any, run: Run, _specimen: Specimen) -> None:
     """Draw the responses after an onset, with the threshold to either side."""
-    curves = run.curves()
+    curves = run.series()
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
-        time, moved = curve.columns["time"].values, curve.columns["displacement"].values
-        axes.plot(1e3 * time, 1e6 * moved, "-", color=colour, lw=1.2, label=curve.label)
+        axes.plot(1e3 * curve.x, 1e6 * curve.plotted, "-", color=colour, lw=1.2, label=curve.label)
     threshold_um = 1e6 * float(run.parameters["threshold_m"])
     for level in (-threshold_um, threshold_um):
         axes.axhline(level, color="tab:green", lw=0.8)
@@ -218,10 +217,10 @@ def _draw_latencies(axes: Any, run: Run, _specimen: Specimen) -> None:
 
 
 def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
-    curves = run.curves()
+    curves = run.series()
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
-        axes.plot(curve.columns[curve.x].values, curve.columns["coherence"].values, color=colour, lw=0.8)
-    axes.set(xlabel=f"{curves[0].x} ({curves[0].columns[curves[0].x].unit})", ylabel="coherence", ylim=(None, 1.0))
+        axes.plot(curve.x, curve.coherence, color=colour, lw=0.8)
+    axes.set(xlabel=f"{curves[0].x_axis.name} ({curves[0].x_axis.unit})", ylabel="coherence", ylim=(None, 1.0))
     axes.ticklabel_format(useOffset=False)
 
 

@@ -9,9 +9,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.text import Text
 
 from app.common import (
-    format_curve,
     format_duration,
     format_point,
+    format_series,
     print_message,
 )
 from app.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
@@ -20,7 +20,6 @@ from protocols.base import (
     BenchArmed,
     BlockDiscarded,
     BlockStored,
-    CurveReady,
     InjectedFaultChanged,
     LevelExceeded,
     LogMessage,
@@ -34,6 +33,7 @@ from protocols.base import (
     RunPaused,
     RunResumed,
     RunStarted,
+    SeriesReady,
     ShutdownStarted,
     SpecimenMayBeLive,
     event_record,
@@ -117,7 +117,7 @@ class ConsoleObserver:
                 self._print((f"fault {'injected' if broken else 'cleared'}", "bold yellow"), f": {text} ({fault})")
             case PointMeasured(_, point):
                 self._print(format_point(point))
-            case CurveReady(curve) if text := format_curve(curve):
+            case SeriesReady(curve) if text := format_series(curve):
                 self._print(text)
             case ProgressUpdated() if self._task is not None:
                 left = f"{format_duration(event.left_s)} left" if event.done < event.entries else ""

@@ -7,8 +7,8 @@ from typing import Any
 
 from app.common import (
     Severity,
-    format_curve,
     format_duration,
+    format_series,
     outcome_severity,
     pluralize,
 )
@@ -16,7 +16,6 @@ from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunReje
 from model import format_estimate, format_with_uncertainty
 from protocols.base import (
     BenchArmed,
-    CurveReady,
     InjectedFaultChanged,
     InterferenceLine,
     InterferenceMeasured,
@@ -32,6 +31,7 @@ from protocols.base import (
     RunPaused,
     RunResumed,
     RunStarted,
+    SeriesReady,
     SettlingFinished,
     ShutdownStarted,
     SpecimenMayBeLive,
@@ -89,7 +89,7 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case PointMeasured(_, point):
             usable = Quality(point.quality).usable
             return (Severity.INFO if usable else Severity.WARNING), describe_point(point)
-        case CurveReady(curve) if text := format_curve(curve):
+        case SeriesReady(curve) if text := format_series(curve):
             return Severity.INFO, text
         case LevelExceeded():
             return (Severity.WARNING if event.action == "warning" else Severity.ERROR), event.words

@@ -24,7 +24,6 @@ from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
     BenchArmed,
-    CurveReady,
     DriveReadbackChanged,
     DriveStarted,
     PointMeasured,
@@ -38,6 +37,7 @@ from protocols.base import (
     RunResumed,
     RunStarted,
     RunStatus,
+    SeriesReady,
     ShutdownStarted,
     SpecimenMayBeLive,
 )
@@ -172,7 +172,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             if replaces is not None and replaces < len(points):
                 points[replaces] = replace(points[replaces], quality=points[replaces].quality | Quality.SUPERSEDED)
             return replace(view, points=(*points, point), entries=(*view.entries, entry))
-        case CurveReady(curve):
+        case SeriesReady(curve):
             which = (curve.entry, curve.name, curve.label)
             others = tuple(c for c in view.curves if (c.entry, c.name, c.label) != which)
             return replace(view, curves=(*others, curve))

@@ -10,7 +10,7 @@ from app.session.messages import LogLine
 from app.session.session import SessionEvent
 from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from model import AmplifierMap
-from protocols.base import PromptShown, Quality, RestMeasured, ResultCurve, RunEnded, RunStatus
+from protocols.base import PromptShown, Quality, RestMeasured, RunEnded, RunStatus, Series
 
 UNSAFE_EXIT = 3
 
@@ -154,7 +154,7 @@ class WindowState:
     points: tuple[Any, ...] = ()
     entries: tuple[int, ...] = ()
     """The entry of the plan each point belongs to."""
-    curves: tuple[ResultCurve, ...] = ()
+    curves: tuple[Series, ...] = ()
     """Curves of the entries; the newest of each entry, name and label."""
     outcome: RunEnded | None = None
     gain_uncertainty: float = 0.0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from model import Array, Complex
-from protocols.base import ResultCurve
+from protocols.base import Series
 from protocols.signals.interference import MAINS_HZ
 
 BLOCK_HZ = 1.0
@@ -23,13 +23,11 @@ class ResponseLines(NamedTuple):
     errors: Array
 
 
-def response_lines(curve: ResultCurve, overlaps: bool) -> ResponseLines:
+def response_lines(curve: Series, overlaps: bool) -> ResponseLines:
     """Return the usable lines of a frequency response; `overlaps` where neighbours share half of their samples."""
-    columns = {name: column.values for name, column in curve.columns.items()}
-    f, errors = columns["frequency"], columns["response_errors"]
-    H = columns["response"] * np.exp(1j * columns["phase"])
-    order = np.argsort(f)[:: 2 if overlaps else 1]
-    f, H, errors = f[order], H[order], errors[order]
+    ordered = curve.at(np.argsort(curve.x)[:: 2 if overlaps else 1])
+    f, H, errors = ordered.x, ordered.y, ordered.errors
+    assert errors is not None
     good = np.isfinite(H) & np.isfinite(errors) & (errors > 0) & (f > 0)
     if f.size > 1:
         spacing = float(np.median(np.diff(f)))

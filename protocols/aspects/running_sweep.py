@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from drivers import LinearSweep, PeriodicSweep
-from protocols.base import Aspects, Recording, ResultCurve
-from protocols.measurements.response_curve import frequency_response_curve
+from protocols.base import Aspects, Recording, Series
+from protocols.measurements.response_series import frequency_response_series
 from protocols.measurements.sweep_pieces import SETTLED_S
 from protocols.signals import FrequencyResponse, estimate_periodic_response, estimate_swept_response
 from protocols.signals.response import concatenate_responses
@@ -39,10 +40,10 @@ class RunningSweepAspects(Aspects):
             return None
         return response if response.frequency_hz.size else None
 
-    def live_curve(self, parts: Sequence[FrequencyResponse], running: Recording) -> ResultCurve:
+    def live_curve(self, parts: Sequence[FrequencyResponse], running: Recording) -> Series:
         """Return the response of the entry so far; its axis has the whole band of the running sweep."""
         assert isinstance(running.drive, PeriodicSweep | LinearSweep)
-        curve = frequency_response_curve(_joined(parts), _progress(running))
+        curve = frequency_response_series(_joined(parts), _progress(running))
         return _over_the_band(curve, running.drive.start_hz, running.drive.stop_hz)
 
 
@@ -68,13 +69,12 @@ def _joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     return concatenate_responses([*kept, parts[-1]])
 
 
-def _over_the_band(curve: ResultCurve, *ends_hz: float) -> ResultCurve:
+def _over_the_band(curve: Series, *ends_hz: float) -> Series:
     """Return the curve with empty lines at the ends of the running sweep's band, so that its axis does not grow with it."""
-    frequency = curve.columns[curve.x].values
-    low = np.array([end for end in ends_hz if end < frequency[0]])
-    high = np.array([end for end in ends_hz if end > frequency[-1]])
-    columns = {}
-    for name, column in curve.columns.items():
-        before, after = (low, high) if name == curve.x else (np.full(low.size, np.nan), np.full(high.size, np.nan))
-        columns[name] = replace(column, values=np.concatenate((before, column.values, after)))
-    return replace(curve, columns=columns)
+    low, high = [end for end in ends_hz if end < curve.x[0]], [end for end in ends_hz if end > curve.x[-1]]
+    padded: dict[str, Any] = {
+        name: np.pad(values, (len(low), len(high)), constant_values=np.nan)
+        for name in ("y", "errors", "coherence")
+        if (values := getattr(curve, name)) is not None
+    }
+    return replace(curve, x=np.concatenate((low, curve.x, high)), **padded)

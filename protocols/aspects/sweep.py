@@ -33,7 +33,7 @@ class SweepAspects(RunningSweepAspects):
         its lines, as in the fundamental of a sine.
         """
         run, map_ = points.run, points.run.amplifier_map
-        curves = {curve.entry: curve for curve in run.curves() if curve.name == "frequency response"}
+        curves = {curve.entry: curve for curve in run.series() if curve.name == "frequency response"}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:

@@ -6,7 +6,6 @@ from .events import EVENTS as EVENTS
 from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored
-from .events import CurveReady as CurveReady
 from .events import DriveReadbackChanged as DriveReadbackChanged
 from .events import DriveStarted as DriveStarted
 from .events import EntryStarted as EntryStarted
@@ -25,6 +24,7 @@ from .events import RunEnded as RunEnded
 from .events import RunPaused as RunPaused
 from .events import RunResumed as RunResumed
 from .events import RunStarted as RunStarted
+from .events import SeriesReady as SeriesReady
 from .events import SettlingFinished as SettlingFinished
 from .events import ShutdownStarted as ShutdownStarted
 from .events import SpecimenMayBeLive as SpecimenMayBeLive
@@ -44,13 +44,13 @@ from .records import MAX_RECORDING_SCANS as MAX_RECORDING_SCANS
 from .records import PART_SCANS as PART_SCANS
 from .records import STREAMED_RECORDING_SCANS as STREAMED_RECORDING_SCANS
 from .records import Array as Array
-from .records import CurveColumn as CurveColumn
 from .records import EstimatedQuantity as EstimatedQuantity
-from .records import FitLine as FitLine
 from .records import InterferenceLine as InterferenceLine
 from .records import PlanEntry as PlanEntry
 from .records import Recording as Recording
-from .records import ResultCurve as ResultCurve
+from .records import Role as Role
+from .records import Series as Series
+from .records import SeriesAxis as SeriesAxis
 from .records import StreamedRecording as StreamedRecording
 from .records import recording_too_long_message as recording_too_long_message
 from .reference import ReferenceModel as ReferenceModel

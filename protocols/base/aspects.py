@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drivers import Drive
-from protocols.base.records import Recording, ResultCurve
+from protocols.base.records import Recording, Series
 from protocols.base.run_figures import ResultTable, RunFigure
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Aspects:
         """
         return None
 
-    def live_curve(self, parts: Sequence[Any], running: Recording) -> ResultCurve:
+    def live_curve(self, parts: Sequence[Any], running: Recording) -> Series:
         """Return the curve of an entry so far from the parts of its drives; `running` are the samples of the last one."""
         raise NotImplementedError
 

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, get_args
 
 from drivers import Block, Drive, Scale, as_record
 from protocols.base.jsonable import to_jsonable
-from protocols.base.records import InterferenceLine, ResultCurve
+from protocols.base.records import InterferenceLine, Series
 from protocols.base.steps import Prompt
 from protocols.base.verdict import Outcome, RunStatus, Verdict
 
@@ -128,14 +128,14 @@ class PointMeasured:
 
 
 @dataclass(frozen=True, slots=True)
-class CurveReady:
-    """An entry gave a curve, such as a frequency response; published after its point, and again after a repeat.
+class SeriesReady:
+    """An entry gave a series, such as a frequency response; published after its point, and again after a repeat.
 
-    Published, never stored as an event: the curves are written when the run ends.
+    Published, never stored as an event: the series are written when the run ends.
     """
 
-    kind: ClassVar[str] = "CurveReady"
-    curve: ResultCurve
+    kind: ClassVar[str] = "SeriesReady"
+    series: Series
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +307,7 @@ Event = (
     | SettlingFinished
     | RecordingFinished
     | PointMeasured
-    | CurveReady
+    | SeriesReady
     | RunPaused
     | RunResumed
     | ProgressUpdated

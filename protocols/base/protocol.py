@@ -16,11 +16,10 @@ from protocols.base.aspects import Aspects, AspectsOfModule
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
     EstimatedQuantity,
-    FitLine,
     InterferenceLine,
     PlanEntry,
     Recording,
-    ResultCurve,
+    Series,
 )
 from protocols.base.reference import ReferenceModel
 from protocols.base.steps import Prompt, Repeat, Step
@@ -37,7 +36,9 @@ class Protocol(BaseModel, ABC):
     point_type: ClassVar[type]
     """Frozen dataclass of annotated quantities, `quality` among them; its fields are the columns of the run's points."""
     axes: ClassVar[tuple[str, str]]
-    """The columns that the live plot and a NeXus viewer draw: x and y. The error of y is the column `<y>_errors`."""
+    """The columns that the live plot draws: x and y. The error of y is the column `<y>_errors`."""
+    default_plot: ClassVar[str] = ""
+    """Name of the series that a NeXus viewer draws first; empty for the points over `axes`."""
     high_voltage: ClassVar[bool] = True
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
     uses_weights: ClassVar[bool] = False
@@ -94,8 +95,8 @@ class Protocol(BaseModel, ABC):
             ValueError: the recordings do not suffice; the message gives the reason.
         """
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
-        """Return the curves of one entry, such as a frequency response; they are stored in the file. Pure.
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
+        """Return the series of one entry, such as a frequency response; they are stored in the file. Pure.
 
         Raises:
             ValueError: the recordings do not suffice; the message gives the reason.
@@ -105,9 +106,9 @@ class Protocol(BaseModel, ABC):
     def results(
         self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
     ) -> Generator[Any, None, None]:
-        """Yield the point, then the curves of an entry; override it to compute both together. Raises ValueError."""
+        """Yield the point, then the series of an entry; override it to compute both together. Raises ValueError."""
         yield self.point(key, recordings, simulated)
-        yield from self.curves(key, recordings)
+        yield from self.series(key, recordings)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """Return warnings about the points so far; each is shown to the operator once."""
@@ -134,7 +135,7 @@ class Protocol(BaseModel, ABC):
         return False
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:  # noqa: ARG003 - for subclasses
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:  # noqa: ARG003 - for subclasses
         """Return the lines that the estimates describe, over the axes of the protocol; none where there is no such line. Pure."""
         return ()
 

@@ -1,7 +1,7 @@
-"""Records of a run: plan entry, recording, result curve."""
+"""Records of a run: plan entry, recording, series."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
@@ -9,6 +9,9 @@ from typing import Any
 from drivers import Drive
 from model import Array as Array
 from model import EstimatedQuantity as EstimatedQuantity
+from model import Role as Role
+from model import Series as Series
+from model import SeriesAxis as SeriesAxis
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 
@@ -132,51 +135,6 @@ class StreamedRecording(Recording):
     def _part(self, rows: tuple[int, int]) -> "Recording":
         kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in SAMPLES}
         return StreamedRecording(self._read, **kept | {"rows": rows})
-
-
-@dataclass(frozen=True, slots=True)
-class CurveColumn:
-    """One column of a curve: (N,) values in `unit`, and their description."""
-
-    values: Array
-    unit: str
-    words: str
-
-
-@dataclass(frozen=True, slots=True)
-class ResultCurve:
-    """A curve measured by an entry, such as a frequency response or a decay.
-
-    Attributes:
-        label: distinguishes it from the run's other curves; with `name` it names the group in the file.
-        x, y: the columns that are drawn; the error of y is the column `<y>_errors`.
-        columns: by name, all of the same length.
-        entry: the entry of the plan it belongs to.
-    """
-
-    name: str
-    label: str
-    x: str
-    y: str
-    columns: Mapping[str, CurveColumn]
-    entry: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class FitLine:
-    """A line fitted to points of a run, as plots draw it: straight between its places.
-
-    Attributes:
-        label: what was fitted.
-        x: (N,), rising, in the unit of the column of the first axis.
-        y: (N,), in the unit of the column of the second axis.
-        indices: of the points that it was fitted to.
-    """
-
-    label: str
-    x: Array
-    y: Array
-    indices: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)

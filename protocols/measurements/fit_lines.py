@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from protocols.base import FitLine, Quality
+from protocols.base import Quality, Role, Series
 
 CURVE_POINTS = 101
 """Places of a line that is not straight."""
@@ -21,7 +21,7 @@ def line_indices(points: Sequence[Any], x_name: str, y_name: str) -> tuple[int, 
     )
 
 
-def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[FitLine, ...]:
+def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tuple[Series, ...]:
     """Return the mean of at least two points, weighted with their errors, as a level line."""
     used = line_indices(points, x_name, y_name)
     if len(used) < 2:
@@ -29,4 +29,5 @@ def mean_line(points: Sequence[Any], x_name: str, y_name: str, label: str) -> tu
     x, y, error = (np.array([getattr(points[i], n) for i in used], float) for n in (x_name, y_name, f"{y_name}_errors"))
     weight = 1 / error**2 if (error > 0).all() else np.ones(y.size)
     ends = np.array([x.min(), x.max()])
-    return (FitLine(label, ends, np.full(2, float(weight @ y / weight.sum())), used),)
+    mean = np.full(2, float(weight @ y / weight.sum()))
+    return (Series(ends, mean, role=Role.FIT, label=label, fitted_rows=used),)

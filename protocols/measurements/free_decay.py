@@ -17,15 +17,14 @@ from drivers import Drive, Steps
 from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
-    CurveColumn,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Protocol,
     Quality,
     Record,
     Recording,
-    ResultCurve,
+    Series,
+    SeriesAxis,
     Step,
     first_adapted,
 )
@@ -77,6 +76,7 @@ class FreeDecay(Protocol):
     title: ClassVar[str] = "Free decay"
     point_type: ClassVar[type] = DecayPoint
     axes: ClassVar[tuple[str, str]] = ("edge", "resonance")
+    default_plot: ClassVar[str] = "free decay"
 
     step_v: Annotated[float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the input"] = 0.5
     rise_s: Annotated[
@@ -129,16 +129,22 @@ class FreeDecay(Protocol):
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         recording, edge = recordings[-1], int(float(key[0]))
         time, moved = self._decay_after_edge(recording, edge)
         fitted = self._fit(recording, edge).displacement(np.arange(moved.size) / recording.rate_hz)
-        columns = {
-            "time": CurveColumn(time, "s", "time since the edge"),
-            "displacement": CurveColumn(moved, "m", "displacement"),
-            "displacement_fit": CurveColumn(fitted, "m", "one decaying oscillation, fitted"),
-        }
-        return (ResultCurve("free decay", f"after edge {float(key[0]):g}", "time", "displacement", columns),)
+        return (
+            Series(
+                time,
+                moved,
+                fit=fitted,
+                fit_description="one decaying oscillation, fitted",
+                x_axis=SeriesAxis("time", "s", "time since the edge"),
+                y_axis=SeriesAxis("displacement", "m", "displacement"),
+                name=self.default_plot,
+                label=f"after edge {float(key[0]):g}",
+            ),
+        )
 
     def _fit(self, recording: Recording, edge: int) -> DecayFit:
         from protocols.signals import fit_decay
@@ -149,7 +155,7 @@ class FreeDecay(Protocol):
         return fit_decay(moved, recording.rate_hz, band_hz, 0.0, recording.interference, released_s)
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         return mean_line(points, *cls.axes, "mean resonance")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

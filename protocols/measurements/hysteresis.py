@@ -17,16 +17,16 @@ from drivers import Drive, Sine
 from model import Array
 from protocols.base import (
     CheckResult,
-    CurveColumn,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Play,
     Protocol,
     Quality,
     Record,
     Recording,
-    ResultCurve,
+    Role,
+    Series,
+    SeriesAxis,
     Step,
 )
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
@@ -94,6 +94,7 @@ class Hysteresis(Protocol):
     title: ClassVar[str] = "Hysteresis"
     point_type: ClassVar[type] = LoopPoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "share")
+    default_plot: ClassVar[str] = "loop"
     substitutes: ClassVar[tuple[str, ...]] = ("voltage-steps",)
 
     frequencies_hz: Annotated[
@@ -141,7 +142,7 @@ class Hysteresis(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
         return self._loop_point(recordings[-1], self._fold_cycles(recordings[-1]), simulated)
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         return (self._loop_curve(key, self._fold_cycles(recordings[-1])),)
 
     def results(
@@ -164,19 +165,20 @@ class Hysteresis(Protocol):
         )
         return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
-    def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> ResultCurve:
+    def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
         """Return the closed mean loop; its errors are those of the shape, because its position drifts between cycles."""
         centre = folded.displacement_m.mean()
         shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
-        columns = {
-            "drive": CurveColumn(_close_loop(folded.drive_v.mean(axis=0)), "V", "volts at the amplifier's input"),
-            "displacement": CurveColumn(
-                _close_loop(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"
-            ),
-            "displacement_errors": CurveColumn(_close_loop(errors), "m", "standard error of the loop's shape"),
-        }
-        return ResultCurve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", columns)
+        return Series(
+            _close_loop(folded.drive_v.mean(axis=0)),
+            _close_loop(centre + shapes.mean(axis=0)),
+            _close_loop(errors),
+            x_axis=SeriesAxis("drive", "V", "volts at the amplifier's input"),
+            y_axis=SeriesAxis("displacement", "m", "displacement, mean of the cycles"),
+            name=self.default_plot,
+            label=f"{float(key[0]):g} Hz",
+        )
 
     def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
         drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
@@ -211,13 +213,15 @@ class Hysteresis(Protocol):
         )
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """The loop's width over frequency: hysteresis where it meets zero, damping and delay in its slope."""
         used = line_indices(points, *cls.axes)
         if (found := _width_over_frequency([points[i] for i in used])) is None:
             return ()
         ends = np.array([0.0, max(points[i].frequency for i in used)])
-        return (FitLine("hysteresis + loop width per frequency", ends, found[0][0] + found[0][1] * ends, used),)
+        line = found[0][0] + found[0][1] * ends
+        label = "hysteresis + loop width per frequency"
+        return (Series(ends, line, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         if (found := _width_over_frequency(points)) is None:

@@ -18,14 +18,14 @@ from drivers import Drive, Sine, Steps
 from model import THRESHOLD_M, Array, format_with_uncertainty
 from protocols.base import (
     CheckResult,
-    CurveColumn,
     EstimatedQuantity,
     PlanEntry,
     Protocol,
     Quality,
     Record,
     Recording,
-    ResultCurve,
+    Series,
+    SeriesAxis,
     Step,
     first_adapted,
 )
@@ -221,18 +221,22 @@ class OnsetLatency(Protocol):
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         kind, value, repeat = str(key[0]), float(key[1]), float(key[2])
         if repeat > 1:
             return ()
         onset = _step_onset(recordings[-1]) if kind == STEP else _sine_onset(recordings[-1])
         shown = (onset.time_s >= -CURVE_LEAD_S) & (onset.time_s <= SHOWN_S)
-        columns = {
-            "time": CurveColumn(onset.time_s[shown], "s", "time since the onset, the sensor's delay removed"),
-            "displacement": CurveColumn(onset.signed[shown], "m", "displacement against rest, smoothed"),
-        }
-        name = f"step to {value:g} V" if kind == STEP else f"sine of {value:g} Hz"
-        return (ResultCurve("onset", name, "time", "displacement", columns),)
+        return (
+            Series(
+                onset.time_s[shown],
+                onset.signed[shown],
+                x_axis=SeriesAxis("time", "s", "time since the onset, the sensor's delay removed"),
+                y_axis=SeriesAxis("displacement", "m", "displacement against rest, smoothed"),
+                name="onset",
+                label=f"step to {value:g} V" if kind == STEP else f"sine of {value:g} Hz",
+            ),
+        )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         groups: dict[tuple[float, float], list[Any]] = {}

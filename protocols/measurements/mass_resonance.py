@@ -22,14 +22,14 @@ from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Prompt,
     Protocol,
     Quality,
     Record,
     Recording,
-    ResultCurve,
+    Role,
+    Series,
     Settle,
     Step,
     first_adapted,
@@ -37,7 +37,7 @@ from protocols.base import (
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
-from protocols.measurements.response_curve import check_response_present, frequency_response_curve
+from protocols.measurements.response_series import check_response_present, frequency_response_series
 from protocols.measurements.result_checks import (
     added_mass_checks,
     coherence_check,
@@ -223,7 +223,7 @@ class MassResonance(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MassPoint:
         return self._point(key, recordings, simulated, self._response(recordings))
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         response = self._response(recordings)
         return (self._curve(key, response, *self._fit_mode(response)),)
 
@@ -236,8 +236,8 @@ class MassResonance(Protocol):
 
     def _curve(
         self, key: tuple[float | str, ...], response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit
-    ) -> ResultCurve:
-        return frequency_response_curve(response, f"with {1e3 * float(key[0]):g} g", (near.frequency_hz, mode.fitted))
+    ) -> Series:
+        return frequency_response_series(response, f"with {1e3 * float(key[0]):g} g", (near.frequency_hz, mode.fitted))
 
     def _fit_mode(self, response: FrequencyResponse) -> tuple[FrequencyResponse, ModalFit]:
         """Return the lines around the peak, and the mode fitted to them."""
@@ -294,7 +294,7 @@ class MassResonance(Protocol):
         )
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """A constant stiffness under the added mass: 1/f² on a straight line over the mass."""
         used = line_indices(points, *cls.axes)
         mass, f, error = (
@@ -307,7 +307,8 @@ class MassResonance(Protocol):
         squared = intercept + slope * drawn
         if not (squared > 0).all():
             return ()
-        return (FitLine("stiffness constant: 1/f² linear in the mass", drawn, squared**-0.5, used),)
+        label = "stiffness constant: 1/f² linear in the mass"
+        return (Series(drawn, squared**-0.5, role=Role.FIT, label=label, fitted_rows=used),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """The peak of each mass; the damping ratios are in the points, and identifying k2 needs the model, see `identify`."""

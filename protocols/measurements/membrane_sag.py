@@ -26,7 +26,6 @@ from protocols.base import (
     Ask,
     CheckResult,
     EstimatedQuantity,
-    FitLine,
     Outcome,
     PlanEntry,
     Prompt,
@@ -35,6 +34,7 @@ from protocols.base import (
     Record,
     Recording,
     Repeat,
+    Series,
     Step,
 )
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
@@ -162,7 +162,7 @@ class MembraneSag(Protocol):
         )
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         return mean_line(points, *cls.axes, "mean sag")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -17,13 +17,14 @@ from protocols.base import (
     Ask,
     CheckResult,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Protocol,
     Quality,
     Record,
     Recording,
     Repeat,
+    Role,
+    Series,
     Step,
     WaitForDetection,
 )
@@ -189,14 +190,15 @@ class StaticLoading(Protocol):
         )
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """The compliance of either side: a line through zero."""
         lines = []
         for side, name in SIDE_LABELS.items():
             used = tuple(i for i in line_indices(points, *cls.axes) if points[i].side == side)
             if (found := compliance([points[i] for i in used])) is not None:
                 ends = np.array([0.0, max(points[i].load for i in used)])
-                lines.append(FitLine(f"compliance, {name}", ends, found[0] * ends, used))
+                label = f"compliance, {name}"
+                lines.append(Series(ends, found[0] * ends, role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -20,14 +20,13 @@ from model import format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Protocol,
     Quality,
     Record,
     Recording,
     ReferenceModel,
-    ResultCurve,
+    Series,
     Step,
     first_adapted,
 )
@@ -42,7 +41,7 @@ from protocols.measurements.fields import (
     point_quality,
 )
 from protocols.measurements.fit_lines import mean_line
-from protocols.measurements.response_curve import check_response_present, frequency_response_curve
+from protocols.measurements.response_series import FREQUENCY_RESPONSE, check_response_present, frequency_response_series
 from protocols.measurements.result_checks import (
     coherence_check,
     drive_ratio_check,
@@ -160,6 +159,7 @@ class Sweep(Protocol):
     title: ClassVar[str] = "Sweep"
     point_type: ClassVar[type] = SweepPoint
     axes: ClassVar[tuple[str, str]] = ("repeat", "resonance")
+    default_plot: ClassVar[str] = FREQUENCY_RESPONSE
     substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
@@ -253,14 +253,14 @@ class Sweep(Protocol):
         quality = point_quality(self._last(recordings), simulated, {Quality.DRIVE_OFF: drive_off})
         return sweep_point(float(key[0]), response, amplitude_v, quality)
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         response = self._response(recordings)
         near, mode = fit_one_mode(response)
         line = None if mode is None else (near.frequency_hz, mode.fitted)
-        return (frequency_response_curve(response, f"of sweep {key[0]:g}" if self.repeats > 1 else "", line),)
+        return (frequency_response_series(response, f"of sweep {key[0]:g}" if self.repeats > 1 else "", line),)
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         return mean_line(points, *cls.axes, "mean resonance")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -18,13 +18,14 @@ from drivers import Hold
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
-    FitLine,
     PlanEntry,
     Play,
     Protocol,
     Quality,
     Record,
     Recording,
+    Role,
+    Series,
     Step,
 )
 from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate, point_quality
@@ -246,7 +247,7 @@ class VoltageSteps(Protocol):
         )
 
     @classmethod
-    def fit_lines(cls, points: Sequence[Any]) -> tuple[FitLine, ...]:
+    def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
         """The deflection per volt above and below rest: lines through rest."""
         lines = []
         for sign, name in ((-1.0, "below"), (1.0, "above")):
@@ -255,7 +256,8 @@ class VoltageSteps(Protocol):
                 rest_v = float(np.mean([points[i].level - points[i].drive_step for i in used]))
                 farthest_v = max((points[i].level for i in used), key=lambda level: sign * level)
                 x = np.array(sorted((rest_v, farthest_v)))
-                lines.append(FitLine(f"deflection per volt {name} rest", x, found[0] * (x - rest_v), used))
+                label = f"deflection per volt {name} rest"
+                lines.append(Series(x, found[0] * (x - rest_v), role=Role.FIT, label=label, fitted_rows=used))
         return tuple(lines)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -61,6 +61,8 @@ class RunMetadata:
     """Time of the measurement, if not now."""
     conditions: RunConditions = field(default_factory=RunConditions)
     """Who measures, and the state of the air."""
+    default_plot: str = ""
+    """Name of the series that a NeXus viewer opens to; empty for the points."""
 
 
 def software_versions() -> dict[str, str]:

@@ -13,15 +13,14 @@ import numpy as np
 from drivers import Closeable, LaserSensor
 from model import AmplifierMap, Array
 from protocols.base import (
-    CurveColumn,
     EntryStarted,
     EstimatedQuantity,
     InterferenceMeasured,
     Recording,
     ReferenceModel,
-    ResultCurve,
     RunConditions,
     RunStatus,
+    Series,
     Verdict,
     parse_json_object,
     visible_text,
@@ -49,10 +48,11 @@ from protocols.runfile.open import (
     reads_run,
     translate_read_errors,
 )
+from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
+from protocols.runfile.series import SERIES_GROUP, read_series
 from protocols.runfile.structure import StructureError, is_run_beside
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
-from protocols.runfile.writing_process import writer_is_alive
 
 if TYPE_CHECKING:
     import h5py
@@ -346,10 +346,10 @@ class Run(Closeable):
                 found |= before._own_entries()
         return found | self._own_entries()
 
-    def curves(self) -> tuple[ResultCurve, ...]:
-        """Return the result curves; none in a run that was never finished."""
-        curves = subgroup(self._entry, "curves") if "curves" in self._entry else {}
-        return tuple(_curve(subgroup(curves, name)) for name in curves)
+    def series(self) -> tuple[Series, ...]:
+        """Return the series of the entries; none in a run that was never finished."""
+        every = subgroup(self._entry, SERIES_GROUP) if SERIES_GROUP in self._entry else {}
+        return tuple(series for name in every for series in read_series(subgroup(every, name)))
 
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
         """Return the quantities in their stored order; in files without one by their names, interference last."""
@@ -403,25 +403,3 @@ class Run(Closeable):
 def _event(row: Any, texts: list[bytes]) -> LoggedEvent:
     fields = parse_json_object(b"".join(texts).decode())
     return LoggedEvent(float(row["time_s"]), int(row["row"]), visible_text(row["kind"].decode()), fields)
-
-
-def _curve(group: "h5py.Group") -> ResultCurve:
-    columns = {
-        name: CurveColumn(
-            np.asarray(data[:], float),
-            attribute_text(data, "units"),
-            attribute_text(data, "long_name").rpartition(" (")[0],
-        )
-        for name, data in quantity_columns(group).items()
-    }
-    x, y = attribute_text(group, "axes"), attribute_text(group, "signal")
-    if {columns[name].values.shape for name in columns} - {columns[x].values.shape} or y not in columns:
-        raise ValueError(f"the columns of {group.name} differ in length")
-    return ResultCurve(
-        name=attribute_text(group, "name"),
-        label=attribute_text(group, "label"),
-        x=x,
-        y=y,
-        columns=columns,
-        entry=attribute_integer(group, "entry"),
-    )

@@ -1,4 +1,4 @@
-"""Results appended to a run file after its end: verdict, curves and estimates, with its checksums brought up to date."""
+"""Results appended to a run file after its end: verdict and estimates, with its checksums brought up to date."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import h5py
 
-from protocols.base import EstimatedQuantity, ResultCurve, Verdict
+from protocols.base import EstimatedQuantity, Verdict
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group
@@ -43,21 +43,6 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
         # Lists read a run without an overview from its data.
         with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
             append_overview(changed, run)
-
-
-def append_curves(file: h5py.File, curves: Sequence[ResultCurve]) -> None:
-    """Append curves, each an NXdata group."""
-    if not curves:
-        return
-    every = create_group(file["entry"], "curves", "NXcollection")
-    for curve in curves:
-        found = create_group(every, f"{curve.name}_{len(every):03d}", "NXdata", signal=curve.y, axes=[curve.x])
-        found["title"] = f"{curve.name} {curve.label}".strip()
-        found.attrs.update({"name": curve.name, "label": curve.label, "entry": curve.entry})
-        for name, column in curve.columns.items():
-            found.create_dataset(name, data=column.values).attrs.update(
-                {"units": column.unit, "long_name": f"{column.words} ({column.unit})"}
-            )
 
 
 def store_verdict(file: h5py.File, verdict: Verdict) -> None:

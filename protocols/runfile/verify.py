@@ -28,11 +28,11 @@ from protocols.runfile.open import (
     open_run,
     translate_read_errors,
 )
+from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.structure import READ_ERRORS, Found, as_text, walk
 from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import has_journal
-from protocols.runfile.writing_process import writer_is_alive
 
 
 class FileState(StrEnum):

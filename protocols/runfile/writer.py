@@ -2,7 +2,7 @@
 
 What survives `kill -9` was measured (docs/decisions/0004-run-file.md): the file is created whole with every dataset, then
 SWMR is switched on, then rows are only appended and each block is flushed. Raw data is never rewritten, nor compressed
-while running. Status, curves, estimates and checksums are written when the run ends.
+while running. Status, series, estimates and checksums are written when the run ends.
 """
 
 import contextlib
@@ -21,12 +21,12 @@ import h5py
 import numpy as np
 
 from drivers import Block, Drive, Scale, as_record
-from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, Verdict, event_record
+from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
 from protocols.runfile.layout import RunMetadata, create_file
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.presence import FilePresence
-from protocols.runfile.results import append_curves, append_estimates, append_results, store_verdict
+from protocols.runfile.results import append_estimates, append_results, store_verdict
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     CHANNELS,
@@ -40,6 +40,7 @@ from protocols.runfile.schema import (
     point_columns,
     run_path,
 )
+from protocols.runfile.series import append_series
 from protocols.runfile.transaction import announced_transaction
 
 log = logging.getLogger(__name__)
@@ -218,12 +219,12 @@ class RunFileWriter:
         status: RunStatus,
         reason: str,
         estimates: Sequence[EstimatedQuantity] = (),
-        curves: Sequence[ResultCurve] = (),
+        series: Sequence[Series] = (),
         verdict: Verdict = NOT_JUDGED,
     ) -> str:
-        """Store the status, append verdict, curves, estimates and checksums, and close the file in any case.
+        """Store the status, append verdict, series, estimates and checksums, and close the file in any case.
 
-        Returns the reason as stored. All measured data is in the file by then; if curves and estimates, which can be
+        Returns the reason as stored. All measured data is in the file by then; if series and estimates, which can be
         recomputed, cannot be appended, the status is kept and the reason states it. What is left of a file that another
         program deleted, cut or moved is saved; `path` is then the file that holds it.
         """
@@ -236,11 +237,11 @@ class RunFileWriter:
         except StorageError as error:
             reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
-            return self._finish_lost(status, reason, estimates, curves, verdict)
+            return self._finish_lost(status, reason, estimates, series, verdict)
         with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
             self._finish_open(status, reason, verdict)
             try:
-                return self._append_results(self.path, reason, estimates, curves, verdict)
+                return self._append_results(self.path, reason, estimates, series, verdict)
             finally:
                 self._presence.close()
 
@@ -265,14 +266,14 @@ class RunFileWriter:
         path: Path,
         reason: str,
         estimates: Sequence[EstimatedQuantity],
-        curves: Sequence[ResultCurve],
+        series: Sequence[Series],
         verdict: Verdict,
     ) -> str:
         try:
             with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
-                append_curves(file, curves)
+                append_series(file, series, self._metadata.default_plot)
                 append_estimates(file, estimates)
         except StorageError as error:
             if path == self.path and not self._presence.problem:
@@ -288,7 +289,7 @@ class RunFileWriter:
         status: RunStatus,
         reason: str,
         estimates: Sequence[EstimatedQuantity],
-        curves: Sequence[ResultCurve],
+        series: Sequence[Series],
         verdict: Verdict,
     ) -> str:
         """Finish a file that another program deleted, cut, moved or detached: save what is left of it."""
@@ -299,7 +300,7 @@ class RunFileWriter:
             if presence.moved_to is not None:
                 self.path = presence.moved_to
                 told = f"{reason}; what was measured is in {self.path}"
-                return self._append_results(self.path, told, estimates, curves, verdict)
+                return self._append_results(self.path, told, estimates, series, verdict)
             if not presence.is_cut:
                 saved = _free_path(self.path)
                 try:
@@ -309,13 +310,13 @@ class RunFileWriter:
                 else:
                     self.path = saved
                     told = f"{reason}; what was measured is saved in {saved}"
-                    return self._append_results(saved, told, estimates, curves, verdict)
+                    return self._append_results(saved, told, estimates, series, verdict)
             rest = RunFileWriter.new(folder, self._metadata)
             self.path = rest.path
             for name, row in self._tables:
                 rest._append_row(name, row)  # noqa: SLF001 - of this class
             return rest.finish(
-                status, f"{reason}; events, points and results are saved in {rest.path}", estimates, curves, verdict
+                status, f"{reason}; events, points and results are saved in {rest.path}", estimates, series, verdict
             )
         except StorageError as error:
             return f"{reason}; its points cannot be saved either: {error}"

@@ -95,7 +95,7 @@ class RunConclusion:
         if message := self._clock_check.message():
             self._recorder.publish_always(LogMessage(message))
         try:
-            reason = self._run_file.finish(status, reason, estimates or (), self._progress.curves, verdict)
+            reason = self._run_file.finish(status, reason, estimates or (), self._progress.series, verdict)
         except StorageError as error:
             status, reason = _storage_failure(error, status, reason)
             verdict = Verdict.of_status(status, reason, verdict.checks)

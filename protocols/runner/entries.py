@@ -7,7 +7,6 @@ from typing import Any
 
 from drivers import ArmedBench, RestartableStream, ScansLostError
 from protocols.base import (
-    CurveReady,
     EntryStarted,
     LevelExceeded,
     LogMessage,
@@ -17,9 +16,10 @@ from protocols.base import (
     Quality,
     Recording,
     Repeat,
-    ResultCurve,
     RunPaused,
     RunResumed,
+    Series,
+    SeriesReady,
     point_quality,
 )
 from protocols.resume import ResumeState, assess_drift
@@ -71,11 +71,11 @@ class EntryRunner:
             self._progress.complete(index, self._measure_entry(armed, index))
             self._recorder.publish(self._progress.progress_event())
 
-    def add_curves(self, curves: Sequence[ResultCurve]) -> None:
-        """Keep curves of entries and publish them."""
-        for curve in curves:
-            self._progress.add_curve(curve)
-            self._recorder.notify(CurveReady(curve))
+    def add_series(self, series: Sequence[Series]) -> None:
+        """Keep series of entries and publish them."""
+        for one in series:
+            self._progress.add_series(one)
+            self._recorder.notify(SeriesReady(one))
 
     def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
         """Measure one entry, again after a pause or if the protocol requests it."""
@@ -125,19 +125,19 @@ class EntryRunner:
             self._recorder.publish(self._progress.add_point(index, point))
             if entry.drives:
                 self._acquisition.levels.point_measured(point_quality(point))
-            self.add_curves(self._analyze_curves(armed, index, entry, results))
+            self.add_series(self._analyze_series(armed, index, entry, results))
             for warning in self._progress.new_warnings():
                 self._recorder.publish(LogMessage(warning))
 
-    def _analyze_curves(
+    def _analyze_series(
         self, armed: ArmedBench, index: int, entry: PlanEntry, results: Iterator[Any]
-    ) -> tuple[ResultCurve, ...]:
+    ) -> tuple[Series, ...]:
         try:
             return tuple(
-                replace(curve, entry=index) for curve in self._acquisition.run_analysis(armed, partial(tuple, results))
+                replace(one, entry=index) for one in self._acquisition.run_analysis(armed, partial(tuple, results))
             )
         except ValueError as error:
-            self._recorder.publish(LogMessage(f"{entry.label} gives no curve: {error}"))
+            self._recorder.publish(LogMessage(f"{entry.label} gives no series: {error}"))
             return ()
 
     def _check_drift(self, armed: ArmedBench, resumed: ResumeState) -> None:

@@ -11,7 +11,7 @@ from protocols.base import (
     Protocol,
     Quality,
     Repeat,
-    ResultCurve,
+    Series,
     extend_plan,
     point_quality,
 )
@@ -35,7 +35,7 @@ class PlanProgress:
         self.plan: list[PlanEntry] = []
         self._queue: list[int] = []
         self.measured: dict[int, tuple[int, Any]] = {}
-        self._curves: dict[int, list[ResultCurve]] = {}
+        self._series: dict[int, list[Series]] = {}
         self._failed_labels: list[str] = []
         """Labels of entries without a point."""
         self._reported_warnings: list[str] = []
@@ -46,9 +46,9 @@ class PlanProgress:
         return [self.measured[i][1] for i in sorted(self.measured)]
 
     @property
-    def curves(self) -> list[ResultCurve]:
-        """The curves of the entries, in the order of the plan."""
-        return [curve for i in sorted(self._curves) for curve in self._curves[i]]
+    def series(self) -> list[Series]:
+        """The series of the entries, in the order of the plan."""
+        return [one for i in sorted(self._series) for one in self._series[i]]
 
     # -- plan and queue ------------------------------------------------------------------------------------------------
 
@@ -79,7 +79,7 @@ class PlanProgress:
         points = {entry: point for entry, (_, point) in self.measured.items()}
         self.plan = list(extend_plan(self._protocol, self.plan, points, self._rest_v))
 
-    # -- points and curves ---------------------------------------------------------------------------------------------
+    # -- points and series ---------------------------------------------------------------------------------------------
 
     def add_point(self, index: int, point: Any) -> PointMeasured:
         """Append a point to the file, flag the one it supersedes, and return the event to publish.
@@ -92,7 +92,7 @@ class PlanProgress:
         if replaces is not None:
             self._run_file.flag_superseded(replaces)
         self.measured[index] = (row, point)
-        self._curves[index] = []  # drops the curves of a superseded point
+        self._series[index] = []  # drops the series of a superseded point
         return PointMeasured(row, point, index, replaces)
 
     def flag_points(self, flag: Quality, affected: Callable[[Any], bool]) -> list[str]:
@@ -109,9 +109,9 @@ class PlanProgress:
                 labels.append(self.plan[index].label)
         return labels
 
-    def add_curve(self, curve: ResultCurve) -> None:
+    def add_series(self, series: Series) -> None:
         """Keep a curve; it is written when the run ends."""
-        self._curves[curve.entry].append(curve)
+        self._series[series.entry].append(series)
 
     def mark_failed(self, index: int) -> None:
         """Note that an entry has no point."""

@@ -64,6 +64,7 @@ def run_metadata(
         parameters=protocol.model_dump(mode="json"),
         point_type=protocol.point_type,
         axes=protocol.axes,
+        default_plot=protocol.default_plot,
         sensor=bench.sensor,
         bench=bench.configuration,
         simulated=bench.simulated,
@@ -234,7 +235,7 @@ class Runner:
             importlib.import_module(numerics)
         for entry, point in self._resume_state.points:
             self._recorder.publish(self._plan_progress.add_point(entry, point))
-        self._entries.add_curves(self._resume_state.curves)
+        self._entries.add_series(self._resume_state.series)
 
     def _unattended_message(self) -> str:
         """Return what happens where the operator would be asked; empty if one can be, or if no abort level asks."""

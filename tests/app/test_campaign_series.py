@@ -68,13 +68,13 @@ def test_a_series_is_one_item_and_its_results_are_a_curve(tmp_path: Path, capsys
     assert state.status is ItemStatus.DONE
     assert campaign.item_state("dwell").run not in [step.run for step in state.steps]
     curve = series_curves(state)[-1]
-    assert curve.columns["peak_to_peak_v"].values.tolist() == [1.0, 2.0, 3.0]
-    for drive, largest_m in zip(curve.columns[curve.x].values, curve.columns[curve.y].values, strict=True):
+    assert curve.x.tolist() == [1.0, 2.0, 3.0]
+    for drive, largest_m in zip(curve.x, curve.y, strict=True):
         (file,) = [step.run for step in state.steps if step.item.settings["peak_to_peak_v"] == drive]
         assert file is not None
         with Run(file) as run:
             assert largest_m == run.points()["peak_to_peak"].max()
-    assert curve.columns[curve.y].values[2] > 2 * curve.columns[curve.y].values[0]
+    assert curve.y[2] > 2 * curve.y[0]
     campaign.accept("levels")
     assert campaign.item_state("levels").accepted
     csv = tmp_path / "levels.csv"
@@ -122,13 +122,13 @@ def test_a_series_is_done_when_each_value_is_and_its_curve_is_in_the_order_of_th
     whole = state(one, two, three)
     assert (whole.status, whole.next_action, whole.run) == (ItemStatus.DONE, NextAction.NONE, Path("runs/b.h5"))
     (curve,) = series_curves(whole)
-    assert {name: column.values.tolist() for name, column in curve.columns.items()} == {
+    assert {axis.name: values.tolist() for axis, values in curve.columns()} == {
         "peak_to_peak_v": [1.0, 2.0, 3.0],
         "resonance frequency": [159.0, 158.0, 157.0],
         "resonance frequency_errors": [0.1] * 3,
-        "resonance frequency_total_uncertainty": [0.2] * 3,
+        "resonance frequency_total_errors": [0.2] * 3,
     }
-    assert curve.columns["peak_to_peak_v"].unit == "V"
+    assert curve.x_axis.unit == "V"
     assert varied_unit(CampaignItem("x", "unknown", varied="y", values=(1.0, 2.0))) == "1"
     assert varied_unit(CampaignItem("x", "sine-dwell", varied="unknown", values=(1.0, 2.0))) == "1"
     again = state(one, two, three, made("d", 3.0, 9), item=replace(SERIES, accepted=("a.h5", "b.h5", "c.h5")))

@@ -10,7 +10,7 @@ from app.archive.exporting.export import ExportError, export_run
 from app.archive.importing.importer import read_table
 from app.archive.importing.table import TableImportError
 from app.cli.main import main
-from protocols.base import CurveColumn, ResultCurve, RunStatus
+from protocols.base import RunStatus, Series, SeriesAxis
 from protocols.runfile.reader import Run
 from tests.helpers.run_files import begun_run, finished_run
 
@@ -28,16 +28,9 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = begun_run(tmp_path_factory.mktemp("sweep"), "T7 = Müller's", (100.0,), 5000.0)
     f = 25.0 + 0.3 * np.arange(101)
     h = 1e-4 / (1 - (f / 40) ** 2 + 0.1j * f / 40)
-    columns = {
-        "frequency": CurveColumn(f, "Hz", "frequency"),
-        "response": CurveColumn(np.abs(h), "m/V", "modulus"),
-        "response_errors": CurveColumn(np.full(101, 3e-9), "m/V", "errors"),
-        "phase": CurveColumn(np.angle(h), "rad", "phase"),
-        "coherence": CurveColumn(np.full(101, 0.99), "1", "coherence"),
-    }
-    file.finish(
-        RunStatus.COMPLETED, "", curves=(ResultCurve("frequency response", "", "frequency", "response", columns),)
-    )
+    axes = {"x_axis": SeriesAxis("frequency", "Hz"), "y_axis": SeriesAxis("response", "m/V")}
+    series = Series(f, h, np.full(101, 3e-9), coherence=np.full(101, 0.99), **axes, name="frequency response")
+    file.finish(RunStatus.COMPLETED, "", series=(series,))
     return file.path
 
 

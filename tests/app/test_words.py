@@ -1,11 +1,13 @@
 """Formatting of durations, sizes and values with errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome
+from app.common.formatting import format_bytes, format_duration, format_outcome, format_series
 from model import format_with_uncertainty
-from protocols.base import CurveColumn, ResultCurve
+from protocols.base import Series, SeriesAxis
 
 
 @pytest.mark.parametrize(
@@ -36,15 +38,18 @@ def test_a_value_has_the_figures_its_error_allows(value: float, error: float, un
 
 
 def test_curve_with_errors_is_summarised_by_its_peak_and_samples_are_not() -> None:
-    columns = {
-        "frequency": CurveColumn(np.array([25.0, 151.0, 525.0]), "Hz", ""),
-        "response": CurveColumn(np.array([4e-5, 9.2531e-4, 1e-5]), "m/V", ""),
-        "response_errors": CurveColumn(np.array([1e-8, 1.2e-7, 1e-8]), "m/V", ""),
-    }
-    line = format_curve(ResultCurve("frequency response", "of sweep 2", "frequency", "response", columns))
+    series = Series(
+        np.array([25.0, 151.0, 525.0]),
+        np.array([4e-5, 9.2531e-4, 1e-5]),
+        np.array([1e-8, 1.2e-7, 1e-8]),
+        x_axis=SeriesAxis("frequency", "Hz"),
+        y_axis=SeriesAxis("response", "m/V"),
+        name="frequency response",
+        label="of sweep 2",
+    )
+    line = format_series(series)
     assert line == "frequency response of sweep 2: 3 lines, 25 to 525 Hz, highest 925.31 ± 0.12 µm/V at 151 Hz"
-    del columns["response_errors"]
-    assert format_curve(ResultCurve("decay", "", "frequency", "response", columns)) == ""
+    assert format_series(replace(series, errors=None)) == ""
 
 
 def test_how_a_run_ended_is_told_once() -> None:

@@ -13,8 +13,9 @@ import pytest
 
 from app.cli.main import main
 from docs.run_file_page import meaning_of
-from protocols.base import CurveColumn, ResultCurve, Verdict
-from protocols.runfile.results import append_curves, append_results, store_verdict
+from protocols.base import Series, Verdict
+from protocols.runfile.results import append_results, store_verdict
+from protocols.runfile.series import append_series
 from tests.helpers.run_files import finished_run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +47,7 @@ def test_every_object_and_attribute_of_a_run_file_is_explained(tmp_path: Path) -
     names: dict[str, str] = {}
     with append_results(path) as file:
         store_verdict(file, Verdict())
-        append_curves(file, [ResultCurve("loop", "1", "x", "y", {n: CurveColumn(np.ones(1), "m", n) for n in "xy"})])
+        append_series(file, [Series(np.ones(1), np.ones(1), name="loop")])
     with h5py.File(path) as file:
         attributes = set(file.attrs)
         file.visititems(lambda name, item: names.update({name: str(item.attrs.get("long_name", ""))}))

@@ -56,7 +56,7 @@ def _list(path: Path) -> int:
 
 def _api(path: Path) -> None:
     run = open_run(path)
-    print(repr(run), len(run.points), run.estimates, run.curves, len(run.log), len(run.traces))
+    print(repr(run), len(run.points), run.estimates, run.series, len(run.log), len(run.traces))
     run.trace(0.0, 0.01)
 
 

@@ -70,7 +70,7 @@ def test_a_file_that_is_lost_at_the_end_hides_no_reason(status: RunStatus, becom
         ("check_presence", "close_after_error", "publish_external", "publish_always"), lambda *_: None
     )
     nothing |= {"finish": lambda status, reason, *_: reason, "notify": lambda _: None, step: refuse}
-    progress = SimpleNamespace(points=[], plan=[], curves=[], warnings=())
+    progress = SimpleNamespace(points=[], plan=[], series=[], warnings=())
     parts: Any = SimpleNamespace(path="run.h5", **nothing)
     conclusion = RunConclusion(Scripted(), cast(Any, None), parts, parts, cast(Any, progress))
     ended = conclusion.conclude(status, "the reason of before", None)

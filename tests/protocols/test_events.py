@@ -18,7 +18,7 @@ IN_FILES = {
     "SettleEnded",
     "Recorded",
     "PointMeasured",
-    "CurveReady",
+    "SeriesReady",
     "Paused",
     "Resumed",
     "Progressed",

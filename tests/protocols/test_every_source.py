@@ -101,9 +101,9 @@ def test_a_mass_resonance_by_single_frequencies_finds_the_resonance_and_keeps_wh
     with Run(ran.path) as file:
         assert file.parameters["method"] == "dwell"
         assert file.requested == {"method": "sweep"}
-        (curve,) = file.curves()
+        (curve,) = file.series()
         recordings = list(file.recordings())
-    assert len(curve.columns["frequency"].values) == len(recordings) > 20
+    assert curve.x.size == len(recordings) > 20
     assert load_resumable(ran.path, (0,)).protocol.model_dump()["method"] == "dwell"
     assert read_run_summary(ran.path, ran.path.name).requested_parameters["method"] == "sweep"  # type: ignore[union-attr]
 

@@ -26,7 +26,7 @@ def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
     assert np.abs(pulls).max() < 4
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
-        assert len(file.curves()) == 6
+        assert len(file.series()) == 6
     assert abs(found["resonance frequency"].value - natural) < 4 * found["resonance frequency"].standard_error < 2
     assert abs(found["damping ratio"].value - damping) < 4 * found["damping ratio"].standard_error < 0.01
 

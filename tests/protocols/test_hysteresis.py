@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.common.formatting import format_curve
+from app.common.formatting import format_series
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
-from protocols.base import CurveReady, PointMeasured, Quality, RunStatus
+from protocols.base import PointMeasured, Quality, RunStatus, SeriesReady
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS
@@ -61,28 +61,28 @@ def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> Non
 
 
 def test_each_loop_is_told_whole_the_moment_it_is_measured(plain, looped) -> None:
-    told = [event for event in plain.events if isinstance(event, PointMeasured | CurveReady)]
-    assert [type(event) for event in told] == 3 * [PointMeasured, CurveReady]
+    told = [event for event in plain.events if isinstance(event, PointMeasured | SeriesReady)]
+    assert [type(event) for event in told] == 3 * [PointMeasured, SeriesReady]
     for ran in (plain, looped):
         with Run(ran.path) as file:
-            curves = file.curves()
+            curves = file.series()
         assert [(c.name, c.label, c.entry) for c in curves] == [
             (("loop", f"{f} Hz", i)) for i, f in enumerate((1, 2, 5))
         ]
         for curve, point in zip(curves, ran.points, strict=True):
-            drive, moved, errors = (curve.columns[n].values for n in ("drive", "displacement", "displacement_errors"))
+            drive, moved, errors = curve.x, curve.y, curve.errors
             assert (drive[0], moved[0]) == (drive[-1], moved[-1]), "it is closed"
             assert np.ptp(drive) == pytest.approx(5.0, rel=2e-3)
             assert moved[drive.argmax()] - moved[drive.argmin()] == pytest.approx(point.stroke, rel=1e-3)
             area = 0.5 * float(np.sum(moved[1:] * drive[:-1] - moved[:-1] * drive[1:]))
             assert abs(area) == pytest.approx(abs(point.area), rel=0.02)
             assert 0 < np.median(errors) < 1e-6
-            assert format_curve(curve) == ""
+            assert format_series(curve) == ""
     # Where the model's displacement is at that drive, rising and falling, by its own harmonics.
     driven = amplifier_response(Tactor(), np.array([1.0]), 2.5, 2.5, AmplifierMap())
     with Run(plain.path) as file:
-        slowest = file.curves()[0]
-    drive, moved = (slowest.columns[name].values[:-1] for name in ("drive", "displacement"))
+        slowest = file.series()[0]
+    drive, moved = slowest.x[:-1], slowest.y[:-1]
     turn = 2 * np.pi * np.arange(128) / 128
     theta = turn + np.angle(1j * (drive * np.exp(-1j * turn)).sum())  # the drive as it was recorded is sin(theta)
     k = np.arange(driven.harmonics.shape[1])

@@ -47,7 +47,7 @@ def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> 
     assert sine.latency == pytest.approx(1.1805e-3, abs=5e-6)  # of the plant, see latency_truth
     with Run(ran.path) as file:
         names = [e.name for e in file.estimates()]
-        assert [curve.label for curve in file.curves()] == ["step to 5 V", "sine of 100 Hz"]
+        assert [curve.label for curve in file.series()] == ["step to 5 V", "sine of 100 Hz"]
         again = [
             OnsetLatency().point(key, [r], True) for key, r in zip(KEYS, list(file.recordings())[1::2], strict=True)
         ]

@@ -52,7 +52,7 @@ class EarlierRun:
             "quality": np.array(self.flags, np.int64),
         }
 
-    def curves(self) -> tuple[Any, ...]:
+    def series(self) -> tuple[Any, ...]:
         return tuple(SimpleNamespace(entry=i) for i in range(4))
 
 
@@ -82,7 +82,7 @@ def test_the_last_point_of_every_entry_is_carried_over_and_the_last_entry_checke
     assert state.points == ((0, Point(150.0, (0.0, 1.0))), (1, Point(152.0, (4.0, 5.0))))
     assert state.drift_check_entry == 1
     assert state.message == "Continues earlier.h5 (stopped), 2 points carried over"
-    assert [curve.entry for curve in state.curves] == [0, 1]
+    assert [curve.entry for curve in state.series] == [0, 1]
 
 
 def test_a_point_whose_entry_the_plan_has_no_more_is_left_behind(earlier: Earlier) -> None:

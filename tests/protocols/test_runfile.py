@@ -309,7 +309,7 @@ def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: P
     def read() -> tuple[Any, ...]:
         with Run(ran.path) as file:
             points = {name: column.tolist() for name, column in file.points().items()}
-            curves = [(c.name, c.label, c.entry, sorted(c.columns)) for c in file.curves()]
+            curves = [(c.name, c.label, c.entry, sorted(axis.name for axis, _ in c.columns())) for c in file.series()]
             samples = [r.displacement_m.tobytes() for r in file.recordings()]
             state = (file.state, file.reason, file.units(), file.axes, file.point_count, file.entries())
             return points, curves, samples, file.estimates(), state, [e.kind for e in file.events()]

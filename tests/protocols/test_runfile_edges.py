@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from protocols.base import CurveColumn, ResultCurve, RunStatus
+from protocols.base import RunStatus, Series, SeriesAxis
 from protocols.runfile.errors import StorageError
 from protocols.runfile.open import RunReadError, translate_read_errors
 from protocols.runfile.reader import Run
@@ -146,11 +146,12 @@ def test_a_repaired_run_of_another_computer_is_crashed(tmp_path: Path) -> None:
 
 
 def test_a_curve_whose_columns_differ_in_length_is_damaged(tmp_path: Path) -> None:
-    columns = {name: CurveColumn(np.arange(3.0), "V", name) for name in ("drive", "displacement")}
+    axes = {"x_axis": SeriesAxis("drive", "V"), "y_axis": SeriesAxis("displacement", "m")}
+    loop = Series(np.arange(3.0), np.arange(3.0), **axes, name="loop", label="1 Hz")
     file = new(tmp_path)
-    file.finish(RunStatus.COMPLETED, "", (), (ResultCurve("loop", "1 Hz", "drive", "displacement", columns),))
+    file.finish(RunStatus.COMPLETED, "", (), (loop,))
     with Run(file.path) as run:
-        assert len(run.curves()) == 1
+        assert len(run.series()) == 1
     with h5py.File(file.path, "r+") as stored:
         (curve,) = stored["entry/curves"].values()
         attributes = dict(curve["displacement"].attrs)
@@ -158,7 +159,7 @@ def test_a_curve_whose_columns_differ_in_length_is_damaged(tmp_path: Path) -> No
         curve["displacement"] = np.arange(2.0)
         curve["displacement"].attrs.update(attributes)
     with Run(file.path) as run, pytest.raises(RunReadError, match="differ in length"):
-        run.curves()
+        run.series()
 
 
 def test_a_file_that_lost_its_latest_bytes_only_is_noticed(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from drivers.drive import LinearSweep, PeriodicSweep
 from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
-from protocols.base import CurveReady, LogMessage, PointMeasured, PromptShown, Quality
+from protocols.base import LogMessage, PointMeasured, PromptShown, Quality, SeriesReady
 from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sweep import Sweep
 from protocols.measurements.sweep_pieces import merge_pieces
@@ -97,7 +97,7 @@ GROUPS_HZ = (30, 60, 100, 130, 160, 200, 300, 400, 500)
 def error_bars_are_right(path: Path, index: int = 0, tactor: Tactor = Tactor()) -> dict[str, np.ndarray]:  # noqa: B008
     """How far the lines of a run lie from the plant's, in standard errors: about 1, in every part of the band."""
     with Run(path) as file:
-        columns = {name: column.values for name, column in file.curves()[index].columns.items()}
+        columns = {axis.name: values for axis, values in file.series()[index].columns()}
     f, expected = columns["frequency"], truth(tactor, columns["frequency"])
     z = (columns["response"] - np.abs(expected)) / columns["response_errors"]
     groups = [z[(f >= low) & (f < high)] for low, high in itertools.pairwise(GROUPS_HZ)]
@@ -136,16 +136,16 @@ def test_a_viewer_finds_the_curve_with_its_axes_and_units(swept) -> None:
 
 
 def test_a_curve_is_told_whole_after_its_point(swept) -> None:
-    kinds = [kind for kind in swept.kinds() if kind in ("PointMeasured", "CurveReady", "RunEnded")]
-    assert kinds == ["PointMeasured", "CurveReady", "RunEnded"]
-    (told,) = [e.curve for e in swept.events if isinstance(e, CurveReady)]
+    kinds = [kind for kind in swept.kinds() if kind in ("PointMeasured", "SeriesReady", "RunEnded")]
+    assert kinds == ["PointMeasured", "SeriesReady", "RunEnded"]
+    (told,) = [e.series for e in swept.events if isinstance(e, SeriesReady)]
     with Run(swept.path) as file:
-        (kept,) = file.curves()
-        assert "CurveReady" not in {row["kind"].decode() for row in file._entry["events"][:]}
-    assert (told.name, told.label, told.entry, told.y) == (kept.name, kept.label, kept.entry, kept.y)
-    for name in ("frequency", "response", "response_errors", "phase", "coherence"):
-        assert np.array_equal(told.columns[name].values, kept.columns[name].values), name
-    fit, response = (kept.columns[name].values for name in ("response_fit", "response"))
+        (kept,) = file.series()
+        assert "SeriesReady" not in {row["kind"].decode() for row in file._entry["events"][:]}
+    assert (told.title, told.entry, told.x_axis, told.y_axis) == (kept.title, kept.entry, kept.x_axis, kept.y_axis)
+    for (axis, sent), (_, stored) in zip(told.columns(), kept.columns(), strict=True):
+        np.testing.assert_allclose(sent, stored, rtol=1e-14, err_msg=axis.name)
+    fit, response = kept.fit, kept.plotted
     fitted = np.isfinite(fit)
     assert fitted.sum() > 30
     np.testing.assert_allclose(fit[fitted], response[fitted], rtol=0.01)
@@ -178,12 +178,12 @@ def test_the_file_gives_the_numbers_and_curves_of_the_live_run(loaded) -> None:
     protocol = MassResonance(masses_kg=(2.75e-3, 9.75e-3), sweep_s=20, piece_s=10)
     with Run(loaded.path) as file:
         recordings = [[r for r in file.recordings() if r.entry == i] for i in (0, 1)]
-        kept = file.curves()
+        kept = file.series()
     again = [protocol.point((m,), r, True) for m, r in zip((2.75e-3, 9.75e-3), recordings, strict=True)]
     assert str(again) == str(loaded.points)  # NaN is not equal to itself
     assert [curve.entry for curve in kept] == [0, 1]
-    (found,) = protocol.curves((9.75e-3,), recordings[1])
-    assert np.array_equal(found.columns["response"].values, kept[1].columns["response"].values)
+    (found,) = protocol.series((9.75e-3,), recordings[1])
+    np.testing.assert_allclose(found.plotted, kept[1].plotted, rtol=1e-14)
 
 
 @pytest.mark.deep
@@ -211,16 +211,16 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
     with laboratory() as lab:
         stop = Trigger(lambda e: isinstance(e, PointMeasured), cancel.set)
         first = run(protocol, tmp_path, lab, stop, cancel=cancel)
-        whole = load_resumable(first.path).resume_state.curves
+        whole = load_resumable(first.path).resume_state.series
         with h5py.File(first.path, "r+") as file:
             del file["entry/curves"]  # as a killed program leaves it
-        found = load_resumable(first.path).resume_state.curves
+        found = load_resumable(first.path).resume_state.series
         assert [c.entry for c in found] == [c.entry for c in whole] == [0]
-        assert np.array_equal(found[0].columns["response"].values, whole[0].columns["response"].values)
+        np.testing.assert_allclose(found[0].plotted, whole[0].plotted, rtol=1e-14)
         second = resumed(first.path, tmp_path, lab)
     with Run(second.path) as file:
-        assert [curve.entry for curve in file.curves()] == [0, 1]
-    told = [e.curve.entry for e in second.events if isinstance(e, CurveReady)]
+        assert [curve.entry for curve in file.series()] == [0, 1]
+    told = [e.series.entry for e in second.events if isinstance(e, SeriesReady)]
     assert told == [0, 0, 1]  # carried over; measured again to detect drift; measured
 
 
@@ -265,7 +265,7 @@ def test_a_sweep_in_pieces_is_the_models_within_its_error_bars(model: str, tmp_p
     with Run(ran.path) as file:
         assert file.requested == {"sweep_s": 0.5, "periods": 6, "pieces": 1}
         assert len(list(file.recordings())) == file.parameters["pieces"] == 12
-        columns = {name: column.values for name, column in file.curves()[0].columns.items()}
+        columns = {axis.name: values for axis, values in file.series()[0].columns()}
     assert np.all(np.diff(columns["frequency"]) > 0)
     expected = np.abs(truth(Tactor(), columns["frequency"]))
     z = (columns["response"] - expected) / columns["response_errors"]

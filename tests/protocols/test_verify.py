@@ -15,13 +15,13 @@ from app.common import ExitCode
 from protocols.base import EstimatedQuantity
 from protocols.runfile import transaction
 from protocols.runfile.errors import StorageError
+from protocols.runfile.presence import writer_is_alive
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
 from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
-from protocols.runfile.writing_process import writer_is_alive
 from tests.helpers.flipped_bits import flips
 from tests.helpers.killed_writers import check, kill_one
 from tests.helpers.run_files import crashed_run, finished_run

@@ -107,12 +107,12 @@ def test_the_rest_of_a_run_is_what_show_says(dwell: Path, capsys: pytest.Capture
 def test_curves_are_tables(tmp_path: Path) -> None:
     with laboratory() as lab:
         path = run(Sweep(), tmp_path, lab).path
-    (curve, *_) = tb.open_run(path).curves
+    (curve, *_) = tb.open_run(path).series
     with h5py.File(path) as file:
         group = next(iter(file["entry/curves"].values()))
         assert (curve.x, curve.y) == (group.attrs["axes"][0], group.attrs["signal"])
         for name in curve:
-            np.testing.assert_array_equal(curve[name], group[name][:])
+            np.testing.assert_allclose(curve[name], group[name][:], rtol=1e-14)
             assert curve.unit(name) == group[name].attrs["units"]
 
 

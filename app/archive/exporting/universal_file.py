@@ -88,16 +88,10 @@ def frequency_responses(run: Run) -> Iterator[ResponseFunction]:
                 points["fundamental_errors"][order] / drive,
                 drive_amplitude_v=float(np.median(drive)),
             )
-    for curve in run.curves():
-        if {"frequency", "response", "phase"} <= curve.columns.keys():
-            columns = {name: column.values for name, column in curve.columns.items()}
-            yield ResponseFunction(
-                f"{curve.name} {curve.label}".strip(),
-                columns["frequency"],
-                columns["response"] * np.exp(1j * columns["phase"]),
-                columns.get("response_errors", np.full(len(columns["frequency"]), math.nan)),
-                columns.get("coherence"),
-            )
+    for curve in run.series():
+        if curve.is_complex:
+            errors = np.full(curve.x.size, math.nan) if curve.errors is None else curve.errors
+            yield ResponseFunction(curve.title, curve.x, curve.y, errors, curve.coherence)
 
 
 def _header(run: Run) -> dict[str, Any]:

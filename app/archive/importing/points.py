@@ -26,7 +26,7 @@ from app.archive.importing.values import (
 from app.common import NO_PROGRESS, Progress
 from drivers import LaserSensor
 from model import GRAVITY, Array
-from protocols.base import Protocol, Quality, ResultCurve, RunStatus
+from protocols.base import Protocol, Quality, RunStatus, Series
 from protocols.registry import PROTOCOLS
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
@@ -46,7 +46,7 @@ class ImportedRun:
     """Name and SHA-256 of every file."""
     warnings: tuple[str, ...] = ()
     unused_columns: tuple[str, ...] = ()
-    curves: tuple[ResultCurve, ...] = ()
+    curves: tuple[Series, ...] = ()
 
     @property
     def simulated(self) -> bool:
@@ -117,6 +117,7 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
         parameters=dict(run.parameters),
         point_type=type(run.points[0]),
         axes=_plotted_axes(run),
+        default_plot=run.protocol.default_plot,
         sensor=LaserSensor(
             options.sensor or "not told (imported)", nothing, nothing, nothing, nothing, nothing, options.gain_error
         ),
@@ -137,7 +138,7 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
     for entry, point in zip(run.entries, run.points, strict=True):
         file.append_point(point, entry)
     hashes = ", ".join(f"{name} (SHA-256 {sha256[:16]}...)" for name, sha256 in run.files)
-    file.finish(RunStatus.COMPLETED, f"from {hashes if len(run.files) < 4 else names}", curves=run.curves)
+    file.finish(RunStatus.COMPLETED, f"from {hashes if len(run.files) < 4 else names}", series=run.curves)
     return file.path
 
 

@@ -10,8 +10,8 @@ from app.archive.importing.points import ImportedRun
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import ImportOptions, column_sources
 from model import Array
-from protocols.base import CurveColumn, Quality, ResultCurve
-from protocols.measurements.response_curve import check_response_present, frequency_response_curve
+from protocols.base import Quality, Series, SeriesAxis
+from protocols.measurements.response_series import check_response_present, frequency_response_series
 from protocols.measurements.sweep import sweep_point
 from protocols.registry import PROTOCOLS
 from protocols.signals import estimate_swept_response
@@ -79,17 +79,6 @@ def build_sweep_run(
         cautions.append(
             f"the sweep's frequency does not rise or fall evenly (by {100 * bent:.2g} % of its band): lines are given only where it was slow"
         )
-    series = ResultCurve(
-        "time series",
-        table.path.name,
-        "time",
-        "displacement",
-        {
-            "time": CurveColumn(time - time[0], "s", "time"),
-            "displacement": CurveColumn(moved, "m", "displacement of the centre"),
-            "drive": CurveColumn(drive, "V", "volts at the amplifier's input"),
-        },
-    )
     return ImportedRun(
         PROTOCOLS["sweep"],
         (point,),
@@ -99,8 +88,21 @@ def build_sweep_run(
         ((table.path.name, table.sha256),),
         (*cautions, *delay_caution(options)),
         tuple(cells.heading for cells in mapping.unused),
-        (frequency_response_curve(response), series),
+        (frequency_response_series(response), *time_series(time, moved, drive, table.path.name)),
     )
+
+
+def time_series(time: Array, moved: Array, drive: Array | None, label: str) -> tuple[Series, ...]:
+    """Return the drive, where it was recorded, and the displacement over time; all (N,), SI."""
+    axis, since = SeriesAxis("time", "s", "time"), time - time[0]
+    driven, measured = (
+        SeriesAxis("drive", "V", "volts at the amplifier's input"),
+        SeriesAxis("displacement", "m", "displacement of the centre"),
+    )
+    shown = Series(since, moved, x_axis=axis, y_axis=measured, name="time series", label=label)
+    if drive is None:
+        return (shown,)
+    return Series(since, drive, x_axis=axis, y_axis=driven, name="time series of the drive", label=label), shown
 
 
 def delay_caution(options: ImportOptions) -> tuple[str, ...]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.points import ImportedRun
-from app.archive.importing.swept_series import build_sweep_run, delay_caution, sweep_frequencies
+from app.archive.importing.swept_series import build_sweep_run, delay_caution, sweep_frequencies, time_series
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from drivers import Sine
 from model import Array
-from protocols.base import CurveColumn, Quality, Recording, ResultCurve
+from protocols.base import Quality, Recording, Series
 from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine
@@ -71,11 +71,11 @@ def _read_series(table: ImportTable, mapping: ColumnMapping, options: ImportOpti
 
 
 def _dwell_of_sines(series: Sequence[_Series], options: ImportOptions) -> ImportedRun:
-    points, curves, cautions = [], [], list[str]()
+    points, curves, cautions = [], list[Series](), list[str]()
     for entry, each in enumerate(series):
-        point, curve, warnings = _series_point(each, options)
+        point, series_of_entry, warnings = _series_point(each, options)
         points.append(point)
-        curves.append(replace(curve, entry=entry))
+        curves += [replace(one, entry=entry) for one in series_of_entry]
         cautions += warnings
     if any(math.isfinite(point.phase) for point in points):
         cautions += delay_caution(options)
@@ -99,7 +99,7 @@ def _dwell_of_sines(series: Sequence[_Series], options: ImportOptions) -> Import
     )
 
 
-def _series_point(series: _Series, options: ImportOptions) -> tuple[SinePoint, ResultCurve, list[str]]:
+def _series_point(series: _Series, options: ImportOptions) -> tuple[SinePoint, tuple[Series, ...], list[str]]:
     table, _, values, rate, _ = series
     cautions = list(series.cautions)
     time, moved = values["time"], values["displacement"]
@@ -124,20 +124,11 @@ def _series_point(series: _Series, options: ImportOptions) -> tuple[SinePoint, R
         point = sine_point([recording], simulated)
     except ValueError as error:
         raise TableImportError(f"{table.path}: {error}") from None
-    columns = {
-        "time": CurveColumn(time - time[0], "s", "time"),
-        "displacement": CurveColumn(moved, "m", "displacement of the centre"),
-    }
-    if "drive" in values:
-        columns["drive"] = CurveColumn(drive, "V", "volts at the amplifier's input")
-    else:
+    if "drive" not in values:
         point = replace(point, phase=math.nan, phase_errors=math.nan)
         cautions.append(f"{table.path.name} has no drive: its phase is not known")
-    return (
-        point,
-        ResultCurve("time series", f"{point.frequency:.4g} Hz, {table.path.name}", "time", "displacement", columns),
-        cautions,
-    )
+    label = f"{point.frequency:.4g} Hz, {table.path.name}"
+    return point, time_series(time, moved, values.get("drive"), label), cautions
 
 
 def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> float:

@@ -23,7 +23,7 @@ from app.gui.widgets import (
     row,
 )
 from app.live import OverlayCurve
-from protocols.base import ResultCurve, RunEnded, RunStatus
+from protocols.base import RunEnded, RunStatus, Series
 from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class ReviewPane(QWidget):
         self._theme = theme
         self.review: ResultReview | None = None
         theme.changed.connect(self._show_review)
-        self._series: tuple[ResultCurve, ...] = ()
+        self._series: tuple[Series, ...] = ()
         """Figures of a series over its parameter; the one that is drawn is the last."""
         self.figure_box = configure(
             QComboBox(),
@@ -112,7 +112,7 @@ class ReviewPane(QWidget):
         self._series = tuple(_with_x_in_words(curve, label) for curve in series_curves(state))
         chosen = self.figure_box.currentText()
         self.figure_box.clear()
-        self.figure_box.addItems([curve.y for curve in reversed(self._series)])
+        self.figure_box.addItems([curve.y_axis.name for curve in reversed(self._series)])
         self.figure_box.setCurrentIndex(max(self.figure_box.findText(chosen), 0))
         self.figure_box.setVisible(len(self._series) > 1)
         counting = "" if state.run is None else state.run.name
@@ -157,7 +157,7 @@ class ReviewPane(QWidget):
         if self.review is None:
             return
         run, chosen = self.review.run, self.figure_box.currentText()
-        series = tuple(sorted(self._series, key=lambda curve: curve.y == chosen))
+        series = tuple(sorted(self._series, key=lambda curve: curve.y_axis.name == chosen))
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
         found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.estimates)
@@ -183,10 +183,9 @@ class ReviewPane(QWidget):
             self.table.setColumnHidden(place, not any(texts_of))
 
 
-def _with_x_in_words(curve: ResultCurve, label: str) -> ResultCurve:
+def _with_x_in_words(curve: Series, label: str) -> Series:
     """Return a curve whose x column has another name, as the axis is called."""
-    columns = {label if name == curve.x else name: column for name, column in curve.columns.items()}
-    return replace(curve, x=label, columns=columns)
+    return replace(curve, x_axis=replace(curve.x_axis, name=label))
 
 
 def _describe_run(run: RunSummary, item: ItemSummary, counting: str) -> str:

@@ -24,7 +24,6 @@ from app.gui.plots.curve_layers import (
     LESS_MEAN,
     NOTHING,
     RESIDUAL,
-    is_loop,
     isolated,
     layer_label,
     layer_series,
@@ -36,7 +35,7 @@ from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
 from model import Array, shown_unit
-from protocols.base import ResultCurve
+from protocols.base import Series
 
 MAX_DRAWN_POINTS = 4000
 """A longer curve is drawn as its min/max decimation to about this number of points."""
@@ -56,7 +55,7 @@ class CurvesPlot(PlotBase):
 
     def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
-        self._curves: Sequence[ResultCurve] = ()
+        self._curves: Sequence[Series] = ()
         self._model_curve: OverlayCurve | None = None
         self._bare_tactor = False
         self.model, self.band = CurveItem(antialias=True), BandFill(self.plot)
@@ -87,7 +86,7 @@ class CurvesPlot(PlotBase):
         self.band.set_color(theme.model)
         self._draw()
 
-    def show_curves(self, curves: Sequence[ResultCurve], bare_tactor: bool) -> None:
+    def show_curves(self, curves: Sequence[Series], bare_tactor: bool) -> None:
         """Draw the curves of the run; `bare_tactor`: without added mass or skin, as in the model's curve."""
         if curves is not self._curves:
             self._curves, self._bare_tactor = curves, bare_tactor
@@ -101,15 +100,15 @@ class CurvesPlot(PlotBase):
             self._scale()
 
     @property
-    def _visible_curves(self) -> list[ResultCurve]:
+    def _visible_curves(self) -> list[Series]:
         """Those with the axes of the newest curve."""
         last = self._curves[-1] if self._curves else None
-        return [c for c in self._curves if last is not None and (c.x, c.y) == (last.x, last.y)]
+        return [c for c in self._curves if last is not None and _axis_names(c) == _axis_names(last)]
 
     def _series(self) -> Iterable[PlotSeries]:
         """Return every point of the curves, also of those that are drawn decimated."""
         for curve in self._visible_curves:
-            yield PlotSeries(f"{curve.name} {curve.label}".strip(), *_display_values(curve))
+            yield PlotSeries(curve.title, *_display_values(curve))
         yield from series_of(self.source.text(), self.model)
 
     def _draw(self) -> None:
@@ -145,25 +144,23 @@ class CurvesPlot(PlotBase):
                         pen=pg.mkPen(fill.brush().color()),
                     )
                     self._add_further(bars)
-            if (fitted := curve.columns.get(f"{curve.y}_fit")) is not None:
+            if curve.fit is not None:
                 # A fit of one curve among several has its colour: the model's would hide which is which.
                 pen = pg.mkPen(
                     colour if len(shown) > 1 else self._theme.colors.model, width=1.5, style=Qt.PenStyle.DotLine
                 )
                 dotted = CurveItem(pen=pen)
-                factor = shown_unit(curve.columns[curve.y].unit)[0]
-                dotted.setData(*decimate_to_drawn(x, factor * fitted.values), connect="finite")
+                factor = shown_unit(curve.y_axis.unit)[0]
+                dotted.setData(*decimate_to_drawn(x, factor * curve.fit), connect="finite")
                 self._add_further(dotted)
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
                 self.legend.addItem(line, curve.label)
             self.drawn_curves.append((line, fill))
             self.caption.setText(curve.name.capitalize())
-            for side, name in (("bottom", curve.x), ("left", curve.y)):
-                unit = shown_unit(curve.columns[name].unit)[1]
-                self.plot.setLabel(side, f"{name} ({unit})" if unit else name)
-        self.legend.setOffset(
-            (8, 4) if any(is_loop(curve) for curve in shown) else (-8, 4)
-        )  # a loop rises to the right
+            for side, axis in (("bottom", curve.x_axis), ("left", curve.y_axis)):
+                unit = shown_unit(axis.unit)[1]
+                self.plot.setLabel(side, f"{axis.name} ({unit})" if unit else axis.name)
+        self.legend.setOffset((8, 4) if any(curve.is_loop for curve in shown) else (-8, 4))  # a loop rises to the right
         self._draw_model()
         self._draw_layer()
         self._scale()
@@ -199,7 +196,7 @@ class CurvesPlot(PlotBase):
         """What the lower plot shows."""
         shown = self._visible_curves
         offered = layers_of(shown)
-        chosen = self._chosen_layers.get(shown[-1].y, "") if shown else ""
+        chosen = self._chosen_layers.get(shown[-1].y_axis.name, "") if shown else ""
         return chosen if chosen in offered else offered[0]
 
     def show_simulated(self, simulated: bool) -> None:
@@ -214,7 +211,7 @@ class CurvesPlot(PlotBase):
 
     def _on_layer_chosen(self, index: int) -> None:
         if shown := self._visible_curves:
-            self._chosen_layers[shown[-1].y] = self.layer_box.itemData(index)
+            self._chosen_layers[shown[-1].y_axis.name] = self.layer_box.itemData(index)
             self._draw_layer()
 
     def _draw_layer(self) -> None:
@@ -245,7 +242,7 @@ class CurvesPlot(PlotBase):
     def _draw_model(self) -> None:
         """Draw the response to one volt at the amplifier's input: the curve's fundamental divided by its amplitude."""
         curve, shown = self._model_curve, self._visible_curves
-        fits = self._bare_tactor and curve is not None and bool(shown) and shown[-1].columns[shown[-1].y].unit == "m/V"
+        fits = self._bare_tactor and curve is not None and bool(shown) and shown[-1].y_axis.unit == "m/V"
         self.model.setVisible(fits)
         self.band.setVisible(fits)
         self.source.setText(f"dashed: {curve.active_model.description}" if fits and curve is not None else "")
@@ -276,17 +273,18 @@ class CurvesPlot(PlotBase):
         self.plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)
 
 
-def _display_values(curve: ResultCurve) -> tuple[Array, Array, Array | None]:
+def _display_values(curve: Series) -> tuple[Array, Array, Array | None]:
     """Return x, y and the standard errors of y, if known, in display units."""
-    x, y, errors = (curve.columns.get(name) for name in (curve.x, curve.y, f"{curve.y}_errors"))
-    assert x is not None
-    assert y is not None
-    factor = shown_unit(y.unit)[0]
+    factor = shown_unit(curve.y_axis.unit)[0]
     return (
-        shown_unit(x.unit)[0] * x.values,
-        factor * y.values,
-        None if errors is None else factor * errors.values,
+        shown_unit(curve.x_axis.unit)[0] * curve.x,
+        factor * curve.plotted,
+        None if curve.errors is None else factor * curve.errors,
     )
+
+
+def _axis_names(curve: Series) -> tuple[str, str]:
+    return curve.x_axis.name, curve.y_axis.name
 
 
 def _thin(series: PlotSeries) -> tuple[Array, Array, Array | None]:

@@ -12,7 +12,7 @@ from app.gui.widgets import WindowTheme, column
 from app.live import LiveFeed, OverlayCurve
 from app.session import WindowState
 from model import AmplifierMap
-from protocols.base import Protocol, ResultCurve
+from protocols.base import Protocol, Series
 from protocols.registry import PROTOCOLS
 
 MIN_PLOT_HEIGHT = 56
@@ -38,7 +38,7 @@ class LivePane(QSplitter):
             self.add_widget(place, share)
         self.setChildrenCollapsible(False)
         self._state: tuple[WindowState, type[Protocol]] | None = None
-        self._running: ResultCurve | None = None
+        self._running: Series | None = None
         self._curve: OverlayCurve | None = None
         self._span = 0
         self._outdated = False

@@ -21,7 +21,7 @@ from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.session import describe_point
 from model import shown_unit
-from protocols.base import FitLine, Protocol, Quality, RunEnded
+from protocols.base import Protocol, Quality, RunEnded, Series
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
@@ -46,7 +46,7 @@ class PointsPlot(PlotBase):
         self._entries: Sequence[int] = ()
         self._shown_indices: Sequence[int] = ()
         self._outcome: RunEnded | None = None
-        self._lines: tuple[FitLine, ...] = ()
+        self._lines: tuple[Series, ...] = ()
         self.line_items: list[CurveItem] = []
         self._bars = BarsItem(beam=0.0)
         self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
@@ -151,7 +151,7 @@ class PointsPlot(PlotBase):
             self.plot.addItem(item)
             self.line_items.append(item)
             x, y, errors = (
-                np.array([float(getattr(points[i], name, np.nan)) for i in line.indices])
+                np.array([float(getattr(points[i], name, np.nan)) for i in line.fitted_rows])
                 for name in (*self._kind.axes, f"{self._kind.axes[1]}_errors")
             )
             residuals.append(

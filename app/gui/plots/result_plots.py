@@ -15,7 +15,7 @@ from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import WindowTheme
 from app.live import OverlayCurve
-from protocols.base import Protocol, ResultCurve, RunEnded
+from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile.schema import point_columns
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class ResultPlots(QStackedWidget):
         self,
         kind: type[Protocol],
         points: Sequence[Any],
-        curves: Sequence[ResultCurve] = (),
+        curves: Sequence[Series] = (),
         outcome: RunEnded | None = None,
         simulated: bool = False,
         entries: Sequence[int] = (),

@@ -7,22 +7,26 @@ from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, decimate_to_drawn
 from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
-from protocols.base import BenchArmed, CurveColumn, CurveReady, DriveStarted, ResultCurve, RunStarted
+from protocols.base import BenchArmed, DriveStarted, RunStarted, Series, SeriesAxis, SeriesReady
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import OPENED
 
 FREQUENCIES = np.linspace(25.0, 525.0, 501)
 
 
-def response(scale: float, entry: int = 0, label: str = "") -> ResultCurve:
+def response(scale: float, entry: int = 0, label: str = "") -> Series:
     """The paper's tactor, `scale` times as responsive, with errors of a twentieth."""
     modulus = scale * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
-    columns = {
-        "frequency": CurveColumn(FREQUENCIES, "Hz", ""),
-        "response": CurveColumn(modulus, "m/V", ""),
-        "response_errors": CurveColumn(0.05 * modulus, "m/V", ""),
-    }
-    return ResultCurve("frequency response", label, "frequency", "response", columns, entry)
+    return Series(
+        FREQUENCIES,
+        modulus,
+        0.05 * modulus,
+        x_axis=SeriesAxis("frequency", "Hz"),
+        y_axis=SeriesAxis("response", "m/V"),
+        name="frequency response",
+        label=label,
+        entry=entry,
+    )
 
 
 def begin(stage: Stage, protocol: str) -> None:
@@ -38,7 +42,7 @@ def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> No
     begin(stage, "sweep")
     pane = stage.window.measure_page.live_pane
     assert pane.plots.currentWidget() is not pane.plots.curves
-    stage.happen(CurveReady(response(1.0)))
+    stage.happen(SeriesReady(response(1.0)))
     assert pane.plots.currentWidget() is pane.plots.curves
     ((line, fill),) = pane.plots.curves.drawn_curves
     um_a_volt = line.getData()[1]
@@ -58,12 +62,8 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
     begin(stage, "hysteresis")
     pane, turn = stage.window.measure_page.live_pane, np.linspace(0, 2 * np.pi, 129)
     drive, moved = 2.5 + 2.5 * np.sin(turn), 2e-4 * np.sin(turn - 0.1)
-    columns = {
-        "drive": CurveColumn(drive, "V", ""),
-        "displacement": CurveColumn(moved, "m", ""),
-        "displacement_errors": CurveColumn(np.full(129, 1e-6), "m", ""),
-    }
-    stage.happen(CurveReady(ResultCurve("loop", "1 Hz", "drive", "displacement", columns)))
+    axes = {"x_axis": SeriesAxis("drive", "V"), "y_axis": SeriesAxis("displacement", "m")}
+    stage.happen(SeriesReady(Series(drive, moved, np.full(129, 1e-6), **axes, name="loop", label="1 Hz")))
     assert pane.plots.currentWidget() is pane.plots.curves
     assert pane.plots.curves.caption.text() == "Loop"
     ((line, fill),) = pane.plots.curves.drawn_curves
@@ -83,14 +83,14 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
 def test_repeated_curve_replaces_the_old_one_and_a_button_shows_points(stage: Stage) -> None:
     begin(stage, "sweep")
     pane = stage.window.measure_page.live_pane
-    stage.happen(CurveReady(response(1.0, 0)), CurveReady(response(1.0, 1, "second")))
-    stage.happen(CurveReady(response(2.0, 0)))
+    stage.happen(SeriesReady(response(1.0, 0)), SeriesReady(response(1.0, 1, "second")))
+    stage.happen(SeriesReady(response(2.0, 0)))
     assert len(pane.plots.curves.drawn_curves) == 2
     tops = sorted(line.getData()[1].max() for line, _ in pane.plots.curves.drawn_curves)
     assert tops[1] == pytest.approx(2 * tops[0])
     pane.plots.curves.points_button.click()
     assert pane.plots.currentWidget() is pane.plots.points
-    stage.happen(CurveReady(response(1.5, 0)))
+    stage.happen(SeriesReady(response(1.5, 0)))
     assert pane.plots.currentWidget() is pane.plots.points, "who looks at the points is not taken away from them"
     pane.plots.points.curves_button.click()
     assert pane.plots.currentWidget() is pane.plots.curves

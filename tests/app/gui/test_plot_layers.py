@@ -14,7 +14,7 @@ from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.widgets.theme import LARGE_TEXT, LIGHT, WindowTheme, style_sheet, text_scale
 from model import Array
-from protocols.base import CurveColumn, Quality, ResultCurve
+from protocols.base import Quality, Series, SeriesAxis
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.mass_resonance import MassPoint, MassResonance
 from protocols.measurements.membrane_sag import MembraneSag
@@ -25,24 +25,19 @@ from protocols.registry import PROTOCOLS
 TURN = np.linspace(0, 2 * np.pi, 129)
 
 
-def loop(width_m: float = 5e-6, label: str = "1 Hz") -> ResultCurve:
+def loop(width_m: float = 5e-6, label: str = "1 Hz") -> Series:
     """A loop much thinner than its stroke."""
     drive = 2.5 + 2.5 * np.sin(TURN)
     moved = 2e-4 * np.sin(TURN) - 0.5 * width_m * np.cos(TURN)
-    columns = {"drive": CurveColumn(drive, "V", ""), "displacement": CurveColumn(moved, "m", "")}
-    return ResultCurve("loop", label, "drive", "displacement", columns)
+    axes = {"x_axis": SeriesAxis("drive", "V"), "y_axis": SeriesAxis("displacement", "m")}
+    return Series(drive, moved, **axes, name="loop", label=label)
 
 
-def response(label: str = "", **further: Array) -> ResultCurve:
+def response(label: str = "", fit: Array | None = None) -> Series:
     f = np.linspace(25.0, 525.0, 201)
-    columns = {
-        "frequency": CurveColumn(f, "Hz", ""),
-        "response": CurveColumn(1e-4 / (1 + (f / 200) ** 2), "m/V", ""),
-        "phase": CurveColumn(-f / 200, "rad", ""),
-        "coherence": CurveColumn(np.full(f.size, 0.999), "1", ""),
-        **{name: CurveColumn(values, "m/V", "") for name, values in further.items()},
-    }
-    return ResultCurve("frequency response", label, "frequency", "response", columns)
+    axes = {"x_axis": SeriesAxis("frequency", "Hz"), "y_axis": SeriesAxis("response", "m/V")}
+    H = 1e-4 / (1 + (f / 200) ** 2) * np.exp(-1j * f / 200)
+    return Series(f, H, fit=fit, coherence=np.full(f.size, 0.999), **axes, name="frequency response", label=label)
 
 
 def points(**columns: Any) -> list[Any]:
@@ -52,7 +47,7 @@ def points(**columns: Any) -> list[Any]:
 
 
 def residual(line: Any, of: list[Any], x: str, y: str) -> Array:
-    return np.array([getattr(of[i], y) - np.interp(getattr(of[i], x), line.x, line.y) for i in line.indices])
+    return np.array([getattr(of[i], y) - np.interp(getattr(of[i], x), line.x, line.y) for i in line.fitted_rows])
 
 
 @pytest.mark.deep
@@ -63,7 +58,7 @@ def test_every_protocol_with_estimates_on_its_axes_has_a_line() -> None:
     loaded = points(side=side, load=load, load_errors=0 * load, deflection=moved, deflection_errors=1e-8 + 0 * load)
     for line in (lines := StaticLoading.fit_lines(loaded)):
         assert np.abs(residual(line, loaded, "load", "deflection")).max() < 1e-12
-    assert [line.indices for line in lines] == [(0, 1, 2, 3), (4, 5, 6, 7)]
+    assert [line.fitted_rows for line in lines] == [(0, 1, 2, 3), (4, 5, 6, 7)]
 
     level = np.array([0.5, 1.5, 2.5, 3.5, 4.5])
     step = level - 2.5
@@ -137,11 +132,11 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     curve = response()
     assert layers_of((curve,))[0] == COHERENCE
     assert RESIDUAL not in layers_of((curve,))
-    fitted = response(response_fit=0.99 * curve.columns["response"].values)
+    fitted = response(fit=0.99 * curve.plotted)
     left = layer_series(fitted, RESIDUAL)
     assert left is not None
-    np.testing.assert_allclose(left.y, 1e4 * curve.columns["response"].values)
-    plot = CurvesPlot(WindowTheme())
+    np.testing.assert_allclose(left.y, 1e4 * curve.plotted)
+    plot = CurvesPlot(LIGHT)
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((fitted,), bare_tactor=False)

@@ -9,7 +9,7 @@ from app.live.running_curve import RunningCurve
 from drivers.drive import Drive, LinearSweep, PeriodicSweep
 from drivers.interfaces import Block
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base import BlockStored, CurveReady, DriveStarted, EntryStarted, ResultCurve, RunStarted
+from protocols.base import BlockStored, DriveStarted, EntryStarted, RunStarted, Series, SeriesReady
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import LIVE, OPENED, SCALES, STOPPED
 
@@ -38,9 +38,9 @@ def play(observe: Callable[[object], object], drive: Drive, seconds: float) -> N
         observe(BlockStored(Block(start, raw), start))
 
 
-def moduli(curve: ResultCurve | None) -> tuple[np.ndarray, np.ndarray]:
+def moduli(curve: Series | None) -> tuple[np.ndarray, np.ndarray]:
     assert curve is not None
-    return curve.columns["frequency"].values, 1e6 * curve.columns["response"].values
+    return curve.x, 1e6 * curve.plotted
 
 
 @pytest.mark.deep
@@ -51,7 +51,7 @@ def test_a_periodic_sweep_has_a_response_from_its_third_period_on(running: Runni
     frequency, response = moduli(running.latest)
     assert frequency.size > 200
     np.testing.assert_allclose(response[np.isfinite(response)], 80.0, rtol=0.02)
-    running.observe(CurveReady(running.latest))  # type: ignore[arg-type]
+    running.observe(SeriesReady(running.latest))  # type: ignore[arg-type]
     assert running.latest is None, "the measured curve takes its place"
 
 

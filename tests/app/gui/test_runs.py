@@ -406,10 +406,10 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     view = page.viewer
     with Run(next((tmp_path / "runs").glob("*.h5"))) as file:
-        (kept,) = file.curves()
+        (kept,) = file.series()
     assert view.plots.currentWidget() is view.plots.curves
     ((line, _),) = view.plots.curves.drawn_curves
-    np.testing.assert_allclose(line.getData()[1], 1e6 * kept.columns["response"].values)
+    np.testing.assert_allclose(line.getData()[1], 1e6 * kept.plotted)
     view.plots.curves.points_button.click()
     assert view.plots.currentWidget() is view.plots.points
     assert len(view.plots.points.scatter.getData()[0]) == 1

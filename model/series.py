@@ -1,0 +1,138 @@
+"""Series: values of one quantity over another with units, errors and mask, from measurement to file, fit, plot and export."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.arrays import Array, Mask
+
+PHASE, COHERENCE, USABLE = "phase", "coherence", "usable"
+ERRORS, TOTAL_ERRORS, FIT = "_errors", "_total_errors", "_fit"
+"""Endings of the names of the columns that belong to y."""
+
+
+class Role(StrEnum):
+    """Origin of a series, which decides how it is drawn."""
+
+    MEASURED = "measured"
+    FIT = "fit"
+    MODEL = "model"
+    REFERENCE = "reference"
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesAxis:
+    """Name, unit and description of the values of an axis or column; the name is one of a run file."""
+
+    name: str
+    unit: str = "1"
+    description: str = ""
+
+    @property
+    def long_name(self) -> str:
+        """Description and unit, as in a NeXus file."""
+        return f"{self.description} ({self.unit})"
+
+
+X_AXIS, Y_AXIS = SeriesAxis("x"), SeriesAxis("y")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Values of one quantity over another.
+
+    Attributes:
+        x: (N,), in the unit of `x_axis`; a loop goes back along it.
+        y: (N,), in the unit of `y_axis`; real or complex.
+        errors: (N,), statistical standard error of y, or of its real and of its imaginary part; None if not known.
+        total_errors: (N,), total standard uncertainty of y.
+        usable: (N,), whether fits may use each value; None for all of them.
+        fit: (N,), a line fitted to y, or to its modulus; NaN where it was not fitted.
+        fit_description: of the fit.
+        coherence: (N,), share of the power of y that follows x, 0..1.
+        name: kind of series, such as `frequency response`; `label` distinguishes it from others of this kind.
+        entry: the entry of the run's plan it belongs to.
+        fitted_rows: of a fitted line: the points that it was fitted to.
+
+    Raises:
+        ValueError: the arrays differ in length.
+    """
+
+    x: Array
+    y: NDArray[Any]
+    errors: Array | None = None
+    total_errors: Array | None = None
+    usable: Mask | None = None
+    fit: Array | None = None
+    coherence: Array | None = None
+    x_axis: SeriesAxis = X_AXIS
+    y_axis: SeriesAxis = Y_AXIS
+    fit_description: str = "fit"
+    name: str = ""
+    label: str = ""
+    role: Role = Role.MEASURED
+    entry: int = 0
+    fitted_rows: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        arrays = (self.x, self.y, self.errors, self.total_errors, self.usable, self.fit, self.coherence)
+        if {array.shape for array in arrays if array is not None} != {(self.x.size,)}:
+            raise ValueError(f"the columns of {self.title or 'a series'} differ in length")
+
+    @property
+    def title(self) -> str:
+        """Name and label."""
+        return f"{self.name} {self.label}".strip()
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether y has a phase."""
+        return bool(np.iscomplexobj(self.y))
+
+    @property
+    def plotted(self) -> Array:
+        """(N,), real values for a plot: |y| of a complex series, y of a real one."""
+        return np.abs(self.y) if self.is_complex else np.asarray(self.y, float)
+
+    @property
+    def phase(self) -> Array | None:
+        """(N,), radians, -pi..pi; None for real values."""
+        return np.angle(self.y) if self.is_complex else None
+
+    @property
+    def is_loop(self) -> bool:
+        """Whether it goes back along its axis."""
+        return bool((np.diff(self.x) < 0).any())
+
+    def within(self, low: float, high: float) -> Self:
+        """Return the values of a range of x."""
+        return self.at((self.x >= low) & (self.x <= high))
+
+    def at(self, rows: Mask | slice | NDArray[np.intp]) -> Self:
+        """Return the values of a mask, slice or index of rows."""
+        arrays = ("x", "y", "errors", "total_errors", "usable", "fit", "coherence")
+        kept = {name: array[rows] for name in arrays if (array := getattr(self, name)) is not None}
+        return replace(self, **kept)
+
+    def columns(self) -> Iterator[tuple[SeriesAxis, Array]]:
+        """Yield name, unit and description of each column with its values as real numbers; x and y come first."""
+        axis = self.y_axis
+        yield self.x_axis, self.x
+        yield axis, self.plotted
+        for ending, values, description in (
+            (ERRORS, self.errors, "statistical standard error"),
+            (TOTAL_ERRORS, self.total_errors, "total standard uncertainty"),
+            (FIT, self.fit, self.fit_description),
+        ):
+            if values is not None:
+                yield SeriesAxis(axis.name + ending, axis.unit, description), values
+        if (phase := self.phase) is not None:
+            yield SeriesAxis(PHASE, "rad", f"phase of the {axis.name}, delay removed"), phase
+        if self.coherence is not None:
+            yield SeriesAxis(COHERENCE, "1", "share of the power that follows the drive"), self.coherence
+        if self.usable is not None:
+            yield SeriesAxis(USABLE, "1", "1 where fits may use the value"), self.usable.astype(float)

@@ -1,0 +1,85 @@
+"""Series of a run file, written and read: NXdata groups with signal, axes and errors."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from model.series import COHERENCE, ERRORS, FIT, PHASE, TOTAL_ERRORS, USABLE
+from protocols.base import Role, Series, SeriesAxis
+from protocols.runfile.fields import attribute_integer, attribute_text, quantity_columns
+
+if TYPE_CHECKING:
+    import h5py
+
+SERIES_GROUP = "curves"
+"""Name of the group; files of every version have it."""
+
+
+def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str = "") -> None:
+    """Append series, each an NXdata group; the first of the name `default_plot` is what a NeXus viewer opens to."""
+    if not series:
+        return
+    from protocols.runfile.layout import create_group
+
+    entry = file["entry"]
+    every = create_group(entry, SERIES_GROUP, "NXcollection")
+    for one in series:
+        made = f"{one.name}_{len(every):03d}"
+        group = create_group(every, made, "NXdata", signal=one.y_axis.name, axes=[one.x_axis.name])
+        group["title"] = one.title
+        group.attrs.update({"name": one.name, "label": one.label, "entry": one.entry, "role": str(one.role)})
+        if one.fit is not None:
+            group.attrs["auxiliary_signals"] = [one.y_axis.name + FIT]
+        for axis, values in one.columns():
+            group.create_dataset(axis.name, data=values).attrs.update({"units": axis.unit, "long_name": axis.long_name})
+        if one.name == default_plot and "default" not in every.attrs:
+            entry.attrs["default"], every.attrs["default"] = SERIES_GROUP, made
+
+
+def read_series(group: "h5py.Group") -> Iterator[Series]:
+    """Yield the series of a group; earlier files have further columns of the same x, which are series of their own.
+
+    Raises:
+        ValueError: the columns differ in length, or one of the axes is missing.
+    """
+    x, y = attribute_text(group, "axes"), attribute_text(group, "signal")
+    datasets = quantity_columns(group)
+    if x == y or not {x, y} <= datasets.keys():
+        raise ValueError(f"{group.name} has no column of its axes")
+    axes = {
+        name: SeriesAxis(name, attribute_text(data, "units"), attribute_text(data, "long_name").rpartition(" (")[0])
+        for name, data in datasets.items()
+    }
+    columns: dict[str, Any] = {name: np.asarray(data[:], float) for name, data in datasets.items()}
+    places, values, fit = columns.pop(x), columns.pop(y), columns.pop(y + FIT, None)
+    if (phase := columns.pop(PHASE, None)) is not None and phase.shape == values.shape:
+        values = values * np.exp(1j * phase)
+    usable = columns.pop(USABLE, None)
+    series = Series(
+        places,
+        values,
+        columns.pop(y + ERRORS, None),
+        columns.pop(y + TOTAL_ERRORS, None),
+        None if usable is None else usable > 0,
+        fit,
+        columns.pop(COHERENCE, None),
+        x_axis=axes[x],
+        y_axis=axes[y],
+        fit_description="" if fit is None else axes[y + FIT].description,
+        name=attribute_text(group, "name"),
+        label=attribute_text(group, "label"),
+        role=Role(attribute_text(group, "role")) if "role" in group.attrs else Role.MEASURED,
+        entry=attribute_integer(group, "entry"),
+    )
+    for name, further in columns.items():
+        yield Series(
+            places,
+            further,
+            x_axis=axes[x],
+            y_axis=axes[name],
+            name=f"{series.name} of the {name}",
+            label=series.label,
+            entry=series.entry,
+        )
+    yield series
