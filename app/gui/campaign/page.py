@@ -122,6 +122,10 @@ class CampaignPage(QStackedWidget):
         if path := str(settings.value("campaign/open", "")):
             self.controller.open(Path(path))
 
+    def set_active_file(self, path: Path | None) -> None:
+        """Set the run file that this program is writing."""
+        self.controller.active_file = path
+
     def go_back(self) -> None:
         """Return from another pane to the open campaign."""
         if self.controller.summary is not None:

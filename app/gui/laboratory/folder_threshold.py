@@ -54,6 +54,11 @@ class FolderThreshold:
             lambda: read_folder_threshold(folder), self._on_read, self._on_error, latest_only="perception threshold"
         )
 
+    def show_on_new(self, page: object) -> None:
+        """Show the threshold in the plots of a new page."""
+        if self.threshold is not None:
+            self.show_on(page)
+
     def show_on(self, page: object) -> None:
         """Show the threshold in the plots of one page."""
         if callable(show := getattr(page, "show_threshold", None)):

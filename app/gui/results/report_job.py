@@ -7,6 +7,8 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QProcess, QUrl
 from PySide6.QtGui import QDesktopServices
 
+from app.gui.widgets import BackgroundWorker
+
 PROGRAM = ("-c", "from app.cli.main import entry; entry()", "report")
 
 
@@ -27,6 +29,19 @@ class ReportJob(QObject):
         super().__init__(parent)
         self._say, self._open_file = say, open_file
         self._process: QProcess | None = None
+        self._worker = BackgroundWorker("report", self)
+
+    def start_of(self, run: Path) -> None:
+        """Write the report of the specimen of a run; the file is read in the background."""
+
+        def read() -> str:
+            from app.archive import load_run
+
+            return load_run(run, with_traces=False).specimen
+
+        self._worker.submit(
+            read, lambda specimen: self.start(run.parent, specimen), lambda error: self._say(str(error))
+        )
 
     def start(self, folder: Path, specimen: str) -> None:
         """Write the report of a specimen into the folder of its runs."""
@@ -41,6 +56,7 @@ class ReportJob(QObject):
 
     def shutdown(self) -> None:
         """End a report that is being written."""
+        self._worker.close()
         if (process := self._process) is not None:
             process.kill()
             process.waitForFinished()

@@ -129,22 +129,11 @@ class MainWindow(QMainWindow):
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
         else:
-            self._say_why_not()
-
-    def _say_why_not(self) -> None:
-        """Say why no run begins: a key that does nothing looks like a broken program."""
-        if self.state.bench_state is BenchState.CONNECTING:
-            self.tabs.show_message(
-                "Not started: the bench is still being connected. Press again when its sign says so."
-            )
-        else:
-            self.tabs.show_message(
-                f"Not started: {self.state.blocked_reason or 'the form has a fault, which is marked'}."
-            )
-
-    def start_bench_run(self, protocol: Protocol) -> None:
-        """Start a run of the Bench page, if one can begin."""
-        self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
+            # A key that does nothing looks like a broken program.
+            why = self.state.blocked_reason or "the form has a fault, which is marked"
+            if self.state.bench_state is BenchState.CONNECTING:
+                why = "the bench is still being connected. Press again when its sign says so"
+            self.tabs.show_message(f"Not started: {why}.")
 
     def start_campaign_run(self, request: "RunRequest") -> None:
         """Start a run of the campaign if one can still begin."""
@@ -361,7 +350,9 @@ class MainWindow(QMainWindow):
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
-        self.tabs.bench_run_requested.connect(self.start_bench_run)
+        self.tabs.bench_run_requested.connect(
+            lambda run: self.controller.start_run(run, self.tabs.folder, self.tabs.specimen)
+        )
         self.tabs.commissioning_requested.connect(self.controller.commission)
         self.tabs.stop_requested.connect(self.controller.stop)
         self.tabs.speed_requested.connect(self.controller.change_speed)
@@ -390,17 +381,13 @@ class MainWindow(QMainWindow):
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
-        self.resize(self.size().boundedTo(self._largest_size()))
+        self.resize(self.size().boundedTo(self.screen().availableSize() - FRAME_SIZE))
         self.central.tutorial.resume(str(self._settings.value("help/tutorial", "")))
         # Show the Measure page if a protocol was given or is started.
         requested = self._autostart or self.measure_page.run_panel.protocol != build_protocol(
             PROTOCOLS[DEFAULT_PROTOCOL], {}
         )
         self.tabs.restore_state(folder, specimen, requested)
-
-    def _largest_size(self) -> QSize:
-        """Return the free size of the screen, without the window's frame."""
-        return self.screen().availableSize() - FRAME_SIZE
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())

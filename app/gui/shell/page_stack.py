@@ -58,7 +58,7 @@ class CentralStack(QWidget):
         self.welcome.closed.connect(self.show_pages)
         self.welcome.demo_requested.connect(self.demo_requested)
         self.welcome.tutorial_requested.connect(self.start_tutorial)
-        self.welcome.setup_pressed.connect(self._show_bench_page)
+        self.welcome.setup_pressed.connect(lambda: self._select_page(BENCH))
         self.welcome.browse_pressed.connect(self._choose_bench_file)
         self.palette_entries: Callable[[], Iterable[PaletteEntry]] = tuple
         """Returns what the command palette offers."""
@@ -66,16 +66,19 @@ class CentralStack(QWidget):
         """Returns the settings; called once."""
         self.problem_facts: Callable[[], tuple[ProblemFacts, RecentErrors]]
         """Returns what a problem report has of this window."""
+        covers = {
+            "shortcuts": ("shortcut_sheet", self.show_shortcuts),
+            "palette": ("command_palette", self.show_palette),
+            "settings": ("settings_page", self.show_settings),
+            "specimen": ("specimen_page", lambda: self.show_specimen(*tabs.shown_specimen)),
+            "identification": ("identification_page", lambda: self.show_identification(tabs.identification_subject)),
+            "problem": ("problem_page", self.show_problem),
+        }
         add_actions(
             self,
             {
                 **{f"page.{title.lower()}": partial(self._select_page, at) for at, title in enumerate(TITLES)},
-                "shortcuts": self.toggle_shortcuts,
-                "palette": self.toggle_palette,
-                "settings": self.toggle_settings,
-                "specimen": self.toggle_specimen,
-                "identification": self.toggle_identification,
-                "problem": self.toggle_problem,
+                **{name: partial(self.toggle, cover, show) for name, (cover, show) in covers.items()},
             },
         )
 
@@ -109,20 +112,17 @@ class CentralStack(QWidget):
 
         return self._add_cover(ProblemPage(self.problem_facts))
 
-    def toggle_problem(self) -> None:
-        """Show the page that saves a problem report, or the pages again."""
-        if self._shows("problem_page"):
+    def toggle(self, cover: str, show: Callable[[], object]) -> None:
+        """Show one of the covers, or the pages again where it is shown."""
+        if cover in self.__dict__ and self.stack.currentWidget() is getattr(self, cover):
             self.show_pages()
         else:
-            self._show_cover(self.problem_page)
-            self.problem_page.activate()
+            show()
 
-    def toggle_specimen(self) -> None:
-        """Show the sheet of the specimen of the visible page, or the pages again."""
-        if self._shows("specimen_page"):
-            self.show_pages()
-        else:
-            self.show_specimen(*self.tabs.shown_specimen)
+    def show_problem(self) -> None:
+        """Show the page that saves a problem report."""
+        self._show_cover(self.problem_page)
+        self.problem_page.activate()
 
     def show_specimen(self, folder: Path, specimen: str) -> None:
         """Show the sheet of a specimen."""
@@ -135,13 +135,6 @@ class CentralStack(QWidget):
         from app.gui.specimen.identification_page import IdentificationPage
 
         return self._add_cover(IdentificationPage(self._theme))
-
-    def toggle_identification(self) -> None:
-        """Identify the specimen of the visible page, or show the pages again."""
-        if self._shows("identification_page"):
-            self.show_pages()
-        else:
-            self.show_identification(self.tabs.identification_subject)
 
     def show_identification(self, subject: IdentificationSubject) -> None:
         """Show the identification of a specimen."""
@@ -159,9 +152,6 @@ class CentralStack(QWidget):
         if "identification_page" in self.__dict__:
             self.identification_page.outdate()
 
-    def _shows(self, cover: str) -> bool:
-        return cover in self.__dict__ and self.stack.currentWidget() is getattr(self, cover)
-
     def _add_cover(self, cover: C) -> C:
         cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.stack.addWidget(cover)
@@ -178,21 +168,11 @@ class CentralStack(QWidget):
         self.hint.set_state(view)
         self.tutorial.set_state(view)
 
-    def toggle_palette(self) -> None:
-        """Show the command palette, or the pages again."""
-        if self.stack.currentWidget() is self.command_palette:
-            self.show_pages()
-            return
+    def show_palette(self) -> None:
+        """Show the command palette."""
         entries = list(self.palette_entries())
         self._show_cover(self.command_palette)
         self.command_palette.show_entries(entries)
-
-    def toggle_settings(self) -> None:
-        """Show the settings, or the pages again."""
-        if self.stack.currentWidget() is self.settings_page:
-            self.show_pages()
-        else:
-            self.show_settings()
 
     def show_settings(self, search: str = "") -> None:
         """Show the settings that match a search."""
@@ -204,11 +184,8 @@ class CentralStack(QWidget):
         """Whether the pages are covered."""
         return self.stack.currentWidget() is not self.tabs
 
-    def toggle_shortcuts(self) -> None:
-        """Show the shortcut sheet, or the pages again."""
-        if self.stack.currentWidget() is self.shortcut_sheet:
-            self.show_pages()
-            return
+    def show_shortcuts(self) -> None:
+        """Show the shortcuts of the visible page."""
         shown = self.stack.currentWidget()
         title = getattr(shown, "title", "") or self.tabs.tabText(self.tabs.currentIndex())
         self._show_cover(self.shortcut_sheet)
@@ -245,9 +222,6 @@ class CentralStack(QWidget):
         """Show a page, whatever lies over the pages."""
         self.show_pages()
         self.tabs.select_page(index)
-
-    def _show_bench_page(self) -> None:
-        self._select_page(BENCH)
 
     def _choose_bench_file(self) -> None:
         choose_files(

@@ -78,8 +78,8 @@ def test_every_widget_that_takes_input_has_a_name_for_screen_readers(open_stage:
     for index in range(window.tabs.count()):
         window.tabs.page(index)
     window.central.show_settings()
-    window.central.toggle_palette()
-    window.central.toggle_shortcuts()
+    window.central.show_palette()
+    window.central.show_shortcuts()
     window.central.show_welcome()
     bench = window.tabs.bench
     until(lambda: bench.draft is not None, "for the bench")

@@ -1,0 +1,175 @@
+"""Page host: tabs whose pages are created when they are first needed."""
+
+import importlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, Protocol, cast
+
+from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
+
+from app.gui.widgets import ACTIONS, BackgroundWorker, column, configure, make_scroll_area, splitters
+from app.session import WindowState
+
+PRELOAD_PAUSE_MS = 30
+"""Between the creation of two pages."""
+
+
+class Page(Protocol):
+    """Interface of a page: a widget that shows window states."""
+
+    def set_state(self, view: WindowState) -> None: ...
+
+    def tick(self) -> None: ...
+
+    def activate(self) -> None:
+        """Take the keyboard focus, without which the page's shortcuts do nothing."""
+
+
+class PageHost(QTabWidget):
+    """Creates each page when it is first selected or requested; pages do not refer to each other.
+
+    A page may also have `go_back`, `set_active_file`, `save_state` and `shutdown`.
+    """
+
+    page_created = Signal(object)
+
+    def __init__(self, settings: QSettings) -> None:
+        super().__init__()
+        self._settings = settings
+        self._worker = BackgroundWorker("pages", self)
+        self._state: WindowState | None = None
+        self._factories: list[Callable[[], Page]] = []
+        self._layouts: list[QVBoxLayout] = []
+        self._created: dict[int, Page] = {}
+        self.setAccessibleName("pages")
+        self.setDocumentMode(True)
+        self.setTabBarAutoHide(True)
+        self.currentChanged.connect(lambda index: self.page(index).activate())
+
+    def add_page(self, title: str, make: Callable[[], Page]) -> None:
+        """Add a tab whose page is made when it is first needed."""
+        place = QWidget()
+        self._factories.append(make)
+        self._layouts.append(column(parent=place, margins=(0, 0, 0, 0)))
+        with QSignalBlocker(self):  # the first tab is selected when it is added
+            index = self.addTab(place, title)
+        self.setTabToolTip(index, ACTIONS[f"page.{title.lower()}"].shortcut)
+
+    def select_page(self, index: int) -> None:
+        """Select a page and give it the focus."""
+        if index == self.currentIndex():
+            self.page(index).activate()
+        self.setCurrentIndex(index)
+
+    def show_page_later(self, index: int) -> None:
+        """Select a page without creating it; a placeholder is shown until then."""
+        with QSignalBlocker(self):
+            self.setCurrentIndex(index)
+        if index not in self._created:
+            title = QLabel(f"{self.tabText(index)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            self._layouts[index].addWidget(configure(title, kind="note"))
+
+    def page(self, index: int) -> Page:
+        """Return a page, created if necessary."""
+        if index not in self._created:
+            self._created[index] = page = self._factories[index]()
+            assert isinstance(page, QWidget)
+            splitters.restore_splitters(page, self._settings)
+            if self._state is not None:
+                page.set_state(self._state)
+            self.page_created.emit(page)
+            while (placeholder := self._layouts[index].takeAt(0)) is not None:
+                cast("QWidget", placeholder.widget()).deleteLater()
+            # A page keeps its least size, and scrolls in a window that is too small for it. It is put into an area that has
+            # its size, which would otherwise divide the page's splitters anew, and is visible, so that the page takes the focus.
+            area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+            self._layouts[index].addWidget(area)
+            area.show()
+            self._layouts[index].activate()
+            area.setWidget(page)
+            page.show()
+        return self._created[index]
+
+    @property
+    def created_pages(self) -> Mapping[int, Page]:
+        """The pages created so far, by index."""
+        return self._created
+
+    @property
+    def current_page(self) -> Page:
+        """The visible page."""
+        return self.page(self.currentIndex())
+
+    def set_state(self, view: WindowState) -> None:
+        """Show a window state on every page."""
+        self._state = view
+        for page in self._created.values():
+            page.set_state(view)
+
+    def set_active_file(self, path: object) -> None:
+        """Tell the pages which run file this program is writing."""
+        for page in self._pages_with("set_active_file"):
+            page.set_active_file(path)
+
+    def tick(self) -> None:
+        """Refresh the visible page."""
+        if (page := self._created.get(self.currentIndex())) is not None:
+            page.tick()
+
+    def go_back(self) -> None:
+        """Go one step back on the visible page."""
+        if callable(go_back := getattr(self.current_page, "go_back", None)):
+            go_back()
+
+    def run_in_background(self, work: Callable[[], object]) -> None:
+        """Run a job that reads files in the background."""
+        self._worker.submit(work)
+
+    def save_state(self) -> None:
+        """Save settings."""
+        self._settings.setValue("window/page", self.currentIndex())
+        for page in self._created.values():
+            splitters.save_splitters(cast("QWidget", page), self._settings)
+        for saving in self._pages_with("save_state"):
+            saving.save_state(self._settings)
+
+    def release_pages(self) -> list[QWidget]:
+        """Forget the pages other than the first, after `shutdown`, and return them to be deleted."""
+        return [cast("QWidget", self._created.pop(index)) for index in sorted(self._created) if index]
+
+    def shutdown(self) -> None:
+        """Stop background threads."""
+        self._worker.close()
+        for page in self._pages_with("shutdown"):
+            page.shutdown()
+
+    def load_pages(
+        self, modules: Sequence[str], on_loaded: Callable[[], object], on_made: Callable[[], object]
+    ) -> None:
+        """Import the modules of pages in the background, which takes a second, and create the pages, the selected one first."""
+
+        def load() -> None:
+            for name in modules:
+                importlib.import_module(name)
+
+        def make(_: object) -> None:
+            on_loaded()
+            self._preload_page(self.currentIndex(), on_made)
+
+        self._worker.submit(load, make)
+
+    def _preload_page(self, index: int, on_made: Callable[[], object]) -> None:
+        """Create a page, and later the next one that is missing: in between, the window paints and answers."""
+        if self._worker.closed:  # a page created after shutdown would not be shut down
+            return
+        awaited = index == self.currentIndex() and index not in self._created
+        page = self.page(index)
+        if awaited and cast("QWidget", page).isVisible():  # not below the welcome page, which has the keyboard
+            page.activate()
+        missing = next((at for at in range(self.count()) if at not in self._created), None)
+        following = on_made if missing is None else partial(self._preload_page, missing, on_made)
+        QTimer.singleShot(PRELOAD_PAUSE_MS, self, following)
+
+    def _pages_with(self, method: str) -> Iterator[Any]:
+        return (page for page in self._created.values() if hasattr(page, method))
