@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +13,18 @@ from rich.text import Text
 
 from app.cli.headless import make_protocol, run_headless, run_request, select_bench
 from app.cli.options import (
+    FAULTS,
     JSON_PLAIN,
     BenchSelection,
     CommandGroup,
-    CommandSyntax,
     ProtocolOptions,
-    faults_option,
+    argument,
+    command,
     option,
-    repeated,
-    switch,
+    options,
 )
 from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, writing_output
-from app.common import ExitCode, UsageError, check_row, path_argument, print_line, print_message
+from app.common import ExitCode, UsageError, check_row, print_line, print_message
 from app.config import bench_template, find_devices
 from app.services import operator_reachable
 from drivers import REST_REPEATABILITY_V, BenchError
@@ -43,12 +43,14 @@ from protocols.registry import WIRING_CHECK
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench check --bench bench1.toml --set level_v='50 mV'")
 class CheckCommand(ProtocolOptions):
-    """Run the wiring check; the exit code is 0 if all passed, else that of the verdict."""
+    """The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with its limits.
+    Exit code 0 all passed, 1 something did not or the run failed, 3 UNSAFE, 4 no result.
+    """
 
-    faults: Sequence[str] = faults_option()
-    json: bool = switch("--json", "the table as one JSON object on standard output, SI units")
+    faults: Sequence[str] = FAULTS
+    json: bool = option("the table as one JSON object on standard output, SI units")
 
     def execute(self) -> int:
         bench = select_bench(self)
@@ -117,14 +119,15 @@ def _check_table(checks: Sequence[CheckResult]) -> Table:
     return table
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench commission --bench bench1.toml")
 class CommissionCommand(BenchSelection):
-    """Commission the source; the exit code is 0 if everything that shows at the output is as the driver assumes."""
+    """Commission the source: with high voltage off, exercise what the driver assumes of this instrument and measure
+    it at the amplifier's input. Prints pass, differs or dangerous for each property and stores a record by make,
+    model, serial number and firmware. Exit code 0 all passed, 1 something differs, 2 it could not be set up.
+    """
 
-    picture: Path | None = option(
-        "--picture", type=path_argument, metavar="PNG", help="also draw the recorded outputs into this file"
-    )
-    json: bool = switch("--json", "the record as one JSON object on standard output, SI units")
+    picture: Path | None = option("also draw the recorded outputs into this file", metavar="PNG")
+    json: bool = option("the record as one JSON object on standard output, SI units")
 
     def execute(self) -> int:
         from app.session.commissioning import commission
@@ -221,25 +224,25 @@ def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
     console.print(f"Record and traces: {path}{exempt}", soft_wrap=True)
 
 
-@dataclass(frozen=True)
+@options
 class DiscoveryOptions:
     """Options of the search for devices."""
 
-    hosts: Sequence[str] = repeated(
-        "--host",
-        "HOST[:PORT]",
+    hosts: Sequence[str] = option(
         "also query an instrument on a LAN socket of this host (default ports 5025 and 5555); may be repeated",
+        flag="--host",
+        metavar="HOST[:PORT]",
     )
-    server: str = option(
-        "--server", default="", metavar="HOST:PORT", help="NI's gRPC device server, for the card of another computer"
-    )
+    server: str = option("NI's gRPC device server, for the card of another computer", metavar="HOST:PORT")
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763")
 class DevicesCommand(DiscoveryOptions):
-    """Print the connected devices; finding none is not a failure."""
+    """Connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC server, serial
+    ports. A raw LAN socket cannot be discovered, only queried: give its host.
+    """
 
-    json: bool = switch("--json", JSON_PLAIN)
+    json: bool = JSON_PLAIN
 
     def execute(self) -> int:
         found, notes = find_devices(self.hosts, self.server)
@@ -262,11 +265,11 @@ class DevicesCommand(DiscoveryOptions):
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@options
 class NewBenchCommand(DiscoveryOptions):
     """Write a first bench file from the devices that are found."""
 
-    file: Path = option(type=path_argument, metavar="FILE", help="the file to write")
+    file: Path = argument("the file to write", metavar="FILE")
 
     def execute(self) -> int:
         if self.file.exists():  # before the search, which takes seconds
@@ -289,11 +292,11 @@ class NewBenchCommand(DiscoveryOptions):
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench run sine-dwell --speed max --fault scpi-dropped@3")
 class FaultsCommand:
-    """Print the faults that can be injected into a simulated bench."""
+    """The faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'."""
 
-    json: bool = switch("--json", JSON_PLAIN)
+    json: bool = JSON_PLAIN
 
     def execute(self) -> int:
         if self.json:
@@ -304,45 +307,14 @@ class FaultsCommand:
         return ExitCode.DONE
 
 
-COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
-    "check": CommandSyntax(
-        CheckCommand,
-        "The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with "
-        "its limits. Exit code 0 all passed, 1 something did not or the run failed, 3 UNSAFE, 4 no result.",
-        "example: tactor-bench check --bench bench1.toml --set level_v='50 mV'",
-    ),
-    "commission": CommandSyntax(
-        CommissionCommand,
-        "Commission the source: with high voltage off, exercise what the driver assumes of this instrument and measure it at "
-        "the amplifier's input. Prints pass, differs or dangerous for each property and stores a record by make, model, "
-        "serial number and firmware. Exit code 0 all passed, 1 something differs, 2 it could not be set up.",
-        "example: tactor-bench commission --bench bench1.toml",
-    ),
-    "devices": CommandSyntax(
-        DevicesCommand,
-        "Connected devices: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC "
-        "server, serial ports. A raw LAN socket cannot be discovered, only queried: give its host.",
-        "example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763",
-    ),
-    "bench": CommandGroup(
-        "Bench files.",
-        None,
-        "what to do",
-        "VERB",
-        {
-            "new": (
-                "write a first bench file with the devices that were found",
-                CommandSyntax(
-                    NewBenchCommand,
-                    "Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",
-                    "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
-                ),
-            )
-        },
-    ),
-    "faults": CommandSyntax(
-        FaultsCommand,
-        "The faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'.",
-        "example: tactor-bench run sine-dwell --speed max --fault scpi-dropped@3",
-    ),
-}
+BENCH_COMMANDS = CommandGroup(
+    "Bench files.",
+    "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
+    {
+        "new": (
+            "write a first, commented bench file from what 'tactor-bench devices' finds; never overwrites one",
+            NewBenchCommand,
+            "bench1.toml --host 192.0.2.7",
+        ),
+    },
+)

@@ -1,7 +1,7 @@
 """The command `campaign`: the measurements of one specimen in their order."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +25,15 @@ from app.campaign import (
 )
 from app.cli.headless import headless_session, make_protocol, refuse_unreachable_operator, select_bench
 from app.cli.options import (
+    FAULTS,
+    JSON_OBJECT,
     BenchOptions,
     CommandGroup,
-    CommandSyntax,
     FileOptions,
-    faults_option,
+    argument,
     group,
     option,
-    repeated,
-    switch,
+    options,
 )
 from app.cli.output import CommandResult, check_output_files, print_json, render
 from app.common import (
@@ -55,11 +55,11 @@ from protocols.base import Protocol
 from protocols.runfile.reader import RunReadError
 
 
-@dataclass(frozen=True)
+@options
 class CampaignCommand(BenchOptions):
     """Begin, print or rehearse a campaign."""
 
-    json: bool = switch("--json", "one JSON object on standard output, SI units")
+    json: bool = JSON_OBJECT
     verb: str = ""
 
     @usage_errors(CampaignError, RunReadError)
@@ -74,11 +74,11 @@ class CampaignCommand(BenchOptions):
         return _rehearse(known, self) if self.verb == "rehearse" else _print_campaign(known, self.json)
 
 
-@dataclass(frozen=True)
+@options
 class ItemCommand(CampaignCommand):
     """Change one item of a campaign, and print the campaign."""
 
-    item: str = option(help="name of the item, as in 'status'")
+    item: str = argument("name of the item, as in 'status'")
 
     def apply(self, known: Campaign) -> int:
         self.change(known)
@@ -88,42 +88,40 @@ class ItemCommand(CampaignCommand):
         {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[self.verb](self.item)
 
 
-@dataclass(frozen=True)
+@options
 class SkipCommand(ItemCommand):
     """Leave an item out."""
 
-    reason: str = option(
-        "--reason", default="skipped", help="reason, stored in the campaign; '' includes the item again"
-    )
+    reason: str = option("reason, stored in the campaign; '' includes the item again", "skipped")
 
     def change(self, known: Campaign) -> None:
         known.skip(self.item, self.reason)
 
 
-@dataclass(frozen=True)
+@options
 class MoveCommand(ItemCommand):
     """Put an item before another one."""
 
-    before: str = option("--before", required=True, metavar="ITEM", help="the item before which it is inserted")
+    before: str = option("the item before which it is inserted", required=True, metavar="ITEM")
 
     def change(self, known: Campaign) -> None:
         known.move(self.item, self.before)
 
 
-@dataclass(frozen=True)
+@options
 class AddCommand(CampaignCommand):
     """Add a measurement to a campaign: one run, or a series over the values of one parameter."""
 
-    item: str = option(help="name of the new item")
-    protocol: str = option("--protocol", required=True, metavar="NAME", help="protocol, as in 'protocols'")
+    item: str = argument("name of the new item")
+    protocol: str = option("protocol, as in 'protocols'", required=True, metavar="NAME")
     vary: str = option(
-        "--vary",
-        default="",
+        "repeat the protocol for each of these values of a parameter: 1,2,3 or '1...5 step 0.5' or '2 V, 4 V'",
         metavar="NAME=VALUES",
-        help="repeat the protocol for each of these values of a parameter: 1,2,3 or '1...5 step 0.5' or '2 V, 4 V'",
     )
-    settings: Sequence[str] = repeated("--set", "NAME=VALUE", "another parameter of the protocol; may be repeated")
-    needs: Sequence[str] = repeated("--needs", "ITEM", "item that must be done before; may be repeated")
+    settings: Sequence[str] = option(
+        "another parameter of the protocol; may be repeated", flag="--set", metavar="NAME=VALUE"
+    )
+    needs: Sequence[str] = option("item that must be done before; may be repeated", metavar="ITEM")
 
     def apply(self, known: Campaign) -> int:
         protocol = make_protocol(self.protocol, self.settings)
@@ -156,11 +154,11 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
         raise UsageError(f"--vary {text}: {error}") from None
 
 
-@dataclass(frozen=True)
+@options
 class CurveCommand(CampaignCommand):
     """Print the results of a series over its parameter."""
 
-    item: str = option(help="name of the series, as in 'status'")
+    item: str = argument("name of the series, as in 'status'")
     files: FileOptions = group(FileOptions, "the results of the series")
 
     def apply(self, known: Campaign) -> int:
@@ -211,14 +209,14 @@ class CurveCommand(CampaignCommand):
         )
 
 
-@dataclass(frozen=True)
+@options
 class RunItemCommand(CampaignCommand):
     """Measure the next items of a campaign, or resume one."""
 
-    item: str = option(nargs="?", default="", help="name of the item, as in 'status'")
-    all: bool = switch("--all", "continue with the next items until all are done")
-    hands_free: bool = switch("--hands-free", "like --all, but only items for which nobody must touch the specimen")
-    faults: Sequence[str] = faults_option()
+    item: str = argument("name of the item, as in 'status'", nargs="?")
+    all: bool = option("continue with the next items until all are done")
+    hands_free: bool = option("like --all, but only items for which nobody must touch the specimen")
+    faults: Sequence[str] = FAULTS
 
     def apply(self, known: Campaign) -> int:
         bench = select_bench(self)
@@ -335,49 +333,46 @@ def _item_text(state: ItemState) -> str:
     return "\n".join(lines)
 
 
-VERBS: Mapping[str, tuple[type[CampaignCommand], str]] = {
-    "new": (CampaignCommand, "create a campaign of a specimen: the paper's measurements in their order"),
-    "status": (CampaignCommand, "items that are done, stale, missing or failed, and the next step"),
-    "rehearse": (CampaignCommand, "rehearse the remaining items without driving anything: time, prompts, volts, bytes"),
-    "run": (RunItemCommand, "measure the next item, or the one that is named"),
-    "resume": (RunItemCommand, "resume the item that was interrupted"),
-    "skip": (SkipCommand, "skip an item"),
-    "repeat": (
-        ItemCommand,
-        "measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted",
-    ),
-    "accept": (ItemCommand, "accept the result of an item's run after reviewing it"),
-    "reject": (ItemCommand, "reject the present run of an item"),
-    "move": (MoveCommand, "move an item before another one"),
-    "add": (AddCommand, "add a measurement: one run, or a series over the values of one parameter"),
-    "curve": (CurveCommand, "the results of a series over its parameter: table, CSV and picture"),
-}
-
-EXAMPLES = {
-    "move": "sag --before dwell ",
-    "add": "levels --protocol sine-dwell --set frequencies_hz=140,150,160,170 --vary peak_to_peak_v=1,2,3,4,5 ",
-    "curve": "levels --picture levels.png ",
-}
-"""Arguments of subcommands in their examples, where an item's name does not suffice."""
-
-
-COMMANDS: Mapping[str, CommandGroup] = {
-    "campaign": CommandGroup(
-        "All measurements of one specimen, each after what it is based on. Their status is read from the run "
-        "files; a campaign can be stopped, killed and resumed at any time.",
-        "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
-        "what to do",
-        "VERB",
-        {
-            verb: (
-                text,
-                CommandSyntax(
-                    command,
-                    f"{text[0].upper()}{text[1:]}.",
-                    f"example: tactor-bench campaign {verb} {EXAMPLES.get(verb, '' if command is CampaignCommand else 'dwell ')}--specimen T7",
-                ),
-            )
-            for verb, (command, text) in VERBS.items()
-        },
-    )
-}
+CAMPAIGN_COMMANDS = CommandGroup(
+    "All measurements of one specimen, each after what it is based on. Their status is read from the run "
+    "files; a campaign can be stopped, killed and resumed at any time.",
+    "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
+    {
+        "new": (
+            "create a campaign of a specimen: the paper's measurements in their order",
+            CampaignCommand,
+            "--specimen T7",
+        ),
+        "status": (
+            "items that are done, stale, missing or failed, and the next step",
+            CampaignCommand,
+            "--specimen T7",
+        ),
+        "rehearse": (
+            "rehearse the remaining items without driving anything: time, prompts, volts, bytes",
+            CampaignCommand,
+            "--specimen T7",
+        ),
+        "run": ("measure the next item, or the one that is named", RunItemCommand, "dwell --specimen T7"),
+        "resume": ("resume the item that was interrupted", RunItemCommand, "dwell --specimen T7"),
+        "skip": ("skip an item", SkipCommand, "dwell --specimen T7"),
+        "repeat": (
+            "measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted",
+            ItemCommand,
+            "dwell --specimen T7",
+        ),
+        "accept": ("accept the result of an item's run after reviewing it", ItemCommand, "dwell --specimen T7"),
+        "reject": ("reject the present run of an item", ItemCommand, "dwell --specimen T7"),
+        "move": ("move an item before another one", MoveCommand, "sag --before dwell --specimen T7"),
+        "add": (
+            "add a measurement: one run, or a series over the values of one parameter",
+            AddCommand,
+            "levels --protocol sine-dwell --set frequencies_hz=140,150,160,170 --vary peak_to_peak_v=1,2,3,4,5 --specimen T7",
+        ),
+        "curve": (
+            "the results of a series over its parameter: table, CSV and picture",
+            CurveCommand,
+            "levels --picture levels.png --specimen T7",
+        ),
+    },
+)

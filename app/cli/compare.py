@@ -2,16 +2,15 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.special import chdtrc
 
-from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
+from app.cli.options import JSON_OBJECT, argument, command
 from app.cli.output import CommandResult, render
-from app.common import Column, Table, UsageError, path_argument, usage_errors
+from app.common import Column, Table, UsageError, usage_errors
 from model.identification import format_p_value
 from protocols.base import usable_mask
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
@@ -22,13 +21,13 @@ MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
 Point = dict[str, float]
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5")
 class CompareCommand:
-    """Compare two runs of one protocol point by point."""
+    """Points of two runs side by side: values, difference, and the difference in standard errors."""
 
-    first: Path = option(type=path_argument)
-    second: Path = option(type=path_argument)
-    json: bool = switch("--json", JSON_OBJECT)
+    first: Path = argument()
+    second: Path = argument()
+    json: bool = JSON_OBJECT
 
     @usage_errors(RunReadError)
     def execute(self) -> int:
@@ -132,12 +131,3 @@ def _usable_points(run: Run) -> list[Point]:
             {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
             for at in np.flatnonzero(usable_mask(columns["quality"]))
         ]
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "compare": CommandSyntax(
-        CompareCommand,
-        "Points of two runs side by side: values, difference, and the difference in standard errors.",
-        "example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5",
-    )
-}

@@ -1,8 +1,8 @@
 """The commands `identify` and `calibration`: parameters of a specimen from its runs, and their accepted versions."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from app.cli.identify_tables import (
@@ -12,7 +12,7 @@ from app.cli.identify_tables import (
     proposals_table,
     rank_proposals,
 )
-from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, options
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -20,7 +20,6 @@ from app.common import (
     Table,
     UnitError,
     UsageError,
-    path_argument,
     read_stated,
     terminal_progress,
     to_number,
@@ -55,79 +54,59 @@ USUAL_EVALUATIONS = 30
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
-@dataclass(frozen=True)
+@options
 class AcceptCommand:
     """Identify the parameters of a specimen from its runs, and accept them as its calibration."""
 
-    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files of one specimen")
-    method: Method = option("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
-    free: str = option(
-        "--free",
-        default="",
-        metavar="NAMES",
-        help="free parameters, e.g. k2,mu,m_add,c0 (default: those that the runs determine)",
-    )
+    runs: Sequence[Path] = argument("run files of one specimen", nargs="+", metavar="RUN")
+    method: Method = option("(default: joint)", "joint")
+    free: str = option("free parameters, e.g. k2,mu,m_add,c0 (default: those that the runs determine)", metavar="NAMES")
     also: str = option(
-        "--also",
-        default="",
+        "parameters that are free in addition, e.g. mass_fraction, the share of the added masses that acts",
         metavar="NAMES",
-        help="parameters that are free in addition, e.g. mass_fraction, the share of the added masses that acts",
     )
-    plain: bool = switch(
-        "--plain",
+    plain: bool = option(
         "the beam model alone: creep, hysteresis and the other usual nonidealities are held at none, and no cause is added where the "
-        "model is not adequate",
+        "model is not adequate"
     )
-    fixed: Sequence[str] = repeated("--fix", "NAME=VALUE", "a fixed value, in SI units or with a unit")
-    priors: Sequence[str] = repeated(
-        "--prior",
-        "NAME=VALUE+-ERROR",
+    fixed: Sequence[str] = option("a fixed value, in SI units or with a unit", flag="--fix", metavar="NAME=VALUE")
+    priors: Sequence[str] = option(
         "what ruler, caliper or scale say of a parameter that is held otherwise, with its standard uncertainty, e.g. "
         "'h_Al=0.20 mm +- 0.01 mm' or 'L=22 mm +- 1 %%'; it becomes free within that, and its uncertainty is in all errors",
+        flag="--prior",
+        metavar="NAME=VALUE+-ERROR",
     )
     sheet: str = option(
-        "--sheet",
-        default="",
-        metavar="FILE|none",
-        help="the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
+        "the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
         "ruler and caliper); 'none' holds them at Table I as if exact, as --plain does with nonidealities",
+        metavar="FILE|none",
     )
-    profile: Sequence[str] = repeated(
-        "--profile",
-        "NAME",
+    profile: Sequence[str] = option(
         "an interval by profile likelihood for this parameter, where a standard error does not suffice; may be repeated",
+        metavar="NAME",
     )
-    coverage: float = option(
-        "--coverage", type=float, default=0.95, help="coverage of profile intervals (default: 0.95)"
-    )
+    coverage: float = option("coverage of profile intervals (default: 0.95)", 0.95)
     next: str | None = option(
-        "--next",
+        "rank the next measurements for this parameter, by default the least certain one: every candidate with its duration",
         nargs="?",
         const="",
         metavar="NAME",
-        help="rank the next measurements for this parameter, by default the least certain one: every candidate with its duration",
     )
     bench: str | None = option(
-        "--bench",
+        "a bench file with the corrected calibration of sensor or amplifier, with which raw samples are reduced again",
         metavar="FILE",
-        help="a bench file with the corrected calibration of sensor or amplifier, with which raw samples are reduced again",
     )
     shapes: int | None = option(
-        "--shapes",
-        type=int,
-        metavar="N",
-        help="shape functions of the model (default: 20; for a simulated tactor its own number)",
+        "shape functions of the model (default: 20; for a simulated tactor its own number)", metavar="N"
     )
-    robust: bool = switch("--robust", "a Cauchy loss, which is robust against outliers, instead of least squares")
-    by: str = option("--by", default="", metavar="NAME", help="name of the person who accepts it")
-    note: str = option("--note", default="", help="a note stored with it")
+    robust: bool = option("a Cauchy loss, which is robust against outliers, instead of least squares")
+    by: str = option("name of the person who accepts it", metavar="NAME")
+    note: str = option("a note stored with it")
     reason: str = option(
-        "--reason",
-        default="",
+        "why a result that is not adequate, or was not tested, is accepted all the same; kept and printed with it",
         metavar="TEXT",
-        help="why a result that is not adequate, or was not tested, is accepted all the same; kept and printed with it",
     )
-    json: bool = switch("--json", JSON_OBJECT)
+    json: bool = JSON_OBJECT
     accept: bool = True
 
     @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
@@ -181,11 +160,15 @@ class AcceptCommand:
         return render(replace(result, notes=(*result.notes, *notes)), self.json)
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'")
 class IdentifyCommand(AcceptCommand):
-    """Identify the parameters of a specimen from its runs, and accept them if requested."""
+    """Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or step by
+    step as the paper did. Creep, hysteresis and what else a real specimen does are fitted with them; where the runs
+    still do not follow the model, the likeliest causes are added in turn and listed. Parameters that the runs do not
+    determine are named instead of guessed.
+    """
 
-    accept: bool = switch("--accept", "store the result as the specimen's calibration")
+    accept: bool = option("store the result as the specimen's calibration")
 
 
 def _show_progress(bars: ExitStack, quiet: bool) -> Callable[[int, float], None]:
@@ -251,14 +234,14 @@ def _accept(identification: IdentificationResult, options: AcceptCommand, correc
     return f"accepted as version {accepted.version} of {identification.specimen}, now active, in {path}{decision}"
 
 
-@dataclass(frozen=True)
+@options
 class ShowCalibrationCommand:
     """Print one version of a specimen's calibration, the active one by default."""
 
-    specimen: str = option()
-    version: int | None = option("--version", type=int)
-    folder: Path = folder_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    specimen: str = argument()
+    version: int | None = option()
+    folder: Path = FOLDER
+    json: bool = JSON_OBJECT
 
     def execute(self) -> int:
         try:
@@ -270,11 +253,11 @@ class ShowCalibrationCommand:
         return _version_result(known.get(self.version), known)
 
 
-@dataclass(frozen=True)
+@options
 class UseCalibrationCommand(ShowCalibrationCommand):
     """Make another version of a specimen's calibration the active one."""
 
-    version: int = option(type=int)
+    version: int = argument()
 
     def result(self, known: Calibrations) -> CommandResult:
         known = replace(known, active=known.get(self.version).version)
@@ -282,13 +265,13 @@ class UseCalibrationCommand(ShowCalibrationCommand):
         return super().result(known)
 
 
-@dataclass(frozen=True)
+@options
 class DiffCalibrationCommand(ShowCalibrationCommand):
     """Print what changed between two versions of a specimen's calibration."""
 
     version: None = None
-    first: int = option(type=int)
-    second: int = option(type=int)
+    first: int = argument()
+    second: int = argument()
 
     def result(self, known: Calibrations) -> CommandResult:
         return _difference_result(known.get(self.first), known.get(self.second))
@@ -347,37 +330,17 @@ def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
     return CommandResult("calibration diff", {}, (table,))
 
 
-COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
-    "identify": CommandSyntax(
-        IdentifyCommand,
-        "Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
-        "step by step as the paper did. Creep, hysteresis and what else a real specimen does are fitted with them; where the runs "
-        "still do not follow the model, the likeliest causes are added in turn and listed. Parameters that the runs do not determine "
-        "are named instead of guessed.",
-        "example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
-    ),
-    "calibration": CommandGroup(
-        "Accepted estimates of a specimen: consecutive versions, one of them active.",
-        "example: tactor-bench calibration show T7",
-        "what",
-        "WHAT",
-        {
-            "accept": (
-                "identify these runs and store the result: identify --accept",
-                CommandSyntax(AcceptCommand, example="example: calibration accept runs/*_T7_*.h5 --by 'K. Tanaka'"),
-            ),
-            "show": (
-                "one version, the active one by default",
-                CommandSyntax(ShowCalibrationCommand, example="example: calibration show T7"),
-            ),
-            "diff": (
-                "changes between two versions",
-                CommandSyntax(DiffCalibrationCommand, example="example: calibration diff T7 1 2"),
-            ),
-            "use": (
-                "make another version the active one",
-                CommandSyntax(UseCalibrationCommand, example="example: calibration use T7 1"),
-            ),
-        },
-    ),
-}
+CALIBRATION_COMMANDS = CommandGroup(
+    "Accepted estimates of a specimen: consecutive versions, one of them active.",
+    "example: tactor-bench calibration show T7",
+    {
+        "accept": (
+            "identify these runs and store the result: identify --accept",
+            AcceptCommand,
+            "runs/*_T7_*.h5 --by 'K. Tanaka'",
+        ),
+        "show": ("one version, the active one by default", ShowCalibrationCommand, "T7"),
+        "diff": ("changes between two versions", DiffCalibrationCommand, "T7 1 2"),
+        "use": ("make another version the active one", UseCalibrationCommand, "T7 1"),
+    },
+)

@@ -1,18 +1,16 @@
 """The command `import`: tables and time series as run files."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from app.archive.importing import ImportedRun, ImportOptions, import_files, read_time
-from app.cli.options import JSON_OBJECT, CommandSyntax, option, repeated, switch
+from app.cli.options import JSON_OBJECT, argument, command, option
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
     Table,
     UnitError,
     UsageError,
-    path_argument,
     specimen_argument,
     terminal_progress,
     to_number,
@@ -21,85 +19,64 @@ from app.common import (
 from app.config import ConfigError, load_bench
 
 
-@dataclass(frozen=True)
+@command(
+    "example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
+    "--uncertainty 'peak_to_peak=1 %'"
+)
 class ImportCommand:
-    """Import tables and time series as run files."""
+    """Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time
+    series under a sine or a sweep, as run files that are listed, identified, exported and reported like measured
+    ones. Each states that it was imported, from which file and which columns, and has no raw samples. Units are in
+    the header ('frequency [Hz]', 'amplitude_um', 'Load (g)') or in --unit.
+    """
 
-    files: Sequence[Path] = option(
-        nargs="+",
-        type=path_argument,
-        metavar="FILE",
-        help="CSV (any delimiter, decimal comma or point) or MAT files",
+    files: Sequence[Path] = argument(
+        "CSV (any delimiter, decimal comma or point) or MAT files", nargs="+", metavar="FILE"
     )
     kind: str | None = option(
-        "--as",
-        metavar="KIND",
-        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), or another protocol; "
+        "sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), or another protocol; "
         "(default: by the columns)",
+        flag="--as",
+        metavar="KIND",
     )
-    column: Sequence[str] = repeated(
-        "--column",
-        "QUANTITY=HEAD",
+    column: Sequence[str] = option(
         "the column of a quantity, e.g. peak_to_peak=A, where its name is ambiguous; may be repeated",
+        metavar="QUANTITY=HEAD",
     )
-    unit: Sequence[str] = repeated(
-        "--unit",
-        "COLUMN=UNIT",
-        "the unit of a column, e.g. A=um, instead of the one in its header; may be repeated",
+    unit: Sequence[str] = option(
+        "the unit of a column, e.g. A=um, instead of the one in its header; may be repeated", metavar="COLUMN=UNIT"
     )
-    uncertainty: Sequence[str] = repeated(
-        "--uncertainty",
-        "QUANTITY=SIZE",
+    uncertainty: Sequence[str] = option(
         "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'; may be repeated",
+        metavar="QUANTITY=SIZE",
     )
-    settings: Sequence[str] = repeated(
-        "--set",
-        "NAME=VALUE",
+    settings: Sequence[str] = option(
         "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'; may be repeated",
+        flag="--set",
+        metavar="NAME=VALUE",
     )
-    specimen: str = option(
-        "--specimen", type=specimen_argument, default="unnamed", help="name of the specimen (default: unnamed)"
-    )
+    specimen: str = option("name of the specimen (default: unnamed)", "unnamed", type=specimen_argument)
     membrane_elongation: str | None = option(
-        "--membrane-elongation",
-        metavar="LENGTH",
-        help="elongation of the membrane, e.g. '1.27 mm'; without it the tactor is free",
+        "elongation of the membrane, e.g. '1.27 mm'; without it the tactor is free", metavar="LENGTH"
     )
     sensor: str = option(
-        "--sensor",
-        default="",
-        metavar="NAME",
-        help="the displacement sensor's name and serial number; runs of one sensor share its gain's error",
+        "the displacement sensor's name and serial number; runs of one sensor share its gain's error", metavar="NAME"
     )
     gain_error: str | None = option(
-        "--gain-error",
-        metavar="SHARE",
-        help="standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'",
+        "standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'", metavar="SHARE"
     )
-    sensor_delay: str | None = option(
-        "--sensor-delay", metavar="TIME", help="delay of the sensor's output, e.g. '100 us'; for time series"
-    )
+    sensor_delay: str | None = option("delay of the sensor's output, e.g. '100 us'; for time series", metavar="TIME")
     bench: str = option(
-        "--bench",
-        default="",
-        metavar="FILE",
-        help="bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)",
+        "bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)", metavar="FILE"
     )
     measured: str | None = option(
-        "--measured",
+        "when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
         metavar="WHEN",
-        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run states that the date is not recorded)",
     )
-    simulated: bool = switch("--simulated", "these values come from a simulation, which the run states")
-    out: Path = option(
-        "--out",
-        type=path_argument,
-        default=Path("runs"),
-        metavar="FOLDER",
-        help="folder for the run files (default: runs)",
-    )
-    dry_run: bool = switch("--dry-run", "print what would be imported, and write nothing")
-    json: bool = switch("--json", JSON_OBJECT)
+    simulated: bool = option("these values come from a simulation, which the run states")
+    out: Path = option("folder for the run files (default: runs)", Path("runs"), metavar="FOLDER")
+    dry_run: bool = option("print what would be imported, and write nothing")
+    json: bool = JSON_OBJECT
 
     @usage_errors(ConfigError)
     def execute(self) -> int:
@@ -185,16 +162,3 @@ def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> Comm
         "left_out": [head for taken in runs for head in taken.unused_columns],
     }
     return CommandResult("import", {}, tuple(tables), tuple(notes), extra=more)
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "import": CommandSyntax(
-        ImportCommand,
-        "Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
-        "under a sine or a sweep, as run files that are listed, identified, exported and reported like measured ones. Each states that it was "
-        "imported, from which file and which columns, and has no raw samples. Units are in the header ('frequency [Hz]', "
-        "'amplitude_um', 'Load (g)') or in --unit.",
-        "example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
-        "--uncertainty 'peak_to_peak=1 %'",
-    )
-}

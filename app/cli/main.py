@@ -20,73 +20,109 @@ from app.common import ExitCode, UsageError, print_message, truncate_text
 
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
-    "run": ("app.cli.run", "run a protocol without a window"),
-    "window": ("app.cli.run", "open the window (also what happens without a command)"),
+    "run": ("app.cli.run:RunCommand", "run a protocol without a window"),
+    "window": ("app.cli.run:WindowCommand", "open the window (also what happens without a command)"),
     "demo": (
-        "app.cli.run",
+        "app.cli.run:DemoCommand",
         "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
-    "show": ("app.cli.run", "show the contents of a run file"),
-    "judge": ("app.cli.run_files", "verdict on runs from their points: for runs of earlier versions and imports"),
-    "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
-    "commission": ("app.cli.bench", "measure what the driver assumes of the source, with high voltage off"),
-    "devices": ("app.cli.bench", "list the connected VISA instruments, NI cards and serial ports"),
-    "bench": ("app.cli.bench", "write a first bench file"),
-    "faults": ("app.cli.bench", "list the faults that can be injected into a simulated bench"),
-    "campaign": ("app.cli.campaign", "the measurements of one specimen in their order: new, status, run, resume ..."),
+    "show": ("app.cli.run:ShowCommand", "show the contents of a run file"),
+    "judge": (
+        "app.cli.run_files:JudgeCommand",
+        "verdict on runs from their points: for runs of earlier versions and imports",
+    ),
+    "check": ("app.cli.bench:CheckCommand", "check the wiring with small voltages: a table of pass and fail"),
+    "commission": (
+        "app.cli.bench:CommissionCommand",
+        "measure what the driver assumes of the source, with high voltage off",
+    ),
+    "devices": ("app.cli.bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
+    "bench": ("app.cli.bench:BENCH_COMMANDS", "write a first bench file"),
+    "faults": ("app.cli.bench:FaultsCommand", "list the faults that can be injected into a simulated bench"),
+    "campaign": (
+        "app.cli.campaign:CAMPAIGN_COMMANDS",
+        "the measurements of one specimen in their order: new, status, run, resume ...",
+    ),
     "model": (
-        "app.cli.model",
+        "app.cli.model:MODEL_COMMANDS",
         "compute model quantities: parameters, modes, statics, frequency response, step, membrane, convergence",
     ),
-    "study": ("app.cli.study", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
+    "study": ("app.cli.study:StudyCommand", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
     "figures": (
-        "app.cli.study",
+        "app.cli.study:FiguresCommand",
         "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
-    "runs": ("app.cli.runs", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
-    "operator": ("app.cli.laboratory.people", "who measures today, and temperature and humidity: stored in every run"),
-    "checked": ("app.cli.laboratory.people", "store that a second person checked runs"),
+    "runs": (
+        "app.cli.runs:RunsCommand",
+        "list the runs of a folder; filter by specimen, protocol, date, status or text",
+    ),
+    "operator": (
+        "app.cli.laboratory.people:OperatorCommand",
+        "who measures today, and temperature and humidity: stored in every run",
+    ),
+    "checked": ("app.cli.laboratory.people:CheckedCommand", "store that a second person checked runs"),
     "fleet": (
-        "app.cli.laboratory.fleet",
+        "app.cli.laboratory.fleet:FleetCommand",
         "many specimens in one table: mean, spread, outliers, Cpk, trends; by batch, bench or month",
     ),
     "control-chart": (
-        "app.cli.laboratory.fleet",
+        "app.cli.laboratory.fleet:ControlChartCommand",
         "a golden specimen over time: drift of the bench, or of the specimen",
     ),
     "certificate": (
-        "app.cli.laboratory.certificates",
+        "app.cli.laboratory.certificates:CERTIFICATE_COMMANDS",
         "calibration certificates of the instruments and when each is due: add, list, show",
     ),
     "audit": (
-        "app.cli.laboratory.audit",
+        "app.cli.laboratory.audit:AUDIT_COMMANDS",
         "audit trail of a folder, detects any later change: start, verify, show, head",
     ),
-    "backup": ("app.cli.laboratory.backup", "copy new and changed runs to a second folder, verified by their hashes"),
-    "export": ("app.cli.runs", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
+    "backup": (
+        "app.cli.laboratory.backup:BackupCommand",
+        "copy new and changed runs to a second folder, verified by their hashes",
+    ),
+    "export": (
+        "app.cli.runs:ExportCommand",
+        "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File",
+    ),
     "archive": (
-        "app.cli.specimen.archive",
+        "app.cli.specimen.archive:ArchiveCommand",
         "a specimen with all its runs as one file for a lab notebook or another computer",
     ),
-    "restore": ("app.cli.specimen.archive", "bring the files of an archive back, each with its hash verified"),
-    "verify": ("app.cli.run_files", "verify run files by their checksums; repair files that a killed program left"),
-    "import": ("app.cli.import_", "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files"),
-    "protocols": ("app.cli.run", "list the protocols and their parameters"),
+    "restore": (
+        "app.cli.specimen.archive:RestoreCommand",
+        "bring the files of an archive back, each with its hash verified",
+    ),
+    "verify": (
+        "app.cli.run_files:VerifyCommand",
+        "verify run files by their checksums; repair files that a killed program left",
+    ),
+    "import": (
+        "app.cli.import_:ImportCommand",
+        "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files",
+    ),
+    "protocols": ("app.cli.run:ProtocolsCommand", "list the protocols and their parameters"),
     "resume": (
-        "app.cli.run",
+        "app.cli.run:ResumeCommand",
         "resume a run that was stopped or crashed, or measure some of its points again",
     ),
-    "identify": ("app.cli.identify", "parameters of a specimen from its runs, with errors"),
-    "compare": ("app.cli.compare", "compare the points of two runs of one protocol"),
+    "identify": ("app.cli.identify:IdentifyCommand", "parameters of a specimen from its runs, with errors"),
+    "compare": ("app.cli.compare:CompareCommand", "compare the points of two runs of one protocol"),
     "calibration": (
-        "app.cli.identify",
+        "app.cli.identify:CALIBRATION_COMMANDS",
         "the accepted estimates of a specimen: accept, show, diff, use another version",
     ),
-    "specimen": ("app.cli.specimen.commands", "the sheet of a specimen, dimensions and masses: new, set, show, check"),
-    "label": ("app.cli.specimen.label", "labels of specimens to print, with a QR code for a barcode scanner"),
-    "report": ("app.cli.report", "the report of a specimen: PDF and HTML"),
+    "specimen": (
+        "app.cli.specimen.commands:SPECIMEN_COMMANDS",
+        "the sheet of a specimen, dimensions and masses: new, set, show, check",
+    ),
+    "label": (
+        "app.cli.specimen.label:LabelCommand",
+        "labels of specimens to print, with a QR code for a barcode scanner",
+    ),
+    "report": ("app.cli.report:ReportCommand", "the report of a specimen: PDF and HTML"),
 }
-"""The module that defines each command, and one line of help. A module is imported only for its own commands."""
+"""The class or the group of each command, and one line of help. A module is imported only for its own commands."""
 
 BENCH_THREAD = "bench"
 """Name of a session's thread, which lives on here only if it hangs."""
@@ -132,7 +168,8 @@ class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: 
         """Add the options of a command to its parser, once."""
         parser = self.choices[name]
         if parser.get_default("command") is None and parser.description is None:
-            define_command(parser, import_module(COMMANDS[name][0]).COMMANDS[name])
+            module, _, command = COMMANDS[name][0].partition(":")
+            define_command(parser, getattr(import_module(module), command))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,7 +1,5 @@
 """The command `model`: parameters, modes, statics, responses, latency, added mass and drive, membrane and convergence of the model."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,7 @@ from app.cli.model_response import (
     MembraneTopic,
     StepTopic,
 )
-from app.cli.options import CommandGroup, CommandSyntax, FileOptions, group, option
+from app.cli.options import CommandGroup, FileOptions, group, option, options
 from app.cli.output import CommandResult
 from app.cli.specimen.design import AddedMassTopic, DriveTopic
 from app.common import Column, Table, UsageError, read_number, track
@@ -53,7 +51,7 @@ SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
 
 
-@dataclass(frozen=True)
+@options
 class ParametersTopic(Topic):
     """Every parameter with unit and meaning, and the derived quantities."""
 
@@ -109,12 +107,12 @@ def _format_table_one(name: str) -> str:
     return f"{factor * uncertainty:.2g} {unit}"
 
 
-@dataclass(frozen=True)
+@options
 class ModesTopic(Topic):
     """Undamped frequencies, poles and damping ratios, free and on the skin."""
 
     shapes: ShapeOptions = group(ShapeOptions)
-    count: int = option("--count", type=int, default=3, help="number of modes (default: %(default)s)")
+    count: int = option("number of modes (default: %(default)s)", 3)
     files: FileOptions = group(FileOptions, "the mode shapes")
 
     def compute(self) -> CommandResult:
@@ -167,14 +165,12 @@ class ModesTopic(Topic):
         )
 
 
-@dataclass(frozen=True)
+@options
 class StaticTopic(Topic):
     """Compliance, voltage gain, and the shape under a load and a voltage together."""
 
-    load: str = option(
-        "--load", default="1 N", help="force at the centre, or a mass for its weight (default: %(default)s)"
-    )
-    voltage: str = option("--voltage", default="1500 V", help="voltage on the specimen (default: %(default)s)")
+    load: str = option("force at the centre, or a mass for its weight (default: %(default)s)", "1 N")
+    voltage: str = option("voltage on the specimen (default: %(default)s)", "1500 V")
     files: FileOptions = group(FileOptions, "the shape w(x)")
 
     def compute(self) -> CommandResult:
@@ -210,14 +206,12 @@ class StaticTopic(Topic):
         )
 
 
-@dataclass(frozen=True)
+@options
 class ConvergenceTopic(Topic):
     """Error of n shape functions against the closed form, for several n."""
 
-    shapes: str = option(
-        "--shapes", default="3,5,7,10,14,20,28,40", metavar="LIST", help="values of n (default: %(default)s)"
-    )
-    frequencies: str = option("--frequencies", default="1:500:500", metavar="LIST", help="(default: %(default)s)")
+    shapes: str = option("values of n (default: %(default)s)", "3,5,7,10,14,20,28,40", metavar="LIST")
+    frequencies: str = option("(default: %(default)s)", "1:500:500", metavar="LIST")
     files: FileOptions = group(FileOptions, "the table")
 
     def compute(self) -> CommandResult:
@@ -253,69 +247,57 @@ class ConvergenceTopic(Topic):
         )
 
 
-TOPICS: Mapping[str, tuple[type[Topic], str, str]] = {
-    "parameters": (
-        ParametersTopic,
-        "every parameter with value, unit, limits and meaning, and what follows from them",
-        "model parameters --set 'E_Al=69 GPa' --elongation '1.27 mm'",
-    ),
-    "modes": (
-        ModesTopic,
-        "natural frequencies, poles and damping ratios, free and on the membrane",
-        "model modes --set m_add=0 --pre-stretch 0.0075 --picture modes.png",
-    ),
-    "static": (
-        StaticTopic,
-        "deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape",
-        "model static --load '200 g' --voltage '1500 V' --csv shape.csv",
-    ),
-    "frequency-response": (
-        FrequencyResponseTopic,
-        "amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min",
-        "model frequency-response --frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv",
-    ),
-    "step": (
-        StepTopic,
-        "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
-        "model step --voltage '1500 V' --frequency '160 Hz' --picture step.png",
-    ),
-    "added-mass": (
-        AddedMassTopic,
-        "which added mass brings the resonance to a frequency, with the uncertainty of a calibration",
-        "model added-mass --frequency '160 Hz' --specimen T7",
-    ),
-    "drive": (
-        DriveTopic,
-        "which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration",
-        "model drive --amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7",
-    ),
-    "membrane": (
-        MembraneTopic,
-        "sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch",
-        "model membrane --elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
-    ),
-    "convergence": (
-        ConvergenceTopic,
-        "error of n shape functions against the closed form",
-        "model convergence --shapes 3,5,7,10,20,40 --frequencies 1:500:500",
-    ),
-}
-"""Topics with their help and an example."""
-
-COMMANDS: Mapping[str, CommandGroup] = {
-    "model": CommandGroup(
-        "Quantities of the model, for any parameters.",
-        "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
-        "topics",
-        "TOPIC",
-        {
-            name: (
-                text,
-                CommandSyntax(
-                    topic, f"{text[:1].upper()}{text[1:]}.", f"example: tactor-bench {example}", negative_values=True
-                ),
-            )
-            for name, (topic, text, example) in TOPICS.items()
-        },
-    )
-}
+MODEL_COMMANDS = CommandGroup(
+    "Quantities of the model, for any parameters.",
+    "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
+    {
+        "parameters": (
+            "every parameter with value, unit, limits and meaning, and what follows from them",
+            ParametersTopic,
+            "--set 'E_Al=69 GPa' --elongation '1.27 mm'",
+        ),
+        "modes": (
+            "natural frequencies, poles and damping ratios, free and on the membrane",
+            ModesTopic,
+            "--set m_add=0 --pre-stretch 0.0075 --picture modes.png",
+        ),
+        "static": (
+            "deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape",
+            StaticTopic,
+            "--load '200 g' --voltage '1500 V' --csv shape.csv",
+        ),
+        "frequency-response": (
+            "amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min",
+            FrequencyResponseTopic,
+            "--frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv",
+        ),
+        "step": (
+            "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
+            StepTopic,
+            "--voltage '1500 V' --frequency '160 Hz' --picture step.png",
+        ),
+        "added-mass": (
+            "which added mass brings the resonance to a frequency, with the uncertainty of a calibration",
+            AddedMassTopic,
+            "--frequency '160 Hz' --specimen T7",
+        ),
+        "drive": (
+            "which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration",
+            DriveTopic,
+            "--amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7",
+        ),
+        "membrane": (
+            "sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch",
+            MembraneTopic,
+            "--elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
+        ),
+        "convergence": (
+            "error of n shape functions against the closed form",
+            ConvergenceTopic,
+            "--shapes 3,5,7,10,20,40 --frequencies 1:500:500",
+        ),
+    },
+    "topics",
+    "TOPIC",
+    negative_values=True,
+)

@@ -5,13 +5,13 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from annotated_types import Interval
 
-from app.cli.options import FileOptions, option, repeated, switch
+from app.cli.options import JSON_OBJECT, FileOptions, option, options
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common import MAX_TOML_BYTES, PEAK_TO_PEAK, UnitError, UsageError, parse_toml, read_number, to_number
 from app.identification import PAPER_MODEL, USUAL_RANGES, ActiveModel
@@ -130,25 +130,23 @@ def read_settings(settings: Sequence[str]) -> dict[str, float]:
     return values
 
 
-@dataclass(frozen=True)
+@options
 class ParameterOptions:
     """Parameters of the model, and JSON output."""
 
-    settings: Sequence[str] = repeated("--set", "NAME=VALUE", SET_HELP)
-    json: bool = switch("--json", "one JSON object on standard output, SI units")
+    settings: Sequence[str] = option(SET_HELP, flag="--set", metavar="NAME=VALUE")
+    json: bool = JSON_OBJECT
 
 
-@dataclass(frozen=True)
+@options
 class SpecimenOptions(ParameterOptions):
     """Parameters and pre-stretch of a specimen."""
 
     pre_stretch: str | None = option(
-        "--pre-stretch",
-        metavar="DELTA",
-        help="of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane",
+        "of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane", metavar="DELTA"
     )
     elongation: str | None = option(
-        "--elongation", metavar="LENGTH", help="of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane"
+        "of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane", metavar="LENGTH"
     )
 
 
@@ -188,14 +186,12 @@ class Topic(SpecimenOptions, ABC):
             return []
 
 
-@dataclass(frozen=True)
+@options
 class DriveOptions:
     """The drive at the amplifier's input."""
 
-    peak_to_peak: str = option(
-        "--peak-to-peak", default="5 V", metavar="VOLTS", help="at the amplifier's input (default: 5 V)"
-    )
-    offset: str = option("--offset", default="2.5 V", metavar="VOLTS", help="at the amplifier's input (default: 2.5 V)")
+    peak_to_peak: str = option("at the amplifier's input (default: 5 V)", "5 V", metavar="VOLTS")
+    offset: str = option("at the amplifier's input (default: 2.5 V)", "2.5 V", metavar="VOLTS")
 
     def read(self) -> tuple[float, float]:
         """Return amplitude and offset in volts.
@@ -228,18 +224,15 @@ def plausibility_note(name: str, value: float) -> str:
     return f"CAUTION: {stated}, {usual}: is the unit right?"
 
 
-@dataclass(frozen=True)
+@options
 class ShapeOptions:
     """Number of shape functions, or the accuracy that they must have."""
 
-    n: int | None = option(
-        "-n", type=int, default=None, help="number of shape functions, 3 to 300 (default: as many as --accuracy needs)"
-    )
+    n: int | None = option("number of shape functions, 3 to 300 (default: as many as --accuracy needs)", flag="-n")
     accuracy: str = option(
-        "--accuracy",
-        default=f"{100 * DEFAULT_ACCURACY:g} %",
+        "of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
+        f"{100 * DEFAULT_ACCURACY:g} %",
         metavar="SHARE",
-        help="of the complex response against the closed form, up to 500 Hz (default: 0.1 %%)",
     )
 
     def choose(self, specimen: Specimen, highest_hz: float = 0.0, hermite: bool = False) -> ShapeChoice:

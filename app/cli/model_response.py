@@ -1,6 +1,6 @@
 """Topics of the command `model` under a drive: frequency response, latency, and the membrane."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from app.cli.model_options import (
     read_specimen,
     read_values,
 )
-from app.cli.options import FileOptions, group, option, switch, threshold_option
+from app.cli.options import THRESHOLD, FileOptions, group, option, options
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.identification import chosen_threshold
@@ -73,24 +73,21 @@ RUNS_FOLDER = Path("runs")
 """Whose laboratory file names the threshold where `--threshold` does not."""
 
 
-@dataclass(frozen=True)
+@options
 class FrequencyResponseTopic(Topic):
     """Fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
     frequencies: str | None = option(
-        "--frequencies",
-        metavar="LIST",
-        help="e.g. '25,50,75 Hz', '1:500:500' or '1:1000:100:log' (default: the paper's 18 from 25 to 250 Hz; "
+        "e.g. '25,50,75 Hz', '1:500:500' or '1:1000:100:log' (default: the paper's 18 from 25 to 250 Hz; "
         "1:250:250 where a file is written)",
+        metavar="LIST",
     )
-    waveform: Waveform = option(
-        "--waveform", choices=("sine", "square"), default="sine", help="drive (default: %(default)s)"
-    )
-    at: str | None = option("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
-    exact: bool = switch("--exact", "also the closed-form solution, to compare with the n shape functions")
-    threshold: str | None = threshold_option()
+    waveform: Waveform = option("drive (default: %(default)s)", "sine")
+    at: str | None = option("distance from the clamp, e.g. '8 mm' (default: the centre)", metavar="X")
+    exact: bool = option("also the closed-form solution, to compare with the n shape functions")
+    threshold: str | None = THRESHOLD
     files: FileOptions = group(FileOptions, "the response")
 
     def compute(self) -> CommandResult:
@@ -139,17 +136,17 @@ class FrequencyResponseTopic(Topic):
         )
 
 
-@dataclass(frozen=True)
+@options
 class StepTopic(Topic):
     """Latency of a step and of a sine's onset."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
-    voltage: str = option("--voltage", default="1500 V", help="step on the specimen (default: %(default)s)")
-    frequency: str = option("--frequency", default="160 Hz", help="of the sine that begins (default: %(default)s)")
-    threshold: str = option("--threshold", default="50 um", help="perception threshold (default: %(default)s)")
-    tolerance: str = option("--tolerance", default="2 %", help="settling band (default: %(default)s)")
-    duration: str | None = option("--duration", help="of the curves (default: until both have settled)")
+    voltage: str = option("step on the specimen (default: %(default)s)", "1500 V")
+    frequency: str = option("of the sine that begins (default: %(default)s)", "160 Hz")
+    threshold: str = option("perception threshold (default: %(default)s)", "50 um")
+    tolerance: str = option("settling band (default: %(default)s)", "2 %")
+    duration: str | None = option("of the curves (default: until both have settled)")
     files: FileOptions = group(FileOptions, "both curves")
 
     def compute(self) -> CommandResult:
@@ -235,18 +232,14 @@ ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
 ELONGATION_CURVE = "0:6.35 mm:64"
 
 
-@dataclass(frozen=True)
+@options
 class MembraneTopic(Topic):
     """Sag under the own weight and the resulting skin, at each pre-stretch."""
 
-    pre_stretch: str | None = option(
-        "--pre-stretch", metavar="DELTA", help="of the membrane, e.g. 0.0075 or '0.75 %%', one or a list"
-    )
-    elongation: str | None = option(
-        "--elongation", metavar="LENGTH", help="of the membrane, e.g. '1.27 mm', one or a list"
-    )
-    density: str = option("--density", default="1000", help="of the membrane, kg/m^3 (default: %(default)s)")
-    load: str | None = option("--load", help="weight per length in its place, e.g. '0.906 N/m'")
+    pre_stretch: str | None = option("of the membrane, e.g. 0.0075 or '0.75 %%', one or a list", metavar="DELTA")
+    elongation: str | None = option("of the membrane, e.g. '1.27 mm', one or a list", metavar="LENGTH")
+    density: str = option("of the membrane, kg/m^3 (default: %(default)s)", "1000")
+    load: str | None = option("weight per length in its place, e.g. '0.906 N/m'")
     files: FileOptions = group(FileOptions, "the table")
 
     def compute(self) -> CommandResult:

@@ -1,54 +1,101 @@
-"""Commands and their typed options: dataclass fields that declare arguments, and groups that commands share."""
+"""Commands as dataclasses: the docstring is the help text, fields declare options and arguments, groups are shared."""
 
 import argparse
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from types import NoneType
+from typing import Any, Literal, Protocol, TypeVar, dataclass_transform, get_args, get_origin
 
 from app.common import path_argument, seed_argument, specimen_argument
 
 T = TypeVar("T")
+C = TypeVar("C", bound="Command")
+
+CONVERSIONS = {Path: path_argument, int: int, float: float}
+"""Conversion of the text of an argument by the type of its field."""
 
 
-def option(*flags: str, default: Any = None, inherited: bool = False, **keywords: Any) -> Any:
-    """Declare a field as a command-line argument: positional without flags, keywords as for `add_argument`.
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """An argument of a command line as the value of a class attribute, until `options` makes it a field."""
 
-    An `inherited` option may also precede the command, so its own default must not overwrite that value.
+    flag: str | None
+    """None for a positional argument, empty for `--` and the name of the field."""
+    keywords: Mapping[str, Any]
+    inherited: bool = False
+
+
+def option(help: str = "", default: Any = None, *, flag: str = "", inherited: bool = False, **keywords: Any) -> Any:  # noqa: A002 - as in argparse
+    """Declare a field as an option; its type, and whether it is a switch or may be repeated, follow from its annotation.
+
+    Args:
+        help: text of its help.
+        default: value where it is not given; an empty text, False or no item where the annotation is a text, a bool or a sequence.
+        flag: its name, if that is not `--` and the name of the field.
+        inherited: it may also precede the command, so its own default must not overwrite that value.
+        **keywords: further arguments of `ArgumentParser.add_argument`.
     """
-    if keywords.get("action") != "append":  # argparse would append to the default
-        keywords["default"] = argparse.SUPPRESS if inherited else default
-    return field(default=default, metadata={"flags": flags, "keywords": keywords})
+    return Declaration(flag, {"help": help, "default": default, **keywords}, inherited)
 
 
-def switch(name: str, text: str) -> Any:
-    """Declare a field as an option without a value."""
-    return option(name, default=False, action="store_true", help=text)
+def argument(help: str = "", default: Any = None, **keywords: Any) -> Any:  # noqa: A002 - as in argparse
+    """Declare a field as a positional argument; `keywords` as for `ArgumentParser.add_argument`."""
+    return Declaration(None, {"help": help, "default": default, **keywords})
 
 
-def repeated(name: str, metavar: str, text: str) -> Any:
-    """Declare a field as an option that may be repeated."""
-    return option(name, default=(), action="append", metavar=metavar, help=text)
+def group(kind: type[Any], subject: str = "") -> Any:
+    """Declare a field as a group of options; SUBJECT in their help texts is replaced by `subject`."""
+    return field(default_factory=kind, metadata={"group": kind, "subject": subject})
 
 
-def group(kind: type[Any], what: str = "") -> Any:
-    """Declare a field as a group of options; WHAT in their help texts is replaced by `what`."""
-    return field(default_factory=kind, metadata={"group": kind, "what": what})
+@dataclass_transform(frozen_default=True)
+def options(kind: type[T]) -> type[T]:
+    """Make a class with declared options a frozen dataclass."""
+    for name, declared in tuple(vars(kind).items()):
+        if isinstance(declared, Declaration):
+            keywords = _keywords_of(kind.__annotations__[name], declared)
+            default = keywords["default"]
+            if keywords.get("action") == "append":  # argparse would append to the default
+                del keywords["default"]
+            elif declared.inherited:
+                keywords["default"] = argparse.SUPPRESS
+            flags = [] if declared.flag is None else [declared.flag or f"--{name.replace('_', '-')}"]
+            setattr(kind, name, field(default=default, metadata={"flags": flags, "keywords": keywords}))
+    return dataclass(frozen=True)(kind)
 
 
-def add_options(parser: argparse.ArgumentParser, kind: Any, what: str = "") -> None:
+def _keywords_of(annotation: Any, declared: Declaration) -> dict[str, Any]:
+    """Return the arguments of `add_argument`, completed by what the annotation of the field says."""
+    kinds = [kind for kind in get_args(annotation) if kind is not NoneType] if NoneType in get_args(annotation) else []
+    kind, optional = (kinds[0], True) if kinds else (annotation, False)
+    implied: dict[str, Any] = {}
+    default: Any = "" if kind is str and not optional else None
+    if get_origin(kind) is Sequence:
+        (kind,), default = get_args(kind), ()
+        implied = {} if declared.flag is None else {"action": "append"}
+    if get_origin(kind) is Literal:
+        implied["choices"] = get_args(kind)
+    elif kind is bool:
+        default, implied = False, {"action": "store_true"}
+    elif kind in CONVERSIONS:
+        implied["type"] = CONVERSIONS[kind]
+    given = {name: value for name, value in declared.keywords.items() if value is not None}
+    return {"default": default, **implied, **given}
+
+
+def add_options(parser: argparse.ArgumentParser, kind: Any, subject: str = "") -> None:
     """Add the options that a dataclass declares."""
     for each in fields(kind):
         if "group" in each.metadata:
-            add_options(parser, each.metadata["group"], each.metadata["what"])
-        if "flags" not in each.metadata:
-            continue
-        keywords = dict(each.metadata["keywords"])
-        keywords["help"] = keywords.get("help", "").replace("WHAT", what) or None
-        if flags := each.metadata["flags"]:
-            keywords["dest"] = each.name
-        parser.add_argument(*(flags or (each.name,)), **keywords)
+            add_options(parser, each.metadata["group"], each.metadata["subject"])
+        if "flags" in each.metadata:
+            flags, keywords = each.metadata["flags"], dict(each.metadata["keywords"])
+            keywords["help"] = keywords.get("help", "").replace("SUBJECT", subject) or None
+            if flags:
+                keywords["dest"] = each.name
+            parser.add_argument(*(flags or (each.name,)), **keywords)
 
 
 def read_options(kind: type[T], namespace: argparse.Namespace) -> T:
@@ -70,15 +117,25 @@ class Command(Protocol):
         """Run the command and return its exit code."""
 
 
-@dataclass(frozen=True)
-class CommandSyntax:
-    """How a command is parsed: its options and help text."""
+@dataclass_transform(frozen_default=True)
+def command(example: str | None = None, *, negative_values: bool = False) -> Callable[[type[C]], type[C]]:
+    """Make a class a command, whose docstring is its help text.
 
-    command: type[Command]
-    description: str | None = None
-    example: str | None = None
-    negative_values: bool = False
-    """Whether values such as `-500V` may follow an option."""
+    Args:
+        example: last line of the help text.
+        negative_values: whether values such as `-500V` may follow an option.
+    """
+
+    def declare(kind: type[C]) -> type[C]:
+        declared = options(kind)
+        setattr(declared, SYNTAX, (example, negative_values))
+        return declared
+
+    return declare
+
+
+SYNTAX = "command_syntax"
+"""Attribute of a command's class: example and negative values."""
 
 
 @dataclass(frozen=True)
@@ -86,140 +143,115 @@ class CommandGroup:
     """A command of several verbs, each with a line of help; a field `verb` of their dataclass holds the verb."""
 
     description: str
-    example: str | None
-    title: str
-    metavar: str
-    verbs: Mapping[str, tuple[str, CommandSyntax]]
+    example: str
+    verbs: Mapping[str, tuple[str, type[Command], str]]
+    """Their lines of help, classes, and arguments of an example."""
+    title: str = "verbs"
+    metavar: str = "VERB"
+    negative_values: bool = False
 
 
 NEGATIVE_NUMBER = re.compile(r"-\.?\d")
 """Arguments that argparse treats as negative numbers instead of options; before Python 3.14 it does not recognise `-500V`."""
 
 
-def define_command(parser: argparse.ArgumentParser, syntax: CommandSyntax | CommandGroup) -> None:
+def define_command(parser: argparse.ArgumentParser, syntax: type[Command] | CommandGroup) -> None:
     """Give the parser of a command its options, its help text and the function that runs it."""
-    parser.description, parser.epilog = syntax.description, syntax.example
     if isinstance(syntax, CommandGroup):
+        parser.description, parser.epilog = syntax.description, syntax.example
         verbs = parser.add_subparsers(title=syntax.title, metavar=syntax.metavar, dest="verb", required=True)
-        for name, (text, verb) in syntax.verbs.items():
-            define_command(verbs.add_parser(name, help=text), verb)
-        return
-    if syntax.negative_values:
+        for name, (text, verb, arguments) in syntax.verbs.items():
+            one = verbs.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+            one.epilog = f"example: {one.prog} {arguments}".strip()
+            _define(one, verb, syntax.negative_values)
+    else:
+        parser.description = syntax.__doc__
+        parser.epilog, negative_values = getattr(syntax, SYNTAX)
+        _define(parser, syntax, negative_values)
+
+
+def _define(parser: argparse.ArgumentParser, command: type[Command], negative_values: bool) -> None:
+    if negative_values:
         parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - argparse has no public access to it
-    add_options(parser, syntax.command)
-    parser.set_defaults(command=lambda namespace: read_options(syntax.command, namespace).execute())
+    add_options(parser, command)
+    parser.set_defaults(command=lambda namespace: read_options(command, namespace).execute())
 
 
-JSON_OBJECT = "one JSON object on standard output, SI units"
-JSON_EVENTS = "one JSON object per event on standard output, SI units"
-JSON_PLAIN = "as one JSON object on standard output"
+JSON_OBJECT = option("one JSON object on standard output, SI units")
+JSON_EVENTS = option("one JSON object per event on standard output, SI units")
+JSON_PLAIN = option("as one JSON object on standard output")
+FOLDER = option("of the runs (default: runs)", Path("runs"))
+RUN_FILES = argument("run files", nargs="+", metavar="RUN")
+FAULTS = option(
+    "simulated bench only: inject a fault this many bench seconds after the run began (default 0); may be given "
+    "often. 'tactor-bench faults' lists them",
+    flag="--fault",
+    metavar="NAME[@SECONDS]",
+)
+THRESHOLD = option(
+    "of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
+    "and a threshold in µm per line (default: that of laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
+    metavar="SITE",
+)
 
 
-@dataclass(frozen=True)
+@options
 class BenchSelection:
     """Options that choose the bench."""
 
     bench: str = option(
-        "--bench",
-        default="sim",
+        "bench file; 'sim' (default): simulated, with an imperfect specimen; 'ideal': simulated, the paper's specimen without imperfections",
+        "sim",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file; 'sim' (default): simulated, with an imperfect specimen; 'ideal': simulated, the paper's specimen without imperfections",
     )
     speed: str | None = option(
-        "--speed",
-        inherited=True,
-        metavar="N|max",
-        help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)",
+        "simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)", inherited=True, metavar="N|max"
     )
-    seed: int | None = option(
-        "--seed", inherited=True, type=seed_argument, help="simulated bench only: seed of its noise"
-    )
+    seed: int | None = option("simulated bench only: seed of its noise", inherited=True, type=seed_argument)
 
 
-@dataclass(frozen=True)
+@options
 class BenchOptions(BenchSelection):
     """Options that choose the bench, the specimen and the folder of run files."""
 
     without_commissioning: str | None = option(
-        "--without-commissioning",
+        "real bench only: switch high voltage on although the source has no valid commissioning record; "
+        "the reason is stored in every run",
         inherited=True,
         metavar="REASON",
-        help="real bench only: switch high voltage on although the source has no valid commissioning record; "
-        "the reason is stored in every run",
     )
-    out: Path | None = option(
-        "--out",
-        inherited=True,
-        type=path_argument,
-        help="folder for run files (default: runs; the window: the one used last)",
-    )
+    out: Path | None = option("folder for run files (default: runs; the window: the one used last)", inherited=True)
     specimen: str | None = option(
-        "--specimen",
-        inherited=True,
-        type=specimen_argument,
-        help="name of the specimen (default: unnamed; the window: the one used last)",
+        "name of the specimen (default: unnamed; the window: the one used last)", inherited=True, type=specimen_argument
     )
     operator: str | None = option(
-        "--operator",
+        "who measures; remembered for today (default: who was named today, or the login of the computer)",
         inherited=True,
         metavar="NAME",
-        help="who measures; remembered for today (default: who was named today, or the login of the computer)",
     )
-    temperature: str | None = option(
-        "--temperature", inherited=True, metavar="T", help="of the air, e.g. '23.4 °C'; remembered for today"
-    )
-    humidity: str | None = option(
-        "--humidity", inherited=True, metavar="RH", help="of the air, e.g. '45 %%'; remembered for today"
-    )
+    temperature: str | None = option("of the air, e.g. '23.4 °C'; remembered for today", inherited=True, metavar="T")
+    humidity: str | None = option("of the air, e.g. '45 %%'; remembered for today", inherited=True, metavar="RH")
     after_run: str = option(
-        "--after-run",
-        default="",
+        "program to start after each run with its file, such as an upload to a lab notebook; {run} is the file, "
+        "by default the last argument",
         inherited=True,
         metavar="COMMAND",
-        help="program to start after each run with its file, such as an upload to a lab notebook; {run} is the file, "
-        "by default the last argument",
     )
 
 
-@dataclass(frozen=True)
+@options
 class ProtocolOptions(BenchOptions):
     """Options of a run: bench and parameters of the protocol."""
 
-    settings: Sequence[str] = repeated(
-        "--set", "NAME=VALUE", "a parameter of the protocol, with or without a unit; may be repeated"
+    settings: Sequence[str] = option(
+        "a parameter of the protocol, with or without a unit; may be repeated", flag="--set", metavar="NAME=VALUE"
     )
 
 
-def threshold_option() -> Any:
-    """Declare `--threshold` of the perception margin."""
-    return option(
-        "--threshold",
-        default=None,
-        metavar="SITE",
-        help="of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
-        "and a threshold in µm per line (default: that of laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
-    )
-
-
-def folder_option() -> Any:
-    """Declare `--folder` of the run files."""
-    return option("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
-
-
-def faults_option() -> Any:
-    """Declare `--fault`."""
-    return repeated(
-        "--fault",
-        "NAME[@SECONDS]",
-        "simulated bench only: inject a fault this many bench seconds after the run began (default 0); may be given "
-        "often. 'tactor-bench faults' lists them",
-    )
-
-
-@dataclass(frozen=True)
+@options
 class FileOptions:
     """Options that write a result into files."""
 
-    csv: Path | None = option("--csv", type=path_argument, metavar="FILE", help="write WHAT as CSV, SI units")
-    picture: Path | None = option("--picture", type=path_argument, metavar="PNG", help="draw WHAT")
+    csv: Path | None = option("write SUBJECT as CSV, SI units", metavar="FILE")
+    picture: Path | None = option("draw SUBJECT", metavar="PNG")

@@ -1,17 +1,15 @@
 """The command `report`: the PDF and HTML report of a specimen."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from app.cli.options import CommandSyntax, folder_option, option, switch, threshold_option
+from app.cli.options import FOLDER, THRESHOLD, argument, command, option
 from app.cli.output import print_json, writing_output
 from app.common import (
     NO_PROGRESS,
     ExitCode,
     Progress,
     UsageError,
-    path_argument,
     print_message,
     terminal_progress,
     usage_errors,
@@ -35,60 +33,40 @@ from protocols.runfile.reader import RunReadError
 MAX_LOGO_BYTES = 2_000_000
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench report T7 --limits limits.toml --out reports")
 class ReportCommand:
-    """Write the report of a specimen."""
+    """One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters
+    with errors compared with the paper's, margin over the skin's threshold, latency, quality of the points,
+    instruments, hashes of the run files, every run. With limits also pass or fail: exit code 1 where a limit is not
+    met, or cannot be decided. The same files give the same bytes.
+    """
 
-    specimen: str | None = option(nargs="?")
-    folder: Path = folder_option()
-    out: Path = option(
-        "--out",
-        type=path_argument,
-        default=Path(),
-        metavar="FOLDER",
-        help="folder for the report (default: the working directory)",
-    )
+    specimen: str | None = argument(nargs="?")
+    folder: Path = FOLDER
+    out: Path = option("folder for the report (default: the working directory)", Path(), metavar="FOLDER")
     limits: Path | None = option(
-        "--limits",
-        type=path_argument,
-        metavar="FILE",
-        help="limits to be met (default: limits.toml in the folder of the runs, if it exists)",
+        "limits to be met (default: limits.toml in the folder of the runs, if it exists)", metavar="FILE"
     )
-    golden: str | None = option("--golden", metavar="SPECIMEN", help="the specimen that the limits compare with")
-    new_limits: Path | None = option(
-        "--new-limits",
-        type=path_argument,
-        metavar="FILE",
-        help="only write a commented example of limits into this file",
-    )
+    golden: str | None = option("the specimen that the limits compare with", metavar="SPECIMEN")
+    new_limits: Path | None = option("only write a commented example of limits into this file", metavar="FILE")
     new_laboratory: Path | None = option(
-        "--new-laboratory",
-        type=path_argument,
+        "only write a commented example of laboratory.toml into this file: name, logo, threshold and template of the reports",
         metavar="FILE",
-        help="only write a commented example of laboratory.toml into this file: name, logo, threshold and template of the reports",
     )
-    threshold: str | None = threshold_option()
-    full: bool = switch("--full", "with the appendix: every figure, table, hash and run, a page each")
+    threshold: str | None = THRESHOLD
+    full: bool = option("with the appendix: every figure, table, hash and run, a page each")
     laboratory: str = option(
-        "--laboratory",
-        default="",
-        metavar="NAME",
-        help="name of the laboratory, on the first page (default: that of laboratory.toml beside the runs)",
+        "name of the laboratory, on the first page (default: that of laboratory.toml beside the runs)", metavar="NAME"
     )
     logo: Path | None = option(
-        "--logo",
-        type=path_argument,
+        "picture of the laboratory (PNG), at the top of the first page (default: that of laboratory.toml)",
         metavar="FILE",
-        help="picture of the laboratory (PNG), at the top of the first page (default: that of laboratory.toml)",
     )
     sign: Path | None = option(
-        "--sign",
-        type=path_argument,
-        metavar="KEY",
-        help="SSH key with which PDF and HTML are signed (FILE.sig beside each); with --by",
+        "SSH key with which PDF and HTML are signed (FILE.sig beside each); with --by", metavar="KEY"
     )
-    by: str = option("--by", default="", metavar="NAME", help="who signs, on the first page")
-    json: bool = switch("--json", "its numbers as one JSON object, SI units")
+    by: str = option("who signs, on the first page", metavar="NAME")
+    json: bool = option("its numbers as one JSON object, SI units")
 
     @usage_errors(ReportError, LimitsError, RunReadError, SheetError, ParameterError)
     def execute(self) -> int:
@@ -207,15 +185,3 @@ def _write_example(path: Path, text: str) -> int:
     with writing_output(path):
         path.write_text(text, "utf-8")
     return ExitCode.DONE
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "report": CommandSyntax(
-        ReportCommand,
-        "One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
-        "with errors compared with the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
-        "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be decided. The same "
-        "files give the same bytes.",
-        "example: tactor-bench report T7 --limits limits.toml --out reports",
-    )
-}

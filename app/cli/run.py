@@ -4,24 +4,25 @@ Other modules of the program are imported where they are used, so that help text
 """
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from inspect import getdoc
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import (
+    FAULTS,
     JSON_EVENTS,
     JSON_OBJECT,
     JSON_PLAIN,
     BenchOptions,
-    CommandSyntax,
     ProtocolOptions,
-    faults_option,
+    argument,
+    command,
     option,
-    switch,
+    options,
 )
-from app.common import ExitCode, UsageError, path_argument, print_line, print_message, usage_errors
+from app.common import ExitCode, UsageError, print_line, print_message, usage_errors
 
 if TYPE_CHECKING:
     from app.cli.headless import SelectedBench
@@ -31,13 +32,13 @@ if TYPE_CHECKING:
 PROTOCOL_HELP = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'")
 class RunCommand(ProtocolOptions):
-    """Run a protocol with the terminal as front end."""
+    """Run a protocol: progress on the terminal, one HDF5 file as result."""
 
-    protocol: str = option(help=f"{PROTOCOL_HELP}, or a lab's own file: ./my_protocol.py")
-    json: bool = switch("--json", JSON_EVENTS)
-    faults: Sequence[str] = faults_option()
+    protocol: str = argument(f"{PROTOCOL_HELP}, or a lab's own file: ./my_protocol.py")
+    json: bool = JSON_EVENTS
+    faults: Sequence[str] = FAULTS
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
@@ -47,19 +48,17 @@ class RunCommand(ProtocolOptions):
         return run_headless(bench, request, self.json, planned_faults=self.faults)[0]
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4")
 class WindowCommand(ProtocolOptions):
-    """Open the window."""
+    """Open the window, with a protocol's form filled in and, with --start, run."""
 
     bench: str = option(
-        "--bench",
-        default="",
+        "bench file, 'sim' or 'ideal' (default: the bench chosen last in the window; with --start 'sim')",
         inherited=True,
         metavar="FILE|sim",
-        help="bench file, 'sim' or 'ideal' (default: the bench chosen last in the window; with --start 'sim')",
     )
-    protocol: str = option(nargs="?", default="", help=PROTOCOL_HELP)
-    autostart: bool = switch("--start", "start the run as soon as the bench is connected")
+    protocol: str = argument(PROTOCOL_HELP, nargs="?")
+    autostart: bool = option("start the run as soon as the bench is connected", flag="--start")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, select_bench
@@ -76,11 +75,13 @@ class WindowCommand(ProtocolOptions):
         return _open_window(bench, self, protocol, self.autostart, bench_given=given)
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench demo --out runs")
 class DemoCommand(BenchOptions):
-    """Run a sine dwell in the window, or without one where no window can be opened."""
+    """The main job on the simulated bench: the window running a sine dwell; where no window can be opened, the same
+    run with a progress bar, leaving the run file and a picture.
+    """
 
-    no_window: bool = switch("--no-window", "no window, even where there is a display")
+    no_window: bool = option("no window, even where there is a display")
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
@@ -99,15 +100,13 @@ class DemoCommand(BenchOptions):
         return code
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png")
 class ShowCommand:
-    """Print what a run file contains."""
+    """Contents of a run file: how the run ended, its points and estimates."""
 
-    run: Path = option(type=path_argument, help="a run file")
-    json: bool = switch("--json", JSON_OBJECT)
-    picture: Path | None = option(
-        "--picture", type=path_argument, metavar="PNG", help="also draw it into this PNG file"
-    )
+    run: Path = argument("a run file")
+    json: bool = JSON_OBJECT
+    picture: Path | None = option("also draw it into this PNG file", metavar="PNG")
 
     def execute(self) -> int:
         from app.archive import run_record, run_text
@@ -124,28 +123,20 @@ class ShowCommand:
         return _draw_run(self.run, self.picture) if self.picture else ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@options
 class _AgainOptions:
-    run: Path = option(type=path_argument, metavar="RUN", help="a run file")
-    again: str = option(
-        "--again",
-        default="",
-        metavar="WHICH",
-        help="entries by their values, e.g. 155,160 for frequencies; or 'flagged'",
-    )
-    file: str = option(
-        "--protocol",
-        default="",
-        metavar="FILE.py",
-        help="the protocol's file, for a run of a lab's own protocol",
-    )
+    run: Path = argument("a run file", metavar="RUN")
+    again: str = option("entries by their values, e.g. 155,160 for frequencies; or 'flagged'", metavar="WHICH")
+    file: str = option("the protocol's file, for a run of a lab's own protocol", flag="--protocol", metavar="FILE.py")
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160")
 class ResumeCommand(BenchOptions, _AgainOptions):
-    """Resume a run, or repeat some of its points, as a new file next to the old one."""
+    """Resume a run that was stopped, failed or crashed; or, with --again, measure some of its points again. The
+    result is a new file that contains the earlier points and links to their raw data.
+    """
 
-    json: bool = switch("--json", JSON_EVENTS)
+    json: bool = JSON_EVENTS
 
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, run_headless, select_bench, warn
@@ -214,12 +205,12 @@ def _draw_run(run_file: Path, picture: Path) -> int:
     return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench protocols sine-dwell")
 class ProtocolsCommand:
-    """Print what can be measured, or the parameters of one protocol."""
+    """The protocols of this program and of installed packages; with a name or a file, its parameters."""
 
-    protocol: str | None = option(nargs="?", help="a protocol, or a lab's own file: ./my_protocol.py")
-    json: bool = switch("--json", JSON_PLAIN)
+    protocol: str | None = argument("a protocol, or a lab's own file: ./my_protocol.py", nargs="?")
+    json: bool = JSON_PLAIN
 
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, warn
@@ -262,39 +253,3 @@ def _parameter_records(kind: "type[Protocol]") -> list[dict[str, str]]:
 def _first_line(kind: "type[Protocol]") -> str:
     """Return the first sentence of the protocol's description."""
     return (getdoc(kind) or kind.title).splitlines()[0]
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "run": CommandSyntax(
-        RunCommand,
-        "Run a protocol: progress on the terminal, one HDF5 file as result.",
-        "example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
-    ),
-    "window": CommandSyntax(
-        WindowCommand,
-        "Open the window, with a protocol's form filled in and, with --start, run.",
-        "example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
-    ),
-    "demo": CommandSyntax(
-        DemoCommand,
-        "The main job on the simulated bench: the window running a sine dwell; where no window can be "
-        "opened, the same run with a progress bar, leaving the run file and a picture.",
-        "example: tactor-bench demo --out runs",
-    ),
-    "show": CommandSyntax(
-        ShowCommand,
-        "Contents of a run file: how the run ended, its points and estimates.",
-        "example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
-    ),
-    "protocols": CommandSyntax(
-        ProtocolsCommand,
-        "The protocols of this program and of installed packages; with a name or a file, its parameters.",
-        "example: tactor-bench protocols sine-dwell",
-    ),
-    "resume": CommandSyntax(
-        ResumeCommand,
-        "Resume a run that was stopped, failed or crashed; or, with --again, measure some of its "
-        "points again. The result is a new file that contains the earlier points and links to their raw data.",
-        "example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
-    ),
-}

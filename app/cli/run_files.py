@@ -1,25 +1,26 @@
 """The commands `judge` and `verify`: the verdict on run files from their points, and their checksums and repair."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
-from app.cli.options import CommandSyntax, option, switch
-from app.common import ExitCode, UsageError, path_argument, print_line, print_message
+from app.cli.options import RUN_FILES, argument, command, option
+from app.common import ExitCode, UsageError, print_line, print_message
 from protocols.runfile.errors import StorageError
 from protocols.runfile.open import RunReadError
 from protocols.runfile.repair import repair_run
 from protocols.runfile.verify import FileState, Verification, verify_run
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench judge runs/*_T7_*.h5 --store")
 class JudgeCommand:
-    """Print the verdict on runs by the checks of this version; the exit code is that of the worst."""
+    """Verdict on runs from their points by the checks of this version: for runs of earlier versions and imported
+    ones, which are not judged until then. Files are changed with --store only.
+    """
 
-    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
-    store: bool = switch("--store", "write the verdict into the files, in place of an earlier one")
-    json: bool = switch("--json", "as one JSON list on standard output")
+    runs: Sequence[Path] = RUN_FILES
+    store: bool = option("write the verdict into the files, in place of an earlier one")
+    json: bool = option("as one JSON list on standard output")
 
     def execute(self) -> int:
         from app.cli.headless import exit_code_of, load_all_protocols
@@ -62,13 +63,17 @@ WORST = (ExitCode.DONE, ExitCode.NO_RESULT, ExitCode.FAILED, ExitCode.UNSAFE)
 """Exit codes of verdicts, the worst last."""
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench verify runs --repair")
 class VerifyCommand:
-    """Verify run files."""
+    """Every run file is read completely and compared with its checksums: 'good'; 'damaged', with what and where; or
+    'not checkable', where it is of an older version, still being written, or left by a program that was killed: then
+    what can be checked is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is not a run, 4 if one is
+    not checkable.
+    """
 
-    paths: Sequence[Path] = option(nargs="+", type=path_argument, metavar="FILE|FOLDER", help="run files, or folders")
-    repair: bool = switch("--repair", "repair files that a killed program left, before they are verified")
-    json: bool = switch("--json", "one JSON list on standard output")
+    paths: Sequence[Path] = argument("run files, or folders", nargs="+", metavar="FILE|FOLDER")
+    repair: bool = option("repair files that a killed program left, before they are verified")
+    json: bool = option("one JSON list on standard output")
 
     def execute(self) -> int:
         from app.cli.output import print_json
@@ -123,20 +128,3 @@ def _run_files(paths: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
             yield from ((file, False) for file in sorted(path.rglob("*.h5")) if file.is_file())
         else:
             yield path, True
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "judge": CommandSyntax(
-        JudgeCommand,
-        "Verdict on runs from their points by the checks of this version: for runs of earlier versions and imported "
-        "ones, which are not judged until then. Files are changed with --store only.",
-        "example: tactor-bench judge runs/*_T7_*.h5 --store",
-    ),
-    "verify": CommandSyntax(
-        VerifyCommand,
-        "Every run file is read completely and compared with its checksums: 'good'; 'damaged', with what and where; or 'not "
-        "checkable', where it is of an older version, still being written, or left by a program that was killed: then what can be checked "
-        "is good. Exit code 0 if all are good, 1 if one is damaged, 2 if one is not a run, 4 if one is not checkable.",
-        "example: tactor-bench verify runs --repair",
-    ),
-}

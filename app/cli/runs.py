@@ -3,13 +3,11 @@
 import json
 import sqlite3
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from app.archive import (
-    FORMATS,
     PARTS,
     Catalogue,
     ExportError,
@@ -21,7 +19,7 @@ from app.archive import (
     export_run,
     read_since,
 )
-from app.cli.options import CommandSyntax, option, repeated, switch
+from app.cli.options import RUN_FILES, argument, command, option
 from app.common import (
     ExitCode,
     Severity,
@@ -29,7 +27,6 @@ from app.common import (
     format_bytes,
     format_duration,
     format_outcome,
-    path_argument,
     print_line,
     print_message,
     terminal_progress,
@@ -51,37 +48,25 @@ EXPLAINED = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.
 """Verdicts whose reasons are printed below the list."""
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'")
 class RunsCommand:
-    """List the runs of a folder."""
+    """The runs in a folder and below, newest first. An index in the user's cache speeds this up; the files are
+    authoritative; moved, added or deleted files are detected.
+    """
 
-    folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="(default: runs)")
-    specimen: str = option("--specimen", default="", help="runs of this specimen")
-    protocol: str = option("--protocol", default="", help="runs of this protocol, e.g. sine-dwell")
-    status: str = option(
-        "--status",
-        default="",
-        help="completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged",
-    )
-    verdict: str = option(
-        "--verdict",
-        default="",
-        help="good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'",
-    )
-    since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
-    operator: str = option("--operator", default="", metavar="NAME", help="runs that this person measured")
-    checked_by: str = option(
-        "--checked-by", default="", metavar="NAME", help="runs that this second person checked; 'nobody': not checked"
-    )
-    instrument: str = option(
-        "--instrument", default="", metavar="TEXT", help="with this in an instrument's identity, e.g. a serial number"
-    )
-    search: str = option(
-        "--search", default="", metavar="WORDS", help="with all these words in names, reasons, results, tags or notes"
-    )
-    all: bool = switch("--all", "all of them, not only the newest 40")
-    rebuild: bool = switch("--rebuild", "delete the index and read every file again")
-    json: bool = switch("--json", "one JSON list on standard output, SI units")
+    folder: Path = argument("(default: runs)", Path("runs"), nargs="?")
+    specimen: str = option("runs of this specimen")
+    protocol: str = option("runs of this protocol, e.g. sine-dwell")
+    status: str = option("completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged")
+    verdict: str = option("good, doubtful, 'no result', 'did not pass', stopped, failed, unsafe or 'not judged'")
+    since: str = option("begun since 2026-11-21, 2026-11, today, 12h or 7d", metavar="WHEN")
+    operator: str = option("runs that this person measured", metavar="NAME")
+    checked_by: str = option("runs that this second person checked; 'nobody': not checked", metavar="NAME")
+    instrument: str = option("with this in an instrument's identity, e.g. a serial number", metavar="TEXT")
+    search: str = option("with all these words in names, reasons, results, tags or notes", metavar="WORDS")
+    all: bool = option("all of them, not only the newest 40")
+    rebuild: bool = option("delete the index and read every file again")
+    json: bool = option("one JSON list on standard output, SI units")
 
     def execute(self) -> int:
         folder = self.folder
@@ -109,24 +94,20 @@ class RunsCommand:
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets")
 class ExportCommand:
-    """Write runs as files for other programs."""
+    """Points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
+    bench have SIMULATED in their names. uff: frequency responses as a Universal File (data sets 151, 164, 58) for
+    modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.
+    """
 
-    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
-    format: Format = option(
-        "--format",
-        choices=FORMATS,
-        default="csv",
-        help="(default: csv); mat73 is MATLAB 7.3, uff has the frequency responses",
-    )
-    out: Path | None = option(
-        "--out", type=path_argument, metavar="FOLDER", help="folder for the files (default: that of the run)"
-    )
-    parts: Sequence[str] = repeated(
-        "--part",
-        "PART",
+    runs: Sequence[Path] = RUN_FILES
+    format: Format = option("(default: csv); mat73 is MATLAB 7.3, uff has the frequency responses", "csv")
+    out: Path | None = option("folder for the files (default: that of the run)", metavar="FOLDER")
+    parts: Sequence[str] = option(
         "only this part: about, points, estimates, events or raw; may be repeated (default: all)",
+        flag="--part",
+        metavar="PART",
     )
 
     def execute(self) -> int:
@@ -232,20 +213,3 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "bench": summary.bench,
         "instruments": summary.instruments,
     }
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "runs": CommandSyntax(
-        RunsCommand,
-        "The runs in a folder and below, newest first. An index in the user's cache speeds this up; the files "
-        "are authoritative; moved, added or deleted files are detected.",
-        "example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
-    ),
-    "export": CommandSyntax(
-        ExportCommand,
-        "Points, estimates, events and raw samples with their times, SI units in every header. Files "
-        "from a simulated bench have SIMULATED in their names. uff: frequency responses as a Universal File (data sets 151, 164, 58) "
-        "for modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.",
-        "example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
-    ),
-}

@@ -4,10 +4,10 @@ import importlib.util
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from math import prod
@@ -29,7 +29,7 @@ from app.cli.model_options import (
     read_vary,
     translate_model_errors,
 )
-from app.cli.options import CommandSyntax, FileOptions, group, option, repeated, switch
+from app.cli.options import FileOptions, argument, command, group, option
 from app.cli.output import (
     CommandResult,
     check_output_files,
@@ -42,7 +42,6 @@ from app.common import (
     ExitCode,
     Table,
     UsageError,
-    path_argument,
     print_message,
     terminal_progress,
     track,
@@ -167,39 +166,36 @@ MAX_NUMBERS = 50_000_000
 """Most numbers held in memory for CSV, JSON or a picture; HDF5 is written chunk by chunk."""
 
 
-@dataclass(frozen=True)
+@command(
+    "examples: tactor-bench study fig10 --csv fig10.csv;  "
+    "tactor-bench study --vary E_m=1e3:1e9:25:log --vary delta=0:0.04:9 --out skin.h5;  "
+    "tactor-bench study --sensitivity --vary k2=6e-3,8e-3 --vary 'm_add=6,9 g'",
+    negative_values=True,
+)
 class StudyCommand:
-    """Compute a study, or its sensitivity."""
+    """The response for every combination of the values given, or one of the paper's studies."""
 
-    preset: str | None = option(nargs="?", metavar="PRESET", help="fig10, fig11 or fig12: a study of the paper")
-    vary: Sequence[str] = repeated(
-        "--vary",
-        "NAME=VALUES",
+    preset: str | None = argument("fig10, fig11 or fig12: a study of the paper", nargs="?", metavar="PRESET")
+    vary: Sequence[str] = option(
         "a parameter and its values: a list, START:STOP:COUNT, or START:STOP:COUNT:log; may be repeated",
+        metavar="NAME=VALUES",
     )
-    frequencies: str | None = option("--frequencies", metavar="LIST", help="(default: 1:250:250)")
+    frequencies: str | None = option("(default: 1:250:250)", metavar="LIST")
     quantity: Measure | None = option(
-        "--quantity",
-        choices=("fundamental", "peak_to_peak", "receptance"),
-        help="twice the fundamental (default), max - min, or the complex deflection per volt on the specimen",
+        "twice the fundamental (default), max - min, or the complex deflection per volt on the specimen"
     )
     drive: DriveOptions = group(DriveOptions)
     shapes: ShapeOptions = group(ShapeOptions)
     specimen: SpecimenOptions = group(SpecimenOptions)
-    out: Path | None = option(
-        "--out", inherited=True, type=path_argument, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
-    )
+    out: Path | None = option("HDF5 (NeXus) file to write", inherited=True, metavar="FILE.h5")
     files: FileOptions = group(FileOptions, "the result")
-    sensitivity: bool = switch(
-        "--sensitivity",
-        "Sobol indices instead: the share of the variance that each parameter explains between its lowest and highest value",
+    sensitivity: bool = option(
+        "Sobol indices instead: the share of the variance that each parameter explains between its lowest and highest value"
     )
-    samples: int = option(
-        "--samples", type=int, default=1024, help="for the indices, a power of two (default: %(default)s)"
-    )
-    seed: int = option("--seed", inherited=True, type=int, default=1, help="for the indices (default: 1)")
+    samples: int = option("for the indices, a power of two (default: %(default)s)", 1024)
+    seed: int = option("for the indices (default: 1)", 1, inherited=True)
     cluster: str | None = option(
-        "--cluster", metavar="ADDRESS|local", help="compute on all cores of this computer (local), or on a Dask cluster"
+        "compute on all cores of this computer (local), or on a Dask cluster", metavar="ADDRESS|local"
     )
 
     def execute(self) -> int:
@@ -390,19 +386,15 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
     )
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench figures --out figures --only fig9 --pdf", negative_values=True)
 class FiguresCommand:
-    """Draw the theory curves of the paper's figures and write them as CSV."""
+    """The theory curves of the paper's figures. Where the text's claim and the equations differ, the caption in the
+    picture states it.
+    """
 
-    out: Path = option(
-        "--out",
-        inherited=True,
-        default=Path("figures"),
-        type=path_argument,
-        help="folder to write to (default: figures)",
-    )
-    only: Sequence[str] = repeated("--only", "FIG", "one of them, e.g. fig9; may be repeated")
-    pdf: bool = switch("--pdf", "PDF in addition to PNG")
+    out: Path = option("folder to write to (default: figures)", Path("figures"), inherited=True)
+    only: Sequence[str] = option("one of them, e.g. fig9; may be repeated", metavar="FIG")
+    pdf: bool = option("PDF in addition to PNG")
     parameters: ParameterOptions = group(ParameterOptions)
 
     def execute(self) -> int:
@@ -457,22 +449,3 @@ def curves_table(panels: Sequence[PaperFigure]) -> Table:
         before = f"{panel.name} " if len(panels) > 1 else ""
         columns += [Column(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
     return Table(first.name, first.name, tuple(columns))
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "study": CommandSyntax(
-        StudyCommand,
-        "The response for every combination of the values given, or one of the paper's studies.",
-        "examples: tactor-bench study fig10 --csv fig10.csv;  "
-        "tactor-bench study --vary E_m=1e3:1e9:25:log --vary delta=0:0.04:9 --out skin.h5;  "
-        "tactor-bench study --sensitivity --vary k2=6e-3,8e-3 --vary 'm_add=6,9 g'",
-        negative_values=True,
-    ),
-    "figures": CommandSyntax(
-        FiguresCommand,
-        "The theory curves of the paper's figures. Where the text's claim and the equations differ, the "
-        "caption in the picture states it.",
-        "example: tactor-bench figures --out figures --only fig9 --pdf",
-        negative_values=True,
-    ),
-}

@@ -34,7 +34,7 @@ from model.identification import (
 )
 from protocols.runfile.reader import Run
 
-Method = Literal["chain", "joint"]
+Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None
 """A specimen sheet; None is the one beside the runs, "none" holds dimensions and masses as if exact."""
 

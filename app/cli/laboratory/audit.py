@@ -1,26 +1,25 @@
 """The command `audit`: start, verify and print the audit trail of a folder of runs."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from app.archive.audit import AuditResult, begin_audit, verify_audit
-from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, option, switch
-from app.common import ExitCode, path_argument, print_line, terminal_progress, usage_errors
+from app.cli.options import JSON_OBJECT, CommandGroup, argument, option, options
+from app.common import ExitCode, print_line, terminal_progress, usage_errors
 from app.common.audit_log import AuditEntry, AuditError, read_entries
 from protocols.base import visible_text
 
 SHOWN_LINES = 40
 
 
-@dataclass(frozen=True)
+@options
 class _AuditOptions:
-    folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
-    json: bool = switch("--json", JSON_OBJECT)
+    folder: Path = argument("of the runs (default: runs)", Path("runs"), nargs="?")
+    json: bool = JSON_OBJECT
 
 
-@dataclass(frozen=True)
+@options
 class StartAuditCommand(_AuditOptions):
     """Begin the audit trail of a folder."""
 
@@ -37,11 +36,11 @@ class StartAuditCommand(_AuditOptions):
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@options
 class VerifyAuditCommand(_AuditOptions):
     """Verify the audit trail of a folder, and all files that it names."""
 
-    head: str = option("--head", default="", metavar="HASH", help="a head hash that was printed or copied elsewhere")
+    head: str = option("a head hash that was printed or copied elsewhere", metavar="HASH")
 
     @usage_errors(AuditError)
     def execute(self) -> int:
@@ -71,13 +70,13 @@ def _record(result: AuditResult) -> dict[str, object]:
     }
 
 
-@dataclass(frozen=True)
+@options
 class ShowAuditCommand(_AuditOptions):
     """Print the entries of an audit trail, newest last."""
 
-    subject: str = option("--subject", default="", metavar="TEXT", help="entries with this in subject or files")
-    action: str = option("--action", default="", metavar="WORD", help="run, calibration, campaign, notes, delete ...")
-    all: bool = switch("--all", f"all of them, not only the newest {SHOWN_LINES}")
+    subject: str = option("entries with this in subject or files", metavar="TEXT")
+    action: str = option("run, calibration, campaign, notes, delete ...", metavar="WORD")
+    all: bool = option(f"all of them, not only the newest {SHOWN_LINES}")
 
     @usage_errors(AuditError)
     def execute(self) -> int:
@@ -103,7 +102,7 @@ def _line(entry: AuditEntry) -> str:
     return f"{entry.number:5} {entry.time[:19]}  {entry.by}: {entry.action} {entry.subject}{f' ({details})' if details else ''}  {entry.hash[:12]}"
 
 
-@dataclass(frozen=True)
+@options
 class HeadAuditCommand(_AuditOptions):
     """Print the hash of the last entry."""
 
@@ -116,31 +115,19 @@ class HeadAuditCommand(_AuditOptions):
         return ExitCode.DONE
 
 
-COMMANDS: Mapping[str, CommandGroup] = {
-    "audit": CommandGroup(
-        "Audit trail: once begun in a folder, every run, acceptance, rejection, note, check, edit and deletion appends a line to audit.jsonl with who, when, why "
-        "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
-        "everything up to it.",
-        "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
-        "what",
-        "WHAT",
-        {
-            "start": (
-                "begin it, with the hashes of all files that are there",
-                CommandSyntax(StartAuditCommand, example="example: audit start runs"),
-            ),
-            "verify": (
-                "verify all lines and files; exit code 1 if something was changed",
-                CommandSyntax(VerifyAuditCommand, example="example: audit verify runs --head 3f1c0a77b2d4"),
-            ),
-            "show": (
-                "print its entries",
-                CommandSyntax(ShowAuditCommand, example="example: audit show runs --subject T7"),
-            ),
-            "head": (
-                "print the hash of its last entry",
-                CommandSyntax(HeadAuditCommand, example="example: audit head runs"),
-            ),
-        },
-    )
-}
+AUDIT_COMMANDS = CommandGroup(
+    "Audit trail: once begun in a folder, every run, acceptance, rejection, note, check, edit and deletion appends a line to audit.jsonl with who, when, why "
+    "and the hashes of the files; each line has the hash of the one before it. A hash that is kept elsewhere, such as on a report, proves "
+    "everything up to it.",
+    "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
+    {
+        "start": ("begin the trail, with the hashes of all files in the folder", StartAuditCommand, "runs"),
+        "verify": (
+            "verify all lines and files; exit code 1 if something was changed",
+            VerifyAuditCommand,
+            "runs --head 3f1c0a77b2d4",
+        ),
+        "show": ("print the entries of the trail", ShowAuditCommand, "runs --subject T7"),
+        "head": ("print the hash of the last entry", HeadAuditCommand, "runs"),
+    },
+)

@@ -1,24 +1,23 @@
 """The command `backup`: copies of a folder of runs on a second disk or share, verified by their hashes."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from app.archive.backup import back_up
-from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
+from app.cli.options import FOLDER, JSON_OBJECT, argument, command, option
 from app.cli.output import print_json
-from app.common import ExitCode, path_argument, print_line, terminal_progress
+from app.common import ExitCode, print_line, terminal_progress
 from protocols.base import visible_text
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench backup /mnt/share/tactors --folder runs")
 class BackupCommand:
     """Copy what is new or changed in a folder of runs into a second folder; nothing there is deleted."""
 
-    target: Path = option(type=path_argument, help="the second folder, best on another disk")
-    folder: Path = option("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
-    compare: bool = switch("--compare", "also compare the hashes of copies of unchanged size and time")
-    json: bool = switch("--json", JSON_OBJECT)
+    target: Path = argument("the second folder, best on another disk")
+    folder: Path = FOLDER
+    compare: bool = option("also compare the hashes of copies of unchanged size and time")
+    json: bool = JSON_OBJECT
 
     def execute(self) -> int:
         with terminal_progress("copying", self.json) as progress:
@@ -34,8 +33,3 @@ class BackupCommand:
                 f"{len(result.problems)} problems: {self.folder} in {self.target}"
             )
         return ExitCode.FAILED if result.problems else ExitCode.DONE
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "backup": CommandSyntax(BackupCommand, example="example: tactor-bench backup /mnt/share/tactors --folder runs")
-}

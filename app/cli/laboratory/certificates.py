@@ -1,14 +1,13 @@
 """The command `certificate`: calibration certificates of the instruments, and when each is due."""
 
 import csv
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, switch
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
 from app.cli.output import CommandResult, print_json, render
-from app.common import Column, ExitCode, Table, UsageError, path_argument, print_line, print_message, usage_errors
+from app.common import Column, ExitCode, Table, UsageError, print_line, print_message, usage_errors
 from app.config.certificate import (
     ROLES,
     Certificate,
@@ -20,35 +19,22 @@ from app.config.certificate import (
 )
 
 
-@dataclass(frozen=True)
+@options
 class AddCertificateCommand:
     """Add a certificate: from a DCC, or typed."""
 
-    dcc: Path | None = option(
-        nargs="?", type=path_argument, metavar="DCC.xml", help="digital calibration certificate, version 3"
-    )
-    role: str = option("--role", default="", metavar="INSTRUMENT", help=", ".join(ROLES))
-    number: str = option(
-        "--number", default="", help="of the certificate (default: that of the DCC; so for the following)"
-    )
-    laboratory: str = option("--laboratory", default="", metavar="NAME", help="that calibrated")
-    date: str = option("--date", default="", metavar="YYYY-MM-DD", help="of the calibration")
-    due: str = option("--due", default="", metavar="YYYY-MM-DD", help="last day on which the calibration holds")
-    months: int = option(
-        "--months", type=int, default=0, metavar="N", help="due so many months after its date, instead of --due"
-    )
-    item: str = option("--item", default="", metavar="TEXT", help="maker and model")
-    serial: str = option("--serial", default="", help="serial number, by which the instruments of a run are matched")
-    table: Path | None = option(
-        "--table",
-        type=path_argument,
-        metavar="CSV",
-        help="points: 'name [unit]' columns; a column 'u(name) [unit]' has k = 1",
-    )
-    pdf: Path | None = option(
-        "--pdf", type=path_argument, metavar="FILE", help="the certificate as a PDF, copied beside it"
-    )
-    folder: Path = folder_option()
+    dcc: Path | None = argument("digital calibration certificate, version 3", nargs="?", metavar="DCC.xml")
+    role: str = option(", ".join(ROLES), metavar="INSTRUMENT")
+    number: str = option("of the certificate (default: that of the DCC; so for the following)")
+    laboratory: str = option("that calibrated", metavar="NAME")
+    date: str = option("of the calibration", metavar="YYYY-MM-DD")
+    due: str = option("last day on which the calibration holds", metavar="YYYY-MM-DD")
+    months: int = option("due so many months after its date, instead of --due", 0, metavar="N")
+    item: str = option("maker and model", metavar="TEXT")
+    serial: str = option("serial number, by which the instruments of a run are matched")
+    table: Path | None = option("points: 'name [unit]' columns; a column 'u(name) [unit]' has k = 1", metavar="CSV")
+    pdf: Path | None = option("the certificate as a PDF, copied beside it", metavar="FILE")
+    folder: Path = FOLDER
 
     @usage_errors(CertificateError)
     def execute(self) -> int:
@@ -101,12 +87,12 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True)
+@options
 class ListCertificatesCommand:
     """List certificates by their due dates; the exit code is 1 if one has expired."""
 
-    folder: Path = folder_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    folder: Path = FOLDER
+    json: bool = JSON_OBJECT
 
     def execute(self) -> int:
         found, problems = read_certificates(self.folder)
@@ -131,13 +117,13 @@ class ListCertificatesCommand:
         return ExitCode.FAILED if problems or any(each.state(today) == "expired" for each in found) else ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@options
 class ShowCertificateCommand:
     """Print a certificate with its table."""
 
-    number: str = option(help="of the certificate, or its beginning")
-    folder: Path = folder_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    number: str = argument("of the certificate, or its beginning")
+    folder: Path = FOLDER
+    json: bool = JSON_OBJECT
 
     def execute(self) -> int:
         found, _ = read_certificates(self.folder)
@@ -169,28 +155,17 @@ def one_line(values: tuple[float, ...]) -> str:
     return f"{values[0]:.7g}" if values and len(set(values)) == 1 else ", ".join(f"{value:.7g}" for value in values)
 
 
-COMMANDS: Mapping[str, CommandGroup] = {
-    "certificate": CommandGroup(
-        "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
-        "date of an instrument that it uses, by serial number, and flags every point after it.",
-        "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
-        "what",
-        "WHAT",
-        {
-            "add": (
-                "add one: a DCC of version 3, or typed values",
-                CommandSyntax(
-                    AddCertificateCommand, example="example: certificate add dcc.xml --role weights --due 2027-05-31"
-                ),
-            ),
-            "list": (
-                "certificates by due date; exit code 1 if one has expired",
-                CommandSyntax(ListCertificatesCommand),
-            ),
-            "show": (
-                "a certificate with its table",
-                CommandSyntax(ShowCertificateCommand, example="example: certificate show D-K-1234"),
-            ),
-        },
-    )
-}
+CERTIFICATE_COMMANDS = CommandGroup(
+    "Calibration certificates of sensor, amplifier, card, generator and weights, in the folder certificates beside the runs. A run warns from 30 days before the due "
+    "date of an instrument that it uses, by serial number, and flags every point after it.",
+    "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
+    {
+        "add": (
+            "add a certificate: a DCC of version 3, or typed values",
+            AddCertificateCommand,
+            "dcc.xml --role weights --due 2027-05-31",
+        ),
+        "list": ("certificates by due date; exit code 1 if one has expired", ListCertificatesCommand, ""),
+        "show": ("a certificate with its table", ShowCertificateCommand, "D-K-1234"),
+    },
+)

@@ -2,18 +2,16 @@
 
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.cli.options import JSON_OBJECT, CommandSyntax, FileOptions, group, option, repeated, switch, threshold_option
+from app.cli.options import JSON_OBJECT, THRESHOLD, FileOptions, argument, command, group, option, options
 from app.cli.output import CommandResult, check_output_files, render
 from app.common import (
     ExitCode,
     UsageError,
-    path_argument,
     print_message,
     terminal_progress,
     usage_errors,
@@ -29,19 +27,17 @@ MAX_QUANTITIES = 5
 """Quantities in the table of the specimens where none is named."""
 
 
-@dataclass(frozen=True)
+@options
 class _FleetOptions:
-    folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="(default: runs)")
-    specimens: Sequence[str] = repeated("--specimen", "NAME", "only this specimen; may be repeated")
-    batch: str = option("--batch", default="", metavar="NAME", help="only this batch of the specimen sheets")
-    bench: str = option("--bench-name", default="", metavar="NAME", help="only runs of this bench")
-    protocol: str = option(
-        "--protocol", default="", help="only runs of this protocol; 'calibration': accepted parameters"
-    )
-    since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
-    simulated: bool = switch("--simulated", "the simulated runs of a folder that has real ones")
-    threshold: str | None = threshold_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    folder: Path = argument("(default: runs)", Path("runs"), nargs="?")
+    specimens: Sequence[str] = option("only this specimen; may be repeated", flag="--specimen", metavar="NAME")
+    batch: str = option("only this batch of the specimen sheets", metavar="NAME")
+    bench: str = option("only runs of this bench", flag="--bench-name", metavar="NAME")
+    protocol: str = option("only runs of this protocol; 'calibration': accepted parameters")
+    since: str = option("begun since 2026-11-21, 2026-11, today, 12h or 7d", metavar="WHEN")
+    simulated: bool = option("the simulated runs of a folder that has real ones")
+    threshold: str | None = THRESHOLD
+    json: bool = JSON_OBJECT
 
     def read(self) -> "Fleet":
         """Return the values that the options select."""
@@ -73,20 +69,19 @@ class _FleetOptions:
         return found
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench fleet runs --quantity 'resonance frequency' --group-by month --picture fleet.png")
 class FleetCommand(_FleetOptions):
-    """Compare many specimens: each quantity's mean, spread, outliers and capability, and the newest values."""
+    """Many specimens in one table: for each quantity of runs and accepted calibrations the newest value of every
+    specimen with its total standard uncertainty, their mean, spread, possible outliers, and Cpk against the limits of
+    limits.toml; trends, and groups by batch, bench, sensor, operator or month. Real and simulated runs are never
+    mixed.
+    """
 
-    quantities: Sequence[str] = repeated("--quantity", "NAME", "e.g. 'resonance frequency' or k2; may be repeated")
-    group_by: str = option(
-        "--group-by", default="batch", help="batch (default), bench, sensor, operator, month or protocol"
+    quantities: Sequence[str] = option(
+        "e.g. 'resonance frequency' or k2; may be repeated", flag="--quantity", metavar="NAME"
     )
-    limits: Path | None = option(
-        "--limits",
-        type=path_argument,
-        metavar="FILE",
-        help="limits for Cpk (default: limits.toml beside the runs, if any)",
-    )
+    group_by: str = option("batch (default), bench, sensor, operator, month or protocol", "batch")
+    limits: Path | None = option("limits for Cpk (default: limits.toml beside the runs, if any)", metavar="FILE")
     files: FileOptions = group(FileOptions, "the specimens")
 
     def execute(self) -> int:
@@ -119,17 +114,16 @@ class FleetCommand(_FleetOptions):
         return render(result, self.json, self.files)
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench control-chart runs --golden T0 --quantity 'largest max - min' --picture chart.png")
 class ControlChartCommand(_FleetOptions):
-    """Chart a golden specimen over time and say whether a drift is the bench's or its own."""
+    """A golden specimen that is measured again and again: Shewhart chart with the rules of Western Electric and
+    Nelson, and EWMA, for each displacement sensor. A drift is the bench's if other specimens changed alike there, or
+    the golden one did not on other sensors. The exit code is 1 if something changed to stay.
+    """
 
-    golden: str = option(
-        "--golden", default="", metavar="NAME", help="the golden specimen (default: that of limits.toml)"
-    )
-    quantity: str = option("--quantity", default="largest max - min", help="(default: largest max - min)")
-    baseline: int = option(
-        "--baseline", type=int, default=20, metavar="N", help="first values that set centre and limits (default: 20)"
-    )
+    golden: str = option("the golden specimen (default: that of limits.toml)", metavar="NAME")
+    quantity: str = option("(default: largest max - min)", "largest max - min")
+    baseline: int = option("first values that set centre and limits (default: 20)", 20, metavar="N")
     files: FileOptions = group(FileOptions, "the chart")
 
     def execute(self) -> int:
@@ -225,21 +219,3 @@ def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart")
         tuple(FigureCurve(label, days, y) for label, y in lines),
         f"{golden} on {each.sensor or 'an unknown sensor'}: {each.cause}.",
     )
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "fleet": CommandSyntax(
-        FleetCommand,
-        "Many specimens in one table: for each quantity of runs and accepted calibrations the newest value of every specimen with its total "
-        "standard uncertainty, their mean, spread, possible outliers, and Cpk against the limits of limits.toml; trends, and groups by batch, "
-        "bench, sensor, operator or month. Real and simulated runs are never mixed.",
-        "example: tactor-bench fleet runs --quantity 'resonance frequency' --group-by month --picture fleet.png",
-    ),
-    "control-chart": CommandSyntax(
-        ControlChartCommand,
-        "A golden specimen that is measured again and again: Shewhart chart with the rules of Western Electric and Nelson, and EWMA, for each "
-        "displacement sensor. A drift is the bench's if other specimens changed alike there, or the golden one did not on other "
-        "sensors. The exit code is 1 if something changed to stay.",
-        "example: tactor-bench control-chart runs --golden T0 --quantity 'largest max - min' --picture chart.png",
-    ),
-}

@@ -1,19 +1,18 @@
 """The commands `operator` and `checked`: who measures today, and the second person who checked a run."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from app.archive.checking import check_run
 from app.archive.notes import NotesError
-from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
+from app.cli.options import JSON_OBJECT, RUN_FILES, argument, command, option
 from app.common import (
     ExitCode,
     UsageError,
     check_operator,
     current_conditions,
-    path_argument,
     print_line,
     print_message,
     remember_typed_conditions,
@@ -22,14 +21,17 @@ from app.common import (
 from protocols.runfile.reader import RunReadError
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'")
 class OperatorCommand:
-    """Name who measures today, and the state of the air; print what the next run stores."""
+    """Who measures, and temperature and humidity of the air: stored in every run, and remembered until midnight.
+    Where nobody is named, a run stores the login of the computer; on a real bench the terminal asks once a day. A
+    sensor of the bench file ([environment]) takes precedence over typed values.
+    """
 
-    name: str | None = option(nargs="?", help="who measures, until midnight; '' forgets the name")
-    temperature: str | None = option("--temperature", metavar="T", help="of the air, e.g. '23.4 °C'")
-    humidity: str | None = option("--humidity", metavar="RH", help="of the air, e.g. '45 %%'")
-    json: bool = switch("--json", JSON_OBJECT)
+    name: str | None = argument("who measures, until midnight; '' forgets the name", nargs="?")
+    temperature: str | None = option("of the air, e.g. '23.4 °C'", metavar="T")
+    humidity: str | None = option("of the air, e.g. '45 %%'", metavar="RH")
+    json: bool = JSON_OBJECT
 
     def execute(self) -> int:
         remember_typed_conditions(self.name, self.temperature, self.humidity)
@@ -42,13 +44,15 @@ class OperatorCommand:
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench checked runs/20261121T091502Z_T7_sine-dwell.h5 --by 'Ben Beispiel'")
 class CheckedCommand:
-    """Store that a second person checked runs."""
+    """A second person states that they checked runs. Name, time and the hash of the file are stored in the notes
+    beside it; 'runs --checked-by' finds them. Who measured a run cannot check it.
+    """
 
-    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
-    by: str = option("--by", default="", metavar="NAME", help="who checked them; not who measured")
-    remark: str = option("--remark", default="", metavar="TEXT", help="what was found")
+    runs: Sequence[Path] = RUN_FILES
+    by: str = option("who checked them; not who measured", metavar="NAME")
+    remark: str = option("what was found", metavar="TEXT")
 
     @usage_errors(NotesError)
     def execute(self) -> int:
@@ -65,20 +69,3 @@ class CheckedCommand:
             else:
                 print_line(f"{path}: checked by {check.name}, SHA-256 {check.sha256[:16]}...")
         return ExitCode.FAILED if failed else ExitCode.DONE
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "operator": CommandSyntax(
-        OperatorCommand,
-        "Who measures, and temperature and humidity of the air: stored in every run, and remembered until midnight. Where nobody is "
-        "named, a run stores the login of the computer; on a real bench the terminal asks once a day. A sensor of the bench file "
-        "([environment]) takes precedence over typed values.",
-        "example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'",
-    ),
-    "checked": CommandSyntax(
-        CheckedCommand,
-        "A second person states that they checked runs. Name, time and the hash of the file are stored in the notes beside it; "
-        "'runs --checked-by' finds them. Who measured a run cannot check it.",
-        "example: tactor-bench checked runs/20261121T091502Z_T7_sine-dwell.h5 --by 'Ben Beispiel'",
-    ),
-}

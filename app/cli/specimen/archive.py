@@ -1,20 +1,17 @@
 """The commands `archive` and `restore`: a specimen as one file for a lab notebook or another computer, and back."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.archive import Catalogue, RunSummary
 from app.archive.specimen_archive import SUFFIX, ArchiveError, restore_archive, write_archive
 from app.campaign import campaign_path
-from app.cli.options import CommandSyntax, folder_option, option, switch
+from app.cli.options import FOLDER, argument, command, option
 from app.common import (
     ExitCode,
     OperationCancelled,
     Progress,
     UsageError,
-    path_argument,
     pluralize,
     print_line,
     print_message,
@@ -29,22 +26,18 @@ RUNS_SHARE = 0.7
 """Of the work; the rest is the report."""
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench archive T7 --out T7.eln")
 class ArchiveCommand:
-    """Write a specimen into one file."""
+    """Every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a
+    zipped RO-Crate), with SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA,
+    RSpace and SampleDB import such files; 'restore' brings the files back.
+    """
 
-    specimen: str = option()
-    folder: Path = folder_option()
-    out: Path | None = option(
-        "--out",
-        type=path_argument,
-        metavar="FILE",
-        help=f"the archive (default: SPECIMEN{SUFFIX} in the working directory)",
-    )
-    licence: str = option(
-        "--licence", default="", metavar="URL", help="address of the licence of the data, e.g. that of CC BY 4.0"
-    )
-    no_report: bool = switch("--no-report", "leave the report out")
+    specimen: str = argument()
+    folder: Path = FOLDER
+    out: Path | None = option(f"the archive (default: SPECIMEN{SUFFIX} in the working directory)", metavar="FILE")
+    licence: str = option("address of the licence of the data, e.g. that of CC BY 4.0", metavar="URL")
+    no_report: bool = option("leave the report out")
 
     @usage_errors(ArchiveError)
     def execute(self) -> int:
@@ -91,12 +84,12 @@ def _report_damaged(folder: Path, runs: list[RunSummary]) -> None:
             print_message(f"{run.name} is damaged, and archived as it is: {'; '.join(result.findings)}")
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench restore T7.eln --folder runs")
 class RestoreCommand:
-    """Restore the files of an archive."""
+    """The files of an archive go into a folder of runs, each after its hash was found right; no file is replaced."""
 
-    archive: Path = option(type=path_argument, metavar="ARCHIVE", help=f"an {SUFFIX} file that `archive` wrote")
-    folder: Path = folder_option()
+    archive: Path = argument(f"an {SUFFIX} file that `archive` wrote", metavar="ARCHIVE")
+    folder: Path = FOLDER
 
     @usage_errors(ArchiveError)
     def execute(self) -> int:
@@ -112,19 +105,3 @@ class RestoreCommand:
             )
         print_line(f"{pluralize(len(found.restored), 'file')} restored to {self.folder}; every hash is right")
         return ExitCode.DONE
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "archive": CommandSyntax(
-        ArchiveCommand,
-        "Every run of a specimen with notes, specimen sheet, calibrations, campaign and report in one .eln file (a zipped RO-Crate), with "
-        "SHA-256 of each file. Electronic lab notebooks such as eLabFTW, Kadi4Mat, NOMAD, PASTA, RSpace and SampleDB import such files; "
-        "'restore' brings the files back.",
-        "example: tactor-bench archive T7 --out T7.eln",
-    ),
-    "restore": CommandSyntax(
-        RestoreCommand,
-        "The files of an archive go into a folder of runs, each after its hash was found right; no file is replaced.",
-        "example: tactor-bench restore T7.eln --folder runs",
-    ),
-}

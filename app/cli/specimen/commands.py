@@ -1,11 +1,10 @@
 """The command `specimen`: sheets with the measured dimensions and masses of specimens."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, switch
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -35,13 +34,13 @@ from protocols.runfile.names import sheet_path
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 
 
-@dataclass(frozen=True)
+@options
 class ShowSheetCommand:
     """Print the sheet of a specimen: what its fits take as known."""
 
-    specimen: str = option()
-    folder: Path = folder_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    specimen: str = argument()
+    folder: Path = FOLDER
+    json: bool = JSON_OBJECT
 
     @usage_errors(SheetError)
     def execute(self) -> int:
@@ -79,12 +78,12 @@ def _format(entry: SheetEntry) -> str:
     return format_with_uncertainty(factor * entry.value, factor * entry.uncertainty)
 
 
-@dataclass(frozen=True)
+@options
 class NewSheetCommand:
     """Write the commented sheet of a specimen beside its runs."""
 
-    specimen: str = option()
-    folder: Path = folder_option()
+    specimen: str = argument()
+    folder: Path = FOLDER
 
     @usage_errors(SheetError)
     def execute(self) -> int:
@@ -93,22 +92,20 @@ class NewSheetCommand:
         return ExitCode.DONE
 
 
-@dataclass(frozen=True)
+@options
 class SetSheetCommand:
     """Set values, serial number, batch, photograph or notes in the sheet of a specimen; a new sheet is written if it has none."""
 
-    specimen: str = option()
-    settings: Sequence[str] = option(
+    specimen: str = argument()
+    settings: Sequence[str] = argument(
+        "'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, batch=B1, photograph=FILE or notes=TEXT",
         nargs="+",
         metavar="NAME=VALUE",
-        help="'L=22.1 mm +- 0.05 mm', 'rho1=11.2 g/m +- 1 %%', serial=MFC-042, batch=B1, photograph=FILE or notes=TEXT",
     )
-    instrument: str = option(
-        "--instrument", default="", help="what the values were measured with, e.g. 'caliper 150 mm'"
-    )
-    date: str = option("--date", default="", metavar="YYYY-MM-DD", help="day of the measurement (default: today)")
-    folder: Path = folder_option()
-    json: bool = switch("--json", JSON_OBJECT)
+    instrument: str = option("what the values were measured with, e.g. 'caliper 150 mm'")
+    date: str = option("day of the measurement (default: today)", metavar="YYYY-MM-DD")
+    folder: Path = FOLDER
+    json: bool = JSON_OBJECT
 
     @usage_errors(SheetError)
     def execute(self) -> int:
@@ -143,12 +140,12 @@ class SetSheetCommand:
             raise UsageError(f"--date {self.date}: write a day as YYYY-MM-DD, for example 2026-11-20") from None
 
 
-@dataclass(frozen=True)
+@options
 class CheckSheetCommand:
     """Check the sheet of a specimen; the exit code is 1 if something is to be questioned."""
 
-    specimen: str = option()
-    folder: Path = folder_option()
+    specimen: str = argument()
+    folder: Path = FOLDER
 
     @usage_errors(SheetError)
     def execute(self) -> int:
@@ -164,34 +161,19 @@ class CheckSheetCommand:
         return ExitCode.FAILED if questions else ExitCode.DONE
 
 
-COMMANDS: Mapping[str, CommandGroup] = {
-    "specimen": CommandGroup(
-        "Specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
-        "file beside its runs. They enter every fit with their uncertainties; what a sheet does not have is the paper's Table I with the "
-        "uncertainties of ruler and caliper.",
-        "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
-        "what",
-        "WHAT",
-        {
-            "new": (
-                "write a commented sheet, with no value in use",
-                CommandSyntax(NewSheetCommand, example="example: specimen new T7"),
-            ),
-            "set": (
-                "set values with their uncertainties, serial number, batch, photograph or notes",
-                CommandSyntax(
-                    SetSheetCommand,
-                    example="example: specimen set T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",
-                ),
-            ),
-            "show": (
-                "the values that the fits of a specimen take as known",
-                CommandSyntax(ShowSheetCommand, example="example: specimen show T7"),
-            ),
-            "check": (
-                "question implausible and missing values; exit code 1 if there are any",
-                CommandSyntax(CheckSheetCommand, example="example: specimen check T7"),
-            ),
-        },
-    )
-}
+SPECIMEN_COMMANDS = CommandGroup(
+    "Specimen sheets: dimensions and masses of a specimen, each with standard uncertainty, instrument and date, in a commented TOML "
+    "file beside its runs. They enter every fit with their uncertainties; what a sheet does not have is the paper's Table I with the "
+    "uncertainties of ruler and caliper.",
+    "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
+    {
+        "new": ("write a commented sheet, with no value in use", NewSheetCommand, "T7"),
+        "set": (
+            "set values with their uncertainties, serial number, batch, photograph or notes",
+            SetSheetCommand,
+            "T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",
+        ),
+        "show": ("the values that the fits of a specimen take as known", ShowSheetCommand, "T7"),
+        "check": ("question implausible and missing values; exit code 1 if there are any", CheckSheetCommand, "T7"),
+    },
+)

@@ -2,13 +2,12 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from annotated_types import Interval
 
 from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_settings, read_specimen
-from app.cli.options import folder_option, group, option
+from app.cli.options import FOLDER, group, option, options
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.explore.design import COVERAGE_95, describe_reach, divided, share_that_moves
@@ -62,13 +61,13 @@ class DesignTopic(Topic):
         return active
 
 
-@dataclass(frozen=True)
+@options
 class AddedMassTopic(DesignTopic):
     """The added mass that brings the resonance to a frequency, with its uncertainty."""
 
-    frequency: str = option("--frequency", default="160 Hz", help="of the resonance (default: %(default)s)")
-    specimen: str | None = option("--specimen", metavar="NAME", help="whose calibration and uncertainties are used")
-    folder: Path = folder_option()
+    frequency: str = option("of the resonance (default: %(default)s)", "160 Hz")
+    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
     def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:
@@ -89,16 +88,14 @@ class AddedMassTopic(DesignTopic):
         return (table,), [present]
 
 
-@dataclass(frozen=True)
+@options
 class DriveTopic(DesignTopic):
     """The drive that gives an amplitude at a frequency, free or on a skin, with its uncertainty."""
 
-    amplitude: str = option(
-        "--amplitude", default="100 um", help="max - min of the displacement (default: %(default)s)"
-    )
-    frequency: str = option("--frequency", default="200 Hz", help="of the sine (default: %(default)s)")
-    specimen: str | None = option("--specimen", metavar="NAME", help="whose calibration and uncertainties are used")
-    folder: Path = folder_option()
+    amplitude: str = option("max - min of the displacement (default: %(default)s)", "100 um")
+    frequency: str = option("of the sine (default: %(default)s)", "200 Hz")
+    specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
+    folder: Path = FOLDER
     shapes: ShapeOptions = group(ShapeOptions)
 
     def answer(self, specimen: Specimen, estimates: EstimateSet | None, n: int) -> tuple[tuple[Table, ...], list[str]]:

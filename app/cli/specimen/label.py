@@ -1,12 +1,11 @@
 """The command `label`: labels of specimens to print, with a QR code for a barcode scanner."""
 
 from argparse import ArgumentTypeError
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
-from app.cli.options import CommandSyntax, folder_option, option, switch
-from app.common import ExitCode, UsageError, path_argument, print_line, print_message, specimen_argument, usage_errors
+from app.cli.options import FOLDER, argument, command, option
+from app.common import ExitCode, UsageError, print_line, print_message, specimen_argument, usage_errors
 from app.identification import SheetError
 from app.identification.specimen_label import make_label
 from protocols.runfile.names import safe_name
@@ -16,31 +15,27 @@ SMALLEST_MM, LARGEST_MM = 10.0, 300.0
 MAX_LIST_BYTES, MOST_PLACES = 1_000_000, 1000
 
 
-@dataclass(frozen=True)
+@command("example: tactor-bench label --list specimens.txt --sheet --size 63.5x38.1 --gap 2.5x0 --out labels.pdf")
 class LabelCommand:
-    """Draw the labels of specimens."""
+    """Labels to print: name, batch and serial number of the specimen, the first digits of the SHA-256 of its sheet,
+    and a QR code of name and hash. A scanner types it into the field Specimen of the window, which says whether the
+    sheet has changed since.
+    """
 
-    specimens: Sequence[str] = option(nargs="*", metavar="SPECIMEN", help="names of specimens")
+    specimens: Sequence[str] = argument("names of specimens", nargs="*", metavar="SPECIMEN")
     names: Path | None = option(
-        "--list",
-        type=path_argument,
-        metavar="FILE",
-        help="further names: one per line, or the first column of a CSV file",
+        "further names: one per line, or the first column of a CSV file", flag="--list", metavar="FILE"
     )
-    folder: Path = folder_option()
+    folder: Path = FOLDER
     out: Path | None = option(
-        "--out",
-        type=path_argument,
+        "a .pdf with a page for each label; of a single label also .png or .svg (default: SPECIMEN_label.pdf, or labels.pdf)",
         metavar="FILE",
-        help="a .pdf with a page for each label; of a single label also .png or .svg (default: SPECIMEN_label.pdf, or labels.pdf)",
     )
-    size: str = option("--size", default="50x25", metavar="WxH", help="width and height in mm (default: 50x25)")
+    size: str = option("width and height in mm (default: 50x25)", "50x25", metavar="WxH")
 
-    sheet: bool = switch("--sheet", "many labels on each A4 page, as many as fit, in its middle")
-    gap: str = option("--gap", default="0x0", metavar="WxH", help="between the labels of a sheet, mm (default: 0x0)")
-    used: int = option(
-        "--used", type=int, default=0, metavar="N", help="first places of the sheet that have no label any more"
-    )
+    sheet: bool = option("many labels on each A4 page, as many as fit, in its middle")
+    gap: str = option("between the labels of a sheet, mm (default: 0x0)", "0x0", metavar="WxH")
+    used: int = option("first places of the sheet that have no label any more", 0, metavar="N")
 
     @usage_errors(SheetError)
     def execute(self) -> int:
@@ -105,13 +100,3 @@ def _read_size(option_name: str, text: str, low: float, high: float) -> tuple[fl
     if not all(low <= each <= high for each in (width, height)):
         raise UsageError(f"{option_name} {text}: from {low:g} to {high:g} mm")
     return width, height
-
-
-COMMANDS: Mapping[str, CommandSyntax] = {
-    "label": CommandSyntax(
-        LabelCommand,
-        "Labels to print: name, batch and serial number of the specimen, the first digits of the SHA-256 of its sheet, and a QR code of name and hash. A scanner types "
-        "it into the field Specimen of the window, which says whether the sheet has changed since.",
-        "example: tactor-bench label --list specimens.txt --sheet --size 63.5x38.1 --gap 2.5x0 --out labels.pdf",
-    ),
-}
