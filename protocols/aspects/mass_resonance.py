@@ -7,10 +7,22 @@ import numpy as np
 from model.identification import MassResonanceObservation, Observation
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
+from protocols.base import ImportColumn, ImportForm
 
 
 class MassResonanceAspects(RunningSweepAspects):
     """Mass resonance beside its measurement."""
+
+    import_form = ImportForm(
+        columns=(
+            ImportColumn("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1), 0.0),
+            ImportColumn("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
+            ImportColumn("resonance", "Hz", "undamped natural frequency", ("naturalfrequency", "undampedfrequency", "eigenfrequency"), (1.0, 2000.0), 0.0, True),
+        ),
+        required=(("mass",), ("frequency", "resonance")),
+        input_uncertainties={"mass": "kg"},
+        rising=True,
+    )  # fmt: skip
 
     short_name = "resonance"
 

@@ -6,12 +6,27 @@ import numpy as np
 
 from model.identification import MembraneSagObservation, Observation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.base import REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
 from protocols.measurements.membrane_sag import MembraneSag
 
 
 class MembraneSagAspects(Aspects):
     """Membrane sag beside its measurement."""
+
+    import_form = ImportForm(
+        columns=(
+            ImportColumn("sag", "m", "depth of the membrane's centre", ("durchhang", "sagging", "membranesag"), (1e-5, 5e-2)),
+            ImportColumn("repeat", "1", "which repeat; numbered by itself if it is not there", REPEAT_ALIASES),
+        ),
+        required=(("sag",),),
+    )  # fmt: skip
+
+    def complete_table(self, table: ImportedTable) -> None:
+        table.values.setdefault("repeat", np.arange(1.0, table.rows + 1))
+        table.parameters.update(MembraneSag(**table.parameters).model_dump(mode="json"))
+        table.warnings.append(
+            "the strip's geometry and weight are the protocol's unless changed with --set: see 'parameters'"
+        )
 
     short_name = "sag"
 

@@ -6,15 +6,21 @@ import numpy as np
 
 from model.identification import Observation
 from protocols.aspects.run_points import RunPoints
-from protocols.aspects.sine_dwell import SineDwellAspects, dwell_observation
-from protocols.base import Aspects
+from protocols.aspects.sine_dwell import (
+    INPUT_UNCERTAINTIES,
+    MEASURED_COLUMNS,
+    complete_dwell,
+    dwell_observation,
+)
+from protocols.base import Aspects, ImportedTable, ImportForm
 
 
-class MembraneSeriesAspects(SineDwellAspects):
+class MembraneSeriesAspects(Aspects):
     """Membrane series beside its measurement."""
 
+    import_form = ImportForm(required=(("frequency",), MEASURED_COLUMNS), input_uncertainties=INPUT_UNCERTAINTIES)
+
     short_name = "membrane"
-    run_figures = Aspects.run_figures
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield one response for each elongation and each free reference."""
@@ -25,6 +31,9 @@ class MembraneSeriesAspects(SineDwellAspects):
             name = f"{part:.0f} free" if free else f"{part:.0f} at {1e3 * elongation:g} mm"
             if mine.good.any():
                 yield dwell_observation(mine, f"{points.label} {name}", None if free else elongation)
+
+    def complete_table(self, table: ImportedTable) -> None:
+        complete_dwell(table)
 
 
 ASPECTS = MembraneSeriesAspects()

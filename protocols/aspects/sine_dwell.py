@@ -2,27 +2,121 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from drivers import Sine
 from model import AmplifierMap, Array
 from model.identification import FrequencyResponseObservation, Observation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects, RunFigure
+from protocols.base import (
+    DISPLACEMENT_RANGE_M,
+    Aspects,
+    ImportColumn,
+    ImportedSamples,
+    ImportedTable,
+    ImportForm,
+    Protocol,
+    Quality,
+    Recording,
+    RunFigure,
+    RunOfSamples,
+)
+from protocols.measurements.membrane_series import MembraneSeries
+from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.runfile.overview import RunOverview
+from protocols.signals import fit_frequency, fit_sine
 
 CARD_READBACK_MARGIN_V = 0.02
 """How far a recorded drive may lie beyond the amplifier's range."""
+
+MEASURED_COLUMNS = ("peak_to_peak", "fundamental", "receptance")
+INPUT_UNCERTAINTIES = {"frequency": "Hz", "elongation": "m"}
+
+MIN_CYCLES = 3
+"""Of a time series."""
+
+MAX_NOISE_RATIO = 0.1
+"""Residual of the sine fit relative to the amplitude above which a recorded drive is no single sine."""
+
+SAME_FREQUENCY_HZ = 0.05
+"""Distance of two time series' frequencies up to which they are repeats."""
 
 
 class SineDwellAspects(Aspects):
     """Sine dwell beside its measurement."""
 
+    import_form = ImportForm(
+        columns=(
+            ImportColumn("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz", "omega", "angularfrequency"), (1.0, 2000.0), 0.0, True),
+            ImportColumn("peak_to_peak", "m", "max - min of the displacement: the paper's amplitude", ("pp", "p2p", "pkpk", "pktopk", "maxmin", "peaktopeakamplitude", "peakpeak"), DISPLACEMENT_RANGE_M),
+            ImportColumn("fundamental", "m", "peak amplitude of the fundamental", ("peakamplitude", "fundamentalamplitude", "sineamplitude"), DISPLACEMENT_RANGE_M),
+            ImportColumn("receptance", "m/V", "peak amplitude of the fundamental over that of the drive", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
+            ImportColumn("receptance_errors", "m/V", "standard uncertainty of the receptance"),
+            ImportColumn("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),
+            ImportColumn("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.5)),
+            ImportColumn("drive_peak_to_peak", "V", "drive at the amplifier's input, max - min", ("drivepp", "vpp", "drivemaxmin"), (0.02, 5.0)),
+            ImportColumn("elongation", "m", "elongation of the membrane; empty for the free tactor", ("stretch", "membraneelongation"), (0.0, 0.05)),
+        ),
+        required=(("frequency",), MEASURED_COLUMNS),
+        ambiguous={
+            **dict.fromkeys(("amplitude", "displacement", "deflection", "a", "response"), ("peak_to_peak", "fundamental")),
+            **dict.fromkeys(("drive", "voltage", "drivevoltage"), ("drive_peak_to_peak", "drive_amplitude")),
+        },
+        input_uncertainties=INPUT_UNCERTAINTIES,
+        rising=True,
+        series=(
+            ImportColumn("time", "s", "time of the sample", ("t", "zeit")),
+            ImportColumn("drive", "V", "volts at the amplifier's input", ("input", "voltage", "u", "v"), (-0.5, 5.5)),
+            ImportColumn("displacement", "m", "displacement of the centre", ("deflection", "w", "position", "x"), (-1e-2, 1e-2)),
+        ),
+    )  # fmt: skip
+
     short_name = "dwell"
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         yield dwell_observation(points, points.label, None)
+
+    def complete_table(self, table: ImportedTable) -> type[Protocol] | None:
+        complete_dwell(table)
+        return MembraneSeries if "elongation" in table.values else None
+
+    def series_fault(self, series: ImportedSamples) -> str | None:
+        if series.drive_v is None:
+            return ""
+        f = _largest_frequency(series.drive_v, series.rate_hz)
+        fit = fit_sine(series.drive_v, series.rate_hz, f)
+        if fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
+            return ""
+        return (
+            f"the drive is not a single sine (besides {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of other signals); "
+            "give one file for each frequency, or one with a single sweep up or down"
+        )
+
+    def series_runs(self, series: Sequence[ImportedSamples]) -> Iterator[RunOfSamples]:
+        """Yield one run of all series, a point each."""
+        points = [_series_point(each) for each in series]
+        warnings = [f"{each.name} has no drive: its phase is not known" for each in series if each.drive_v is None]
+        for i, point in enumerate(points):
+            same = (j for j in range(i) if abs(points[j].frequency - point.frequency) < SAME_FREQUENCY_HZ)
+            if (j := next(same, None)) is not None:
+                warnings.append(
+                    f"{series[i].name} and {series[j].name} are both at {point.frequency:.4g} Hz: both are kept, as repeats"
+                )
+        yield RunOfSamples(
+            series,
+            tuple(points),
+            tuple(
+                replace(one, entry=entry)
+                for entry, (each, point) in enumerate(zip(series, points, strict=True))
+                for one in each.as_series(f"{point.frequency:.4g} Hz, {each.name}")
+            ),
+            {"peak_to_peak_v": 2 * max(p.drive_amplitude for p in points), **series[0].settings},
+            tuple(warnings),
+            has_phases=any(math.isfinite(point.phase) for point in points),
+        )
 
     def run_figures(self, run: RunOverview, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Yield the estimates, the largest max - min of the usable points, and its margin over the abdomen's threshold of perception."""
@@ -87,6 +181,93 @@ def _within_range(amplitude_v: Array, offset_v: Array, amplifier: AmplifierMap) 
     """Return the recorded amplitudes: no admitted drive leaves the amplifier's range, so that a value beyond is the card's error."""
     room_v = np.minimum(offset_v - amplifier.low_v, amplifier.high_v - offset_v)
     return np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)
+
+
+def complete_dwell(table: ImportedTable) -> None:
+    """Add drive and elongation of the membrane to the points of a dwell.
+
+    Raises:
+        ImportRefusedError: the drive is missing or leaves the amplifier's range, or a quantity is given twice.
+    """
+    _add_drive(table)
+    values, amplifier = table.values, table.amplifier
+    if "receptance" in values:
+        if "fundamental" in values:
+            raise table.refusal(" has both receptance and fundamental; name the one to leave out with --column")
+        values["fundamental"] = values.pop("receptance") * values["drive_amplitude"]
+        if "receptance_errors" in values:
+            values["fundamental_errors"] = values.pop("receptance_errors") * values["drive_amplitude"]
+    table.parameters.setdefault("peak_to_peak_v", 2 * float(np.nanmax(values["drive_amplitude"])))
+    if "drive_offset" not in values:
+        values["drive_offset"] = np.full(table.rows, amplifier.rest_v)
+        table.warnings.append(
+            f"the drive is taken to swing around rest, {amplifier.rest_v:g} V at the amplifier's input"
+        )
+    if table.elongation_m is not None:
+        if "elongation" in values:
+            raise table.refusal(" has a column for the elongation: leave --membrane-elongation away")
+        values["elongation"] = np.full(table.rows, table.elongation_m)
+    if "elongation" in values and "part" not in values:
+        each = values["elongation"]
+        new = np.concatenate(([False], ~((each[1:] == each[:-1]) | (np.isnan(each[1:]) & np.isnan(each[:-1])))))
+        values["part"] = np.cumsum(new).astype(float)
+
+
+def _add_drive(table: ImportedTable) -> None:
+    values, amplifier = table.values, table.amplifier
+    if "drive_peak_to_peak" in values:
+        values["drive_amplitude"] = values.pop("drive_peak_to_peak") / 2
+    if "drive_amplitude" not in values:
+        if "peak_to_peak_v" not in table.parameters:
+            raise table.refusal(
+                ": the amplitude of the drive is not given; give it as max - min at the amplifier's input: "
+                '--set "peak_to_peak_v=5 V", or name its column: --column drive_peak_to_peak=NAME'
+            )
+        values["drive_amplitude"] = np.full(table.rows, table.parameters["peak_to_peak_v"] / 2)
+    if (beyond := values["drive_amplitude"] > 1.05 * (amplifier.high_v - amplifier.rest_v)).any():
+        row = int(beyond.argmax())
+        raise table.refusal(
+            f": a drive of {2 * values['drive_amplitude'][row]:.4g} V, max - min, leaves the amplifier's range of "
+            f"{amplifier.low_v:g} to {amplifier.high_v:g} V around {amplifier.rest_v:g} V; give the volts at its input",
+            row,
+        )
+
+
+def _series_point(series: ImportedSamples) -> SinePoint:
+    """Return the point of a time series under a sine; without the drive, its phase is NaN."""
+    time, drive, amplifier = series.time_s, series.drive_v, series.amplifier
+    if drive is None:
+        f, amplitude = _stated_drive(series)
+        drive = amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
+    else:
+        f = _largest_frequency(drive, series.rate_hz)
+        amplitude = abs(fit_sine(drive, series.rate_hz, f).fundamental)
+    cycles = float((time[-1] - time[0]) * f)
+    if cycles < MIN_CYCLES:
+        raise series.refusal(f" holds {cycles:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed")
+    sine = Sine(f, min(amplitude, amplifier.high_v - amplifier.rest_v), amplifier.rest_v, max(int(cycles), 1))
+    moved = series.displacement_m
+    recording = Recording(0, (0, moved.size), series.rate_hz, sine, drive, moved, Quality.IMPORTED, series.delay_s)
+    try:
+        point = sine_point([recording], series.simulated)
+    except ValueError as error:
+        raise series.refusal(f": {error}") from None
+    return point if series.drive_v is not None else replace(point, phase=math.nan, phase_errors=math.nan)
+
+
+def _stated_drive(series: ImportedSamples) -> tuple[float, float]:
+    """Return frequency and amplitude of a drive that was not recorded."""
+    f, volts = series.settings.get("frequencies_hz", ()), series.settings.get("peak_to_peak_v")
+    if len(f) != 1 or volts is None:
+        raise series.refusal(
+            ' has no column of the drive: name it with --column drive=NAME, or give the drive: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
+        )
+    return float(f[0]), float(volts) / 2
+
+
+def _largest_frequency(drive: Array, rate_hz: float) -> float:
+    spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
+    return fit_frequency(drive, rate_hz, (int(spectrum[1:].argmax()) + 1) * rate_hz / drive.size)
 
 
 ASPECTS = SineDwellAspects()

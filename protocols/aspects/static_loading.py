@@ -9,8 +9,12 @@ from model import GRAVITY, Mask
 from model.drive_history import DriveHistory
 from model.identification import Observation, SharedError, Side, StaticLoadingObservation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.base import DISPLACEMENT_RANGE_M, REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
 from protocols.measurements.static_loading import StaticLoading
+
+SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
+SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
+"""Texts of the column `side`, besides 1 and -1."""
 
 SEEN = "seen by the laser"
 MAX_ANSWER_S = 0.5
@@ -19,6 +23,38 @@ MAX_ANSWER_S = 0.5
 
 class StaticLoadingAspects(Aspects):
     """Static loading beside its measurement."""
+
+    import_form = ImportForm(
+        columns=(
+            ImportColumn("load", "N", "force on the centre", ("force", "f", "kraft", "weight"), (1e-3, 20.0)),
+            ImportColumn("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load", "weight"), (1e-4, 2.0), 0.0),
+            ImportColumn("deflection", "m", "displacement under the load against none", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
+            ImportColumn("side", "1", "which side was pushed", ("seite",), codes=SIDES, code_hint="write 'MFC' or 1 where the MFC is up, otherwise 'aluminium' or -1"),
+            ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
+        ),
+        required=(("load", "mass"), ("deflection",)),
+        input_uncertainties={"mass": "kg"},
+    )  # fmt: skip
+
+    def complete_table(self, table: ImportedTable) -> None:
+        values, parameters = table.values, table.parameters
+        gravity = float(parameters.get("gravity_m_per_s2", GRAVITY))
+        if "load" not in values:
+            values["load"] = gravity * values["mass"]
+        if "mass_errors" in values:
+            if "load_errors" in values:
+                raise table.refusal(
+                    ": the uncertainty of the weights is given twice, for mass and load; leave one away"
+                )
+            values["load_errors"] = gravity * values.pop("mass_errors")
+        values.setdefault("mass", values["load"] / gravity)
+        if "side" not in values:
+            side = {"MFC up": 1.0, "aluminium up": -1.0}.get(str(parameters.get("sides", "")), np.nan)
+            values["side"] = np.full(table.rows, side)
+            if np.isnan(side):
+                table.warnings.append(
+                    'no column states which side was loaded: taken as the mean of both (otherwise give --set "sides=MFC up")'
+                )
 
     short_name = "loading"
 

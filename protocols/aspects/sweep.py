@@ -1,7 +1,7 @@
 """Aspects of the protocol `sweep`."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from model.response.lag import loop_share
 from protocols.aspects.response_lines import response_lines
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
-from protocols.measurements.sweep import Sweep
+from protocols.base import ImportedSamples, Quality, RunOfSamples
+from protocols.measurements.response_series import check_response_present, frequency_response_series
+from protocols.measurements.sweep import Sweep, sweep_point
+from protocols.signals import estimate_swept_response
 
 MAX_SWEPT_CYCLES = 2000
 """Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
@@ -22,9 +25,29 @@ LINE_TOLERANCE = 0.01
 SAMPLES_PER_CYCLE = 64
 """Of such a sweep at its highest frequency: turning points are missed by 0.1 % of the amplitude at most."""
 
+MIN_CROSSINGS = 40
+"""Of the middle of the drive's range: fewer are no sweep."""
+
+MIN_FREQUENCY_RATIO = 1.5
+"""Of the highest to the lowest frequency of a sweep."""
+
+MIN_MONOTONY = 0.98
+"""Correlation of time and frequency, by rank."""
+
+LINEAR_TOLERANCE = 0.05
+"""Deviation of the frequency from a straight line over time, as a share of the band, from which on a caution is given."""
+
 
 class SweepAspects(RunningSweepAspects):
     """Sweep beside its measurement."""
+
+    def series_fault(self, series: ImportedSamples) -> str | None:
+        single = series.drive_v is not None and sweep_frequencies(series.drive_v, series.rate_hz) is not None
+        return "" if single else "the drive is not a single sweep"
+
+    def series_runs(self, series: Sequence[ImportedSamples]) -> Iterator[RunOfSamples]:
+        """Yield a run of each series."""
+        yield from map(_series_run, series)
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield the lines of each sweep as sines of the sweep's amplitude.
@@ -72,6 +95,63 @@ def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
     samples = math.ceil(SAMPLES_PER_CYCLE * drive.period_s * drive.stop_hz)
     volts = drive.volts(np.arange(samples) * drive.period_s / samples)
     return loop_share(np.clip(volts, amplifier.low_v, amplifier.high_v), lines, amplifier)
+
+
+def sweep_frequencies(drive: Array, rate_hz: float) -> tuple[Array, Array] | None:
+    """Return times (s) and frequencies (Hz) of a single sweep from its zero crossings; None for another drive."""
+    centred = drive - 0.5 * (drive.max() + drive.min())
+    at = np.flatnonzero(np.diff(np.signbit(centred)))
+    if at.size < MIN_CROSSINGS:
+        return None
+    crossings = (at + centred[at] / (centred[at] - centred[at + 1])) / rate_hz
+    # Whole cycles, so that an offset does not count, averaged over five.
+    cycles = crossings[2:] - crossings[:-2]
+    time = 0.5 * (crossings[2:] + crossings[:-2])
+    parts = max(cycles.size // 5, 8)
+    time, f = (np.array([each.mean() for each in np.array_split(x, parts)]) for x in (time, 1 / cycles))
+    order = np.argsort(np.argsort(f))
+    monotony = float(np.corrcoef(order, np.arange(parts))[0, 1]) if np.ptp(order) else 0.0
+    if abs(monotony) < MIN_MONOTONY or f.max() < MIN_FREQUENCY_RATIO * f.min():
+        return None
+    return time, f
+
+
+def _series_run(series: ImportedSamples) -> RunOfSamples:
+    """Return the run of one swept time series.
+
+    Raises:
+        ImportRefusedError: there is no response, or the sweep is too short.
+    """
+    drive = np.asarray(series.drive_v)
+    swept = sweep_frequencies(drive, series.rate_hz)
+    assert swept is not None
+    at, f = swept
+    if series.elongation_m is not None:
+        raise series.refusal(
+            " is a sweep, and a run of a sweep has no elongation; leave --membrane-elongation away if the tactor was free, "
+            "else give a table of frequency and receptance"
+        )
+    low, high = float(np.percentile(f, 1)), float(np.percentile(f, 99))
+    amplitude_v = 0.5 * float(np.ptp(drive))
+    quality = Quality.IMPORTED | (Quality.SIMULATED if series.simulated else Quality.GOOD)
+    try:
+        response = estimate_swept_response(
+            drive, series.displacement_m, series.rate_hz, (low, high), delay_s=series.delay_s
+        )
+        check_response_present(response)
+        point = sweep_point(1.0, response, amplitude_v, int(quality))
+    except ValueError as error:
+        raise series.refusal(f": {error}") from None
+    warnings = [f"{series.name} is taken for one sweep from {f[0]:.4g} to {f[-1]:.4g} Hz"]
+    bent = float(np.abs(f - np.polyval(np.polyfit(at, f, 1), at)).max()) / (high - low)
+    if bent > LINEAR_TOLERANCE:
+        warnings.append(
+            f"the sweep's frequency does not rise or fall evenly (by {100 * bent:.2g} % of its band): lines are given only where it was slow"
+        )
+    stored = frequency_response_series(response), *series.as_series(series.name)
+    return RunOfSamples(
+        (series,), (point,), stored, {"peak_to_peak_v": 2 * amplitude_v}, tuple(warnings), has_phases=True
+    )
 
 
 ASPECTS = SweepAspects()

@@ -8,15 +8,55 @@ from model import Array
 from model.drive_history import DriveHistory
 from model.identification import Observation, SharedError, VoltageStepsObservation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects
+from protocols.base import DISPLACEMENT_RANGE_M, REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
 from protocols.measurements.voltage_steps import ZERO_GUARD_S, VoltageSteps
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 """Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
 
+LEVEL_COLUMNS = ("level", "drive", "specimen_voltage")
+MAX_BEYOND_V = 0.05
+"""How far an imported level may lie beyond the amplifier's input range."""
+
 
 class VoltageStepsAspects(Aspects):
     """Voltage steps beside its measurement."""
+
+    import_form = ImportForm(
+        columns=(
+            ImportColumn("level", "V", "volts at the amplifier's input", ("voltage", "input", "inputvoltage", "v", "u", "spannung"), (0.0, 5.0)),
+            ImportColumn("specimen_voltage", "V", "volts on the specimen, behind the amplifier", ("highvoltage", "hv", "outputvoltage"), (-500.0, 1500.0)),
+            ImportColumn("deflection", "m", "displacement against rest", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
+            ImportColumn("repeat", "1", "which repeat", REPEAT_ALIASES),
+            ImportColumn("direction", "1", "levels rising (1) or falling (-1)"),
+            ImportColumn("read_time", "s", "how long the level had been held", ("time", "t")),
+        ),
+        required=(LEVEL_COLUMNS, ("deflection",)),
+        input_uncertainties={"level": "V", "specimen_voltage": "V"},
+    )  # fmt: skip
+
+    def complete_table(self, table: ImportedTable) -> None:
+        values, map_ = table.values, table.amplifier
+        if "level" not in values and "drive" in values:
+            values["level"] = values["drive"]
+        if "level" not in values:
+            values["level"] = map_.input_v(values.pop("specimen_voltage"))
+            if "specimen_voltage_errors" in values:
+                values["level_errors"] = values.pop("specimen_voltage_errors") / map_.slope_at(values["level"])
+            table.warnings.append(
+                f"volts on the specimen are turned into volts at the input by {map_.slope_below:g} and {map_.slope_above:g} V/V around {map_.rest_v:g} V"
+            )
+        level = values["level"]
+        if (beyond := (level < map_.low_v - MAX_BEYOND_V) | (level > map_.high_v + MAX_BEYOND_V)).any():
+            row = int(beyond.argmax())
+            quantity = next(name for name in LEVEL_COLUMNS if name in table.headings)
+            raise table.refusal(
+                f": {level[row]:.4g} V leaves the amplifier's input range of {map_.low_v:g} to {map_.high_v:g} V; "
+                f'volts on the specimen are named so: --column "specimen_voltage={table.headings[quantity]}"',
+                row,
+                quantity,
+            )
+        table.warnings.append(f"deflections are taken as against rest, {map_.rest_v:g} V at the amplifier's input")
 
     short_name = "steps"
 

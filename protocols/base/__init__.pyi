@@ -30,6 +30,14 @@ from .events import ShutdownStarted as ShutdownStarted
 from .events import SpecimenMayBeLive as SpecimenMayBeLive
 from .events import StreamStarted as StreamStarted
 from .events import event_record as event_record
+from .importing import DISPLACEMENT_RANGE_M as DISPLACEMENT_RANGE_M
+from .importing import REPEAT_ALIASES as REPEAT_ALIASES
+from .importing import ImportColumn as ImportColumn
+from .importing import ImportedSamples as ImportedSamples
+from .importing import ImportedTable as ImportedTable
+from .importing import ImportForm as ImportForm
+from .importing import ImportRefusedError as ImportRefusedError
+from .importing import RunOfSamples as RunOfSamples
 from .jsonable import to_jsonable as to_jsonable
 from .operator import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
 from .operator import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE

@@ -9,12 +9,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drivers import Drive
+from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
 from protocols.base.records import Recording, Series
 from protocols.base.run_figures import ResultTable, RunFigure
 
 if TYPE_CHECKING:
     from model.identification import Observation
     from protocols.aspects.run_points import RunPoints
+    from protocols.base.protocol import Protocol
     from protocols.runfile.overview import RunOverview
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
@@ -22,6 +24,9 @@ MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.asp
 
 class Aspects:
     """Aspects of a protocol without any of its own; a subclass overrides what its protocol has."""
+
+    import_form = ImportForm()
+    """Columns of tables that are imported as its runs."""
 
     short_name: str = ""
     """Name for a narrow column of the report; empty: the protocol's own."""
@@ -34,6 +39,26 @@ class Aspects:
             RunReadError: this version rejects the run's parameters.
         """
         return ()
+
+    def complete_table(self, table: ImportedTable) -> "type[Protocol] | None":
+        """Complete the values of an imported table; return the protocol that they are of, if it is another.
+
+        Raises:
+            ImportRefusedError: the values do not suffice, or contradict each other.
+        """
+        return None
+
+    def series_fault(self, series: ImportedSamples) -> str | None:
+        """Return why a time series does not become a run of this protocol, empty if it does; None where none ever does."""
+        return None
+
+    def series_runs(self, series: Sequence[ImportedSamples]) -> Iterable[RunOfSamples]:
+        """Return the runs that the time series become, all without `series_fault`.
+
+        Raises:
+            ImportRefusedError: a series does not suffice.
+        """
+        raise NotImplementedError
 
     live_drives: tuple[type[Drive], ...] = ()
     """Drives from whose samples `live_curve` makes a curve while they are played; none: curves are drawn when an entry is finished."""

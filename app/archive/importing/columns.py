@@ -5,33 +5,18 @@ Ambiguous columns that change a number are not guessed: an `amplitude` may be ma
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
 from app.common import UnitError, to_number
+from protocols.base import ImportColumn
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 
 TIME_SERIES = "raw"
-"""A time series, reduced here to a point of a sine dwell."""
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnSpec:
-    """A quantity that a table may contain.
-
-    Attributes:
-        aliases: other names for it, lower case, letters and digits only.
-        usual_range: values outside give a warning.
-    """
-
-    name: str
-    unit: str
-    description: str
-    aliases: tuple[str, ...] = ()
-    usual_range: tuple[float, float] | None = None
+"""A time series, which becomes points of the protocol whose drive it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,106 +25,43 @@ class TableKind:
 
     name: str
     protocol: str
-    columns: tuple[ColumnSpec, ...]
+    columns: tuple[ImportColumn, ...]
     required: tuple[tuple[str, ...], ...]
     ambiguous: Mapping[str, tuple[str, ...]]
     measured_columns: tuple[str, ...]
     """What was measured; a column `error` without more words belongs to the first of these that is there."""
+    described: bool
+    """Whether the protocol describes its columns for import; such a kind is preferred where a table fits several."""
 
-    def column(self, name: str) -> ColumnSpec | None:
+    def column(self, name: str) -> ImportColumn | None:
         """Return the specification of a quantity by name."""
         return next((slot for slot in self.columns if slot.name == name), None)
 
 
-DISPLACEMENT_RANGE_M = (1e-9, 1e-2)
-COLUMN_SPECS: dict[str, tuple[ColumnSpec, ...]] = {
-    "sine-dwell": (
-        ColumnSpec("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz", "omega", "angularfrequency"), (1.0, 2000.0)),
-        ColumnSpec("peak_to_peak", "m", "max - min of the displacement: the paper's amplitude", ("pp", "p2p", "pkpk", "pktopk", "maxmin", "peaktopeakamplitude", "peakpeak"), DISPLACEMENT_RANGE_M),
-        ColumnSpec("fundamental", "m", "peak amplitude of the fundamental", ("peakamplitude", "fundamentalamplitude", "sineamplitude"), DISPLACEMENT_RANGE_M),
-        ColumnSpec("receptance", "m/V", "peak amplitude of the fundamental over that of the drive", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
-        ColumnSpec("receptance_errors", "m/V", "standard uncertainty of the receptance"),
-        ColumnSpec("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),
-        ColumnSpec("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.5)),
-        ColumnSpec("drive_peak_to_peak", "V", "drive at the amplifier's input, max - min", ("drivepp", "vpp", "drivemaxmin"), (0.02, 5.0)),
-        ColumnSpec("elongation", "m", "elongation of the membrane; empty for the free tactor", ("stretch", "membraneelongation"), (0.0, 0.05)),
-    ),
-    "static-loading": (
-        ColumnSpec("load", "N", "force on the centre", ("force", "f", "kraft", "weight"), (1e-3, 20.0)),
-        ColumnSpec("mass", "kg", "mass of the weight on the centre", ("m", "weightmass", "load", "weight"), (1e-4, 2.0)),
-        ColumnSpec("deflection", "m", "displacement under the load against none", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
-        ColumnSpec("side", "1", "which side was pushed", ("seite",)),
-        ColumnSpec("repeat", "1", "which repeat", ("run", "trial", "wiederholung")),
-    ),
-    "voltage-steps": (
-        ColumnSpec("level", "V", "volts at the amplifier's input", ("voltage", "input", "inputvoltage", "v", "u", "spannung"), (0.0, 5.0)),
-        ColumnSpec("specimen_voltage", "V", "volts on the specimen, behind the amplifier", ("highvoltage", "hv", "outputvoltage"), (-500.0, 1500.0)),
-        ColumnSpec("deflection", "m", "displacement against rest", ("displacement", "w", "durchbiegung"), DISPLACEMENT_RANGE_M),
-        ColumnSpec("repeat", "1", "which repeat", ("run", "trial", "wiederholung")),
-        ColumnSpec("direction", "1", "levels rising (1) or falling (-1)", ()),
-        ColumnSpec("read_time", "s", "how long the level had been held", ("time", "t")),
-    ),
-    "mass-resonance": (
-        ColumnSpec("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1)),
-        ColumnSpec("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0)),
-        ColumnSpec("resonance", "Hz", "undamped natural frequency", ("naturalfrequency", "undampedfrequency", "eigenfrequency"), (1.0, 2000.0)),
-    ),
-    "membrane-sag": (
-        ColumnSpec("sag", "m", "depth of the membrane's centre", ("durchhang", "sagging", "membranesag"), (1e-5, 5e-2)),
-        ColumnSpec("repeat", "1", "which repeat; numbered by itself if it is not there", ("run", "trial", "wiederholung")),
-    ),
-    TIME_SERIES: (
-        ColumnSpec("time", "s", "time of the sample", ("t", "zeit")),
-        ColumnSpec("drive", "V", "volts at the amplifier's input", ("input", "voltage", "u", "v"), (-0.5, 5.5)),
-        ColumnSpec("displacement", "m", "displacement of the centre", ("deflection", "w", "position", "x"), (-1e-2, 1e-2)),
-    ),
-}  # fmt: skip
-INPUT_UNCERTAINTIES: dict[str, dict[str, str]] = {
-    "sine-dwell": {"frequency": "Hz", "elongation": "m"},
-    "membrane-series": {"frequency": "Hz", "elongation": "m"},
-    "static-loading": {"mass": "kg"},
-    "voltage-steps": {"level": "V", "specimen_voltage": "V"},
-    "mass-resonance": {"mass": "kg"},
-}
-"""Inputs whose uncertainty a fit takes into account, beside the measured quantities, by protocol and with their units."""
-REQUIRED_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "sine-dwell": (("frequency",), ("peak_to_peak", "fundamental", "receptance")),
-    "static-loading": (("load", "mass"), ("deflection",)),
-    "voltage-steps": (("level", "drive", "specimen_voltage"), ("deflection",)),
-    "mass-resonance": (("mass",), ("frequency", "resonance")),
-    "membrane-sag": (("sag",),),
-    TIME_SERIES: (("displacement",), ("time",)),
-}
-AMBIGUOUS_NAMES: dict[str, dict[str, tuple[str, ...]]] = {
-    "sine-dwell": {
-        **dict.fromkeys(("amplitude", "displacement", "deflection", "a", "response"), ("peak_to_peak", "fundamental")),
-        **dict.fromkeys(("drive", "voltage", "drivevoltage"), ("drive_peak_to_peak", "drive_amplitude")),
-    },
-}
-
-
 def table_kinds() -> dict[str, TableKind]:
     """Every kind of table, by name: those of the protocols, and raw time series."""
-    made = {
-        TIME_SERIES: TableKind(
-            TIME_SERIES, "sine-dwell", COLUMN_SPECS[TIME_SERIES], REQUIRED_COLUMNS[TIME_SERIES], {}, ("displacement",)
-        )
-    }
+    made, series = {}, {}
     for name, protocol in PROTOCOLS.items():
+        form = protocol.aspects.import_form
+        if form.series:
+            drawn = ("displacement",)
+            series[TIME_SERIES] = TableKind(
+                TIME_SERIES, name, form.series, (drawn, ("time",)), {}, drawn, described=True
+            )
         own = {}
-        for column, (unit, words, width) in point_columns(protocol.point_type).items():
+        for column, (unit, description, width) in point_columns(protocol.point_type).items():
             for each in [f"{column}_{i}" for i in range(1, width + 1)] or [column]:
-                own[each] = ColumnSpec(each, unit, words)
-        for slot in COLUMN_SPECS.get(name, ()):
-            known = own.get(slot.name, slot)
-            own[slot.name] = ColumnSpec(slot.name, known.unit, slot.description, slot.aliases, slot.usual_range)
-        for column, unit in INPUT_UNCERTAINTIES.get(name, {}).items():
+                own[each] = ImportColumn(each, unit, description)
+        for spec in form.columns:
+            own[spec.name] = replace(spec, unit=own[spec.name].unit) if spec.name in own else spec
+        for column, unit in form.input_uncertainties.items():
             errors = f"{column}_errors"
-            own.setdefault(errors, ColumnSpec(errors, unit, f"standard uncertainty of {column.replace('_', ' ')}"))
-        own[ENTRY_COLUMN] = ColumnSpec(ENTRY_COLUMN, "1", "entry of the plan")
-        needs = REQUIRED_COLUMNS.get(name, tuple((axis,) for axis in protocol.axes))
-        made[name] = TableKind(name, name, tuple(own.values()), needs, AMBIGUOUS_NAMES.get(name, {}), needs[-1])
-    return made
+            own.setdefault(errors, ImportColumn(errors, unit, f"standard uncertainty of {column.replace('_', ' ')}"))
+        own[ENTRY_COLUMN] = ImportColumn(ENTRY_COLUMN, "1", "entry of the plan")
+        required = form.required or tuple((axis,) for axis in protocol.axes)
+        described = bool(form.columns)
+        made[name] = TableKind(name, name, tuple(own.values()), required, form.ambiguous, required[-1], described)
+    return made | series
 
 
 def normalize_name(text: str) -> str:
@@ -214,15 +136,18 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
             found.append((sum(slot is None for slot in named), kind))
     least = min((missed for missed, _ in found), default=0)
     best = [kind for missed, kind in found if missed == least]
-    best = [kind for kind in best if kind.name in COLUMN_SPECS] or best
-    if len(best) > 1 and any(kind.name == TIME_SERIES for kind in best) and _is_sampled(table):
-        best = [kind for kind in best if kind.name == TIME_SERIES]
+    best = [kind for kind in best if kind.described] or best
+    series = [kind for kind in best if kind.name == TIME_SERIES]
+    if len(best) > 1 and series and _is_sampled(table, series[0]):
+        best = series
     if len(best) == 1:
         return best[0]
     heads = ", ".join(f"'{cells.heading}'" for cells in table.columns)
     if not best:
         forms = "; ".join(
-            f"{name}: {' and '.join(' or '.join(g) for g in table_kinds()[name].required)}" for name in COLUMN_SPECS
+            f"{kind.name}: {' and '.join(' or '.join(g) for g in kind.required)}"
+            for kind in table_kinds().values()
+            if kind.described
         )
         raise TableImportError(
             f"{table.path} has the columns {heads}, which belong to no known measurement; name the measurement and its columns with --as and --column. Required are, for {forms}"
@@ -239,9 +164,11 @@ TIME_STEP_TOLERANCE = 0.02
 MAX_ROWS_LOOKED_AT = 1000
 
 
-def _is_sampled(table: ImportTable) -> bool:
+def _is_sampled(table: ImportTable, series: TableKind) -> bool:
     """Whether the table has many rows at even steps of time."""
-    names = {"time", *next(slot.aliases for slot in COLUMN_SPECS[TIME_SERIES] if slot.name == "time")}
+    spec = series.column("time")
+    assert spec is not None
+    names = {spec.name, *spec.aliases}
     column = next((cells for cells in table.columns if normalize_name(cells.name) in names), None)
     if column is None or len(column.cells) < MIN_SERIES_ROWS:
         return False
@@ -267,7 +194,7 @@ def unit_factor(unit: str, expected: str) -> float:
     return to_number(f"1 {'thou' if length_in_mil else unit}", expected)
 
 
-def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: Mapping[str, str]) -> float:
+def si_factor(table: ImportTable, spec: ImportColumn, column: TableColumn, units: Mapping[str, str]) -> float:
     """Return the factor that converts a column to SI; `units` given by the user, by heading, name or quantity.
 
     Raises:
@@ -289,7 +216,7 @@ def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: 
         ) from None
 
 
-def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> ColumnSpec | None:
+def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> ImportColumn | None:
     """Return the quantity of a heading; an error column belongs to its quantity, or to the only value."""
     if normalize_name(column.name) in kind.ambiguous:
         return None

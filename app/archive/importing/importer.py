@@ -174,8 +174,8 @@ def _import_options(
 ) -> ImportOptions:
     """Complete the options with the metadata of an exported file."""
     about = table.metadata
-    if options.elongation_m is not None and kind.protocol != "sine-dwell":
-        raise UsageError(f"--membrane-elongation is for a sine dwell on a membrane; {table.path} is a {kind.name}")
+    if options.elongation_m is not None and kind.name != TIME_SERIES and kind.column("elongation") is None:
+        raise UsageError(f"--membrane-elongation is for a response on a membrane; {table.path} is a {kind.name}")
     settings = _settings(kind, options.settings, kinds)
     for name in PROTOCOLS[kind.protocol].model_fields:
         if f"parameter_{name}" in about and name not in settings:

@@ -1,37 +1,27 @@
-"""Import of time series: under a sine, one file per frequency, as points of a sine dwell; under a sweep as a run of its own."""
+"""Import of time series: each becomes points of the protocol whose drive it has, such as a sine or one sweep."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.points import ImportedRun
-from app.archive.importing.swept_series import build_sweep_run, delay_caution, sweep_frequencies, time_series
 from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
-from drivers import Sine
 from model import Array
-from protocols.base import Quality, Recording, Series
-from protocols.measurements.sine_dwell import SinePoint, sine_point
+from protocols.base import ImportedSamples, ImportRefusedError, Protocol, RunOfSamples
 from protocols.registry import PROTOCOLS
-from protocols.signals import fit_frequency, fit_sine
 
-MIN_CYCLES = 3
 SAMPLING_TOLERANCE = 0.01
 """Tolerated unevenness of the times, in sample intervals."""
-MAX_NOISE_RATIO = 0.1
-"""Residual of the sine fit relative to the amplitude above which the drive is rejected."""
 
 
-class _Series(NamedTuple):
+class _Source(NamedTuple):
     table: ImportTable
     mapping: ColumnMapping
-    values: Mapping[str, Array]
-    rate_hz: float
     cautions: tuple[str, ...]
 
 
@@ -40,7 +30,7 @@ def build_series_runs(
     options: ImportOptions,
     progress: Progress = NO_PROGRESS,
 ) -> list[ImportedRun]:
-    """Return one run of all time series under a sine, a point each, and one of every time series under a sweep.
+    """Return the runs that time series become: each series goes to the first protocol that takes it.
 
     Raises:
         TableImportError: a file is wrong; the message names it, the place and the remedy.
@@ -51,84 +41,87 @@ def build_series_runs(
             "away, and give the sensor's gain by --gain-error"
         )
     parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
-    sines, runs = list[_Series](), list[ImportedRun]()
+    sources: dict[ImportedSamples, _Source] = {}
+    by_protocol: dict[str, list[ImportedSamples]] = {name: [] for name in PROTOCOLS}
     for (sheet, matched), file_progress in zip(series, parts, strict=True):
-        each = _read_series(sheet, matched, options, file_progress)
-        drive = each.values.get("drive")
-        if drive is None or _is_single_sine(drive, each.rate_hz) or sweep_frequencies(drive, each.rate_hz) is None:
-            sines.append(each)
-        else:
-            run = build_sweep_run(sheet, matched, each.values, each.rate_hz, options)
-            runs.append(replace(run, warnings=(*each.cautions, *run.warnings)))
-    return [*([_dwell_of_sines(sines, options)] if sines else []), *runs]
+        each, cautions = _read_series(sheet, matched, options, file_progress)
+        sources[each] = _Source(sheet, matched, cautions)
+        by_protocol[_protocol_of(each)].append(each)
+    try:
+        return [
+            _imported_run(PROTOCOLS[name], run, sources, options)
+            for name, taken in by_protocol.items()
+            if taken
+            for run in PROTOCOLS[name].aspects.series_runs(taken)
+        ]
+    except ImportRefusedError as error:
+        raise TableImportError(str(error)) from None
 
 
-def _read_series(table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress) -> _Series:
+def _protocol_of(series: ImportedSamples) -> str:
+    """Return the name of the first protocol that takes a time series."""
+    faults = []
+    for name, protocol in PROTOCOLS.items():
+        fault = protocol.aspects.series_fault(series)
+        if fault == "":
+            return name
+        if fault:
+            faults.append(fault)
+    raise TableImportError(f"{series.place}: {faults[0]}")
+
+
+def _read_series(
+    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress
+) -> tuple[ImportedSamples, tuple[str, ...]]:
     values, cautions = table_values(table, mapping, options, progress)
     for name, cells in mapping.columns.items():
         refuse_cells(table, cells, ~np.isfinite(values[name]), "'{}' is a gap in the series; cut it off there")
-    return _Series(table, mapping, values, _sample_rate(table, mapping, values["time"]), tuple(cautions))
+    series = ImportedSamples(
+        name=table.path.name,
+        place=str(table.path),
+        time_s=values["time"],
+        displacement_m=values["displacement"],
+        drive_v=values.get("drive"),
+        rate_hz=_sample_rate(table, mapping, values["time"]),
+        delay_s=options.delay_s or 0.0,
+        settings=options.settings,
+        amplifier=options.amplifier.amplifier_map,
+        elongation_m=options.elongation_m,
+        simulated=options.simulated or "SIMULATED" in table.path.name,
+    )
+    return series, tuple(cautions)
 
 
-def _dwell_of_sines(series: Sequence[_Series], options: ImportOptions) -> ImportedRun:
-    points, curves, cautions = [], list[Series](), list[str]()
-    for entry, each in enumerate(series):
-        point, series_of_entry, warnings = _series_point(each, options)
-        points.append(point)
-        curves += [replace(one, entry=entry) for one in series_of_entry]
-        cautions += warnings
-    if any(math.isfinite(point.phase) for point in points):
-        cautions += delay_caution(options)
-    frequencies = [point.frequency for point in points]
-    for i, f in enumerate(frequencies):
-        if (j := next((j for j in range(i) if abs(frequencies[j] - f) < 0.05), None)) is not None:
-            cautions.append(
-                f"{series[i].table.path.name} and {series[j].table.path.name} are both at {f:.4g} Hz: both are kept, as repeats"
-            )
-    parameters = {"peak_to_peak_v": 2 * max(p.drive_amplitude for p in points), **options.settings}
+def _imported_run(
+    protocol: type[Protocol], run: RunOfSamples, sources: dict[ImportedSamples, _Source], options: ImportOptions
+) -> ImportedRun:
+    tables = [sources[each] for each in run.samples]
     return ImportedRun(
-        PROTOCOLS["sine-dwell"],
-        tuple(points),
-        tuple(range(len(points))),
-        parameters,
-        tuple(column_sources(series[0].mapping, options)),
-        tuple((sheet.path.name, sheet.sha256) for sheet, *_ in series),
-        tuple(cautions),
-        tuple(cells.heading for cells in series[0].mapping.unused),
-        tuple(curves),
+        protocol,
+        run.points,
+        tuple(range(len(run.points))),
+        run.parameters,
+        tuple(column_sources(tables[0].mapping, options)),
+        tuple((each.table.path.name, each.table.sha256) for each in tables),
+        (
+            *(caution for each in tables for caution in each.cautions),
+            *run.warnings,
+            *(delay_caution(options) if run.has_phases else ()),
+        ),
+        tuple(cells.heading for cells in tables[0].mapping.unused),
+        run.series,
     )
 
 
-def _series_point(series: _Series, options: ImportOptions) -> tuple[SinePoint, tuple[Series, ...], list[str]]:
-    table, _, values, rate, _ = series
-    cautions = list(series.cautions)
-    time, moved = values["time"], values["displacement"]
-    drive = values.get("drive")
-    if drive is None:
-        f, amplitude = _stated_drive(table, options)
-        drive = options.amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
-    else:
-        f = _drive_frequency(table, drive, rate)
-        amplitude = abs(fit_sine(drive, rate, f).fundamental)
-    if (time[-1] - time[0]) * f < MIN_CYCLES:
-        raise TableImportError(
-            f"{table.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed"
-        )
-    cycles = max(int((time[-1] - time[0]) * f), 1)
-    sine = Sine(
-        f, min(amplitude, options.amplifier.high_v - options.amplifier.rest_v), options.amplifier.rest_v, cycles
+def delay_caution(options: ImportOptions) -> tuple[str, ...]:
+    """Return the caution that the sensor's delay is not given, if it is not."""
+    if options.delay_s is not None and math.isfinite(options.delay_s):
+        return ()
+    caution = (
+        "the delay of the sensor's output is not given and taken as 0: phases are late by as much as it has, 6 degrees at 160 Hz for "
+        "100 us; --sensor-delay '100 us' says it"
     )
-    simulated = options.simulated or "SIMULATED" in table.path.name
-    recording = Recording(0, (0, moved.size), rate, sine, drive, moved, Quality.IMPORTED, options.delay_s or 0.0)
-    try:
-        point = sine_point([recording], simulated)
-    except ValueError as error:
-        raise TableImportError(f"{table.path}: {error}") from None
-    if "drive" not in values:
-        point = replace(point, phase=math.nan, phase_errors=math.nan)
-        cautions.append(f"{table.path.name} has no drive: its phase is not known")
-    label = f"{point.frequency:.4g} Hz, {table.path.name}"
-    return point, time_series(time, moved, values.get("drive"), label), cautions
+    return (caution,)
 
 
 def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> float:
@@ -150,35 +143,3 @@ def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> flo
             "or write more digits of the time"
         )
     return float((time.size - 1) / (time[-1] - time[0]))
-
-
-def _is_single_sine(drive: Array, rate: float) -> bool:
-    fit = fit_sine(drive, rate, _largest_frequency(drive, rate))
-    return fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental)
-
-
-def _largest_frequency(drive: Array, rate: float) -> float:
-    spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
-    return fit_frequency(drive, rate, (int(spectrum[1:].argmax()) + 1) * rate / drive.size)
-
-
-def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
-    """Return the frequency of the drive, which must be a single sine."""
-    f = _largest_frequency(drive, rate)
-    fit = fit_sine(drive, rate, f)
-    if not fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
-        raise TableImportError(
-            f"{table.path}: the drive is not a single sine (besides {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of other signals); "
-            "give one file for each frequency, or one with a single sweep up or down"
-        )
-    return f
-
-
-def _stated_drive(table: ImportTable, options: ImportOptions) -> tuple[float, float]:
-    """Return frequency and amplitude of a drive that was not recorded."""
-    f, volts = options.settings.get("frequencies_hz", ()), options.settings.get("peak_to_peak_v")
-    if len(f) != 1 or volts is None:
-        raise TableImportError(
-            f'{table.path} has no column of the drive: name it with --column drive=NAME, or give the drive: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
-        )
-    return float(f[0]), float(volts) / 2

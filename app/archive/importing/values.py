@@ -14,11 +14,9 @@ from app.archive.importing.table import ImportTable, TableColumn, TableImportErr
 from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
 from app.config import AmplifierTable
 from model import Array, Mask
+from protocols.base import ImportColumn
+from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN
-
-SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
-SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
-"""Texts of the column `side`, besides 1 and -1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +87,8 @@ def table_values(
     ):
         slot = mapping.kind.column(name)
         assert slot is not None
-        if name == "side":
-            values[name] = np.array([_parse_side(table, cells, row, whole) for row in range(len(cells.cells))])
+        if slot.codes:
+            values[name] = np.array([_parse_code(table, slot, cells, row, whole) for row in range(len(cells.cells))])
             continue
         column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, column_progress)
         wrong = ~np.isfinite(column) if name in needed and not whole else np.isinf(column)
@@ -99,12 +97,13 @@ def table_values(
             refuse_cells(table, cells, column < 0, "{} is not an uncertainty: it must not be negative")
         if slot.usual_range is not None and column.size:
             cautions += _plausibility_warnings(table, cells, name, slot.unit, column, slot.usual_range)
+        if slot.lowest > -math.inf:
+            wrong = column <= slot.lowest if slot.lowest_excluded else column < slot.lowest
+            fault = (
+                f"{{}} is not a {name}: it must be {'above' if slot.lowest_excluded else 'at least'} {slot.lowest:g}"
+            )
+            refuse_cells(table, cells, wrong, f"{fault}. Delete the line, or correct it")
         values[name] = column
-    for name in ("frequency", "resonance", "mass"):
-        if name in values:
-            wrong = values[name] < 0 if name == "mass" else values[name] <= 0
-            fault = f"{{}} is not a {name}: it must be positive. Delete the line, or correct it"
-            refuse_cells(table, mapping.columns[name], wrong, fault)
     return values, cautions
 
 
@@ -160,20 +159,19 @@ def _plausibility_warnings(
         )
 
 
-def _parse_side(table: ImportTable, cells: TableColumn, row: int, exported: bool) -> float:
+def _parse_code(table: ImportTable, slot: ImportColumn, cells: TableColumn, row: int, exported: bool) -> float:
+    """Return the number that a text stands for, or the number itself if it is one of those."""
     cell = cells.cells[row]
     text = str(cell).casefold().replace(" ", "")
-    if text in SIDES:
-        return SIDES[text]
+    if text in slot.codes:
+        return slot.codes[text]
     try:
         number = float(text or "nan")
     except ValueError:
         number = 0.0
-    if number in (1.0, -1.0) or (exported and math.isnan(number)):
+    if number in slot.codes.values() or (exported and math.isnan(number)):
         return number
-    raise TableImportError(
-        f"{table.cell_location(row, cells)}: '{cell}' is not a side; write 'MFC' or 1 where the MFC is up, otherwise 'aluminium' or -1"
-    )
+    raise TableImportError(f"{table.cell_location(row, cells)}: '{cell}' is not a {slot.name}; {slot.code_hint}")
 
 
 def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], rows: int) -> list[str]:
@@ -205,7 +203,7 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
             f"{x} {values[x][twice[0][0]]:g} occurs {len(twice[0])} times ({where}): all are kept, as repeats"
         )
     elif (
-        mapping.kind.name in ("sine-dwell", "mass-resonance")
+        PROTOCOLS[mapping.kind.name].aspects.import_form.rising
         and "elongation" not in values
         and (np.diff(values[x]) < 0).any()
     ):

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.importing.swept_series import sweep_frequencies
 from app.identification.specimen_identification import identify
 from benchmarks.campaigns import elements
 from model import Array, Tactor
 from model.identification import FrequencyResponseObservation
+from protocols.aspects.sweep import sweep_frequencies
 from protocols.runfile.reader import Run
 from protocols.signals import estimate_swept_response
 from tests.helpers.importing import brought, points, refused
