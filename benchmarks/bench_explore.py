@@ -41,7 +41,7 @@ def main() -> None:
         ("delta", 0.0, 2e-4, PAINT_PAUSE_S),
         ("k2", 8e-3, 1e-5, 0.0),
     ):
-        page._model_worker._pause_s = rest_s
+        page.model.worker._pause_s = rest_s
         if not rest_s:
             print("without a rest between the curve and the motion:")
         both = [slide(page, name, start + i * step) for i in range(1, 60)]
@@ -90,7 +90,7 @@ def slide(page: ExplorePage, name: str, value: float) -> tuple[float, float]:
     pause(60)
     PAINTS.drawn = False
     begin, busy = time.perf_counter(), time.process_time()
-    page.set_value(name, value)
+    page.model.set_value(name, value)
     PAINTS.wait()
     spent, busy = time.perf_counter() - begin, time.process_time() - busy
     pause(30)

@@ -256,8 +256,8 @@ def archive(studio: Studio, run: Path) -> None:
     """Take the pictures of the list of ten thousand runs, of an opened run and of a campaign."""
     window = studio.window
     studio.look_at(RUNS)
-    studio.until(lambda: window.tabs.runs.model.rowCount() >= MANY and window.tabs.runs.folder_model.is_idle)
-    window.tabs.runs.select_paths([run.name])
+    studio.until(lambda: window.tabs.runs.list.model.rowCount() >= MANY and window.tabs.runs.list.folder_model.is_idle)
+    window.tabs.runs.list.select_paths([run.name])
     studio.settle(1.0)
     studio.take("runs")
     window.tabs.runs.open_selected()

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QCoreApplication, QEvent, QSettings, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QMimeData, QPoint, QPointF, QSettings, Qt, QUrl
+from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 
 from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import MainWindow
@@ -48,6 +49,17 @@ def find(root: QWidget, name: str) -> Any:
     found = root.findChild(QWidget, name)
     assert found is not None, f"there is no widget {name}"
     return found
+
+
+def drop_file(widget: QWidget, path: Path) -> None:
+    """Drag a file over a widget, which accepts it, and drop it there."""
+    mime, none = QMimeData(), Qt.KeyboardModifier(0)
+    mime.setUrls([QUrl.fromLocalFile(str(path))])
+    entering = QDragEnterEvent(QPoint(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none)
+    QApplication.sendEvent(widget, entering)
+    assert entering.isAccepted()
+    dropped = QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none)
+    QApplication.sendEvent(widget, dropped)
 
 
 def grab(window: MainWindow, path: Path) -> None:

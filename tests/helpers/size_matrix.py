@@ -148,8 +148,8 @@ def _select_newest(window: "MainWindow") -> None:
     assert window.state.outcome is not None
     runs, newest = window.tabs.runs, Path(window.state.outcome.path).name
     window.tabs.setCurrentIndex(3)
-    until(lambda: any(entry.name == newest for entry in runs.model.summaries), "for the list")
-    runs.select_paths([entry.path for entry in runs.model.summaries if entry.name == newest])
+    until(lambda: any(entry.name == newest for entry in runs.list.model.summaries), "for the list")
+    runs.list.select_paths([entry.path for entry in runs.list.model.summaries if entry.name == newest])
     until(lambda: runs.details.card.isVisibleTo(window), "for the card of the run")
 
 

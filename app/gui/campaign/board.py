@@ -244,6 +244,15 @@ class CampaignBoard(QWidget):
     def selected_item(self) -> ItemSummary | None:
         return self.summary.item(self.item_list.selected_item) if self.summary is not None else None
 
+    def run_to_accept(self, row: ItemSummary) -> str:
+        """Return the run that is accepted: the one that the user sees of the selected item, or the new result of another."""
+        seen = self.details.reviewed_path if self.item_list.selected_item == row.name else None
+        state = row.state
+        if seen is not None and not (state.accepted and seen == state.run):
+            return seen.name
+        reviewed = state.reviewed_run
+        return reviewed.name if row.awaits_acceptance and reviewed is not None else ""
+
     @property
     def details(self) -> ItemDetailsPane:
         """The details of the selected item, brought up to date."""

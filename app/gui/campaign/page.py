@@ -19,7 +19,7 @@ from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongat
 from app.session import WindowState
 
 if TYPE_CHECKING:
-    from app.campaign import CampaignItem, CampaignRunner, ItemSummary, ResultReview
+    from app.campaign import CampaignItem, CampaignRunner, ResultReview
     from protocols.runner.request import RunRequest
 
 
@@ -169,7 +169,7 @@ class CampaignPage(QStackedWidget):
                 why = "" if row.state.status == "skipped" else "skipped"
                 done = f"{row.name} is skipped" if why else f"{row.name} is included again"
                 self.controller.modify(lambda campaign: campaign.skip(row.name, why), done)
-            case "accept" if run := self._run_to_accept(row):
+            case "accept" if run := self.board.run_to_accept(row):
                 self.controller.modify(lambda campaign: campaign.accept(row.name, run), f"{row.name} is accepted")
             case "repeat" if row.state.run is not None:
                 kept = "; its result counts until a new one is accepted" if row.state.estimates else ""
@@ -178,15 +178,6 @@ class CampaignPage(QStackedWidget):
             case "reject" if row.state.run is not None:
                 done = f"{row.name}: {row.state.reviewed_run.name if row.state.reviewed_run else 'the run'} is rejected"
                 self.controller.modify(lambda campaign: campaign.reject(row.name), done)
-
-    def _run_to_accept(self, row: ItemSummary) -> str:
-        """Return the run that is accepted: the one that the user sees of the selected item, or the new result of another."""
-        seen = self.board.details.reviewed_path if self.board.item_list.selected_item == row.name else None
-        state = row.state
-        if seen is not None and not (state.accepted and seen == state.run):
-            return seen.name
-        reviewed = state.reviewed_run
-        return reviewed.name if row.awaits_acceptance and reviewed is not None else ""
 
     def _read_review(self) -> None:
         """Read the run under review unless it is shown or being read."""
@@ -275,11 +266,6 @@ class CampaignPage(QStackedWidget):
         for pane in (self.board.header, self.start_pane):
             pane.message_label.show_message(text, is_error=True)
 
-    def _show_change(self, text: str) -> None:
-        """Show what was changed; everything but an undo can be undone."""
-        undone = text in ("Undone", "Done again")
-        self.toast.show_message(text, None if undone else self.controller.undo)
-
     def _show_start(self) -> None:
         if not self._busy:
             self.controller.find_campaigns(self._location()[0])
@@ -291,13 +277,15 @@ class CampaignPage(QStackedWidget):
             self, "Open a campaign", lambda paths: self.open(paths[0]), "Campaigns (*.campaign.json)", str(folder)
         )
 
-    def _toggle_queue(self) -> None:
-        self.perform_action("halt the queue" if self._busy else "run without hands")
-
     def _connect_signals(self) -> None:
         self.controller.changed.connect(self._on_campaign_changed)
         self.controller.message.connect(self._show_message)
-        self.controller.modified.connect(self._show_change)
+        # Everything but an undo can be undone.
+        self.controller.modified.connect(
+            lambda text: self.toast.show_message(
+                text, None if text in ("Undone", "Done again") else self.controller.undo
+            )
+        )
         self.controller.reviewed.connect(self._show_review)
         self.board.review_requested.connect(self._read_review)
         self.start_pane.create_requested.connect(self.create_campaign)
@@ -314,7 +302,7 @@ class CampaignPage(QStackedWidget):
         add_actions(
             self,
             {
-                "campaign.queue": self._toggle_queue,
+                "campaign.queue": lambda: self.perform_action("halt the queue" if self._busy else "run without hands"),
                 "campaign.undo": self.controller.undo,
                 "campaign.redo": lambda: self.controller.undo(forward=True),
                 "campaign.add": self._show_add,

@@ -73,7 +73,7 @@ class DesignPanel(QWidget):
         self._offer(f"the calibration of {name}" if name else "")
         try:
             question = DesignQuestion(
-                self._page.setting,
+                self._page.model.setting,
                 to_number(self.resonance.text(), "Hz"),
                 to_number(self.amplitude.text(), "m"),
                 to_number(self.frequency.text(), "Hz"),

@@ -1,13 +1,12 @@
 """Explore page: sliders for every parameter of the model, its response curves, and the motion of the beam."""
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
-from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
 from app.common import ResultSummary
@@ -16,13 +15,9 @@ from app.explore import (
     ExploreFit,
     ExploreRequest,
     ExploreResult,
-    ExploreSession,
-    ExploreSetting,
-    ResponseEngine,
-    make_study,
-    write_study,
 )
 from app.gui.explore.design_panel import DesignPanel
+from app.gui.explore.model import ExploreModel
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
 from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
@@ -30,8 +25,9 @@ from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
 from app.gui.results.card import ResultCard
 from app.gui.widgets import (
+    RUN_SUFFIXES,
     STRETCH,
-    BackgroundWorker,
+    FileDrops,
     Mode,
     StatusLine,
     WindowTheme,
@@ -39,13 +35,10 @@ from app.gui.widgets import (
     add_actions,
     choose_files,
     column,
-    dropped_runs,
     make_scroll_area,
     make_splitter,
 )
-from app.live import LatestOnlyWorker
 from app.session import WindowState
-from model import ParameterError
 
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
@@ -54,8 +47,6 @@ LEFT_WIDTH = 424
 """Of the sliders with their numbers, units and a scroll bar."""
 
 CARD_WIDTH = 250
-PAINT_PAUSE_S = 0.02
-"""Pause of the worker after the curve, so that it is painted before the motion is computed."""
 
 
 class ExplorePage(QSplitter):
@@ -68,11 +59,10 @@ class ExplorePage(QSplitter):
     title = "Explore"
     runs_wanted = Signal()
     """The user wants to choose runs from the list of the page Runs."""
-    _result_ready = Signal(object, object)
 
     def __init__(self, theme: WindowTheme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
-        self.session = ExploreSession()
+        self.model = ExploreModel(self)
         self.folder: Callable[[], Path] = Path
         """Returns the folder in which dialogs begin."""
         self.specimen: Callable[[], tuple[Path, str]] = lambda: (self.folder(), "")
@@ -80,13 +70,8 @@ class ExplorePage(QSplitter):
         self.result: ExploreResult | None = None
         self.shown_request: ExploreRequest | None = None
         """The request whose complete result is displayed."""
-        self._requested: ExploreRequest | None = None
         self._sliders_stale = True
-        self._study_worker = BackgroundWorker("explore study", self)
         self.overlaid = OverlaidRuns(fit, self)
-        self._model_worker = LatestOnlyWorker(
-            ResponseEngine().compute, self._result_ready.emit, "explore model", PAINT_PAUSE_S
-        )
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
         self.card = ResultCard(theme, "explore.card", ("open", "report"), scrolls=True)
@@ -101,14 +86,10 @@ class ExplorePage(QSplitter):
         self.setObjectName("explore/columns")
         self.setChildrenCollapsible(False)
         self._connect_signals()
-        self.setAcceptDrops(True)
+        FileDrops(self, {RUN_SUFFIXES: self.overlaid.add})
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._update_series()
         self._show_setting()
-
-    @property
-    def setting(self) -> ExploreSetting:
-        return self.session.setting
 
     # -- the interface of a page -----------------------------------------------------------------------------------------
 
@@ -121,78 +102,47 @@ class ExplorePage(QSplitter):
 
     def tick(self) -> None:
         """Update the page; called at every tick while it is visible."""
-        if self._requested is None:
-            self._request_result()
+        if self.model.requested is None:
+            self.model.compute()
         if self._sliders_stale:
             self._sliders_stale = False
-            self.sliders.show_setting(self.setting)
-            self.toolbar.show_setting(self.setting, self.session.history)
+            self.sliders.show_setting(self.model.setting)
+            self.toolbar.show_setting(self.model.setting, self.model.session.history)
             self.design.ask()
         self.shape_plot.tick()
 
     def shutdown(self) -> None:
         """Stop background threads."""
-        self._model_worker.close()
-        self._study_worker.close()
+        self.model.shutdown()
         self.overlaid.shutdown()
         self.design.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
-        settings.setValue("explore/setting", json.dumps(self.session.to_record()))
+        self.model.save_state(settings)
 
     def restore_state(self, settings: QSettings) -> None:
         """Restore saved settings."""
-        try:
-            self.session.restore_record(json.loads(str(settings.value("explore/setting", ""))))
-        except (ValueError, KeyError, TypeError, AttributeError):
-            return
-        self._show_setting()
+        self.model.restore_state(settings)
 
     # -- commands --------------------------------------------------------------------------------------------------------
 
-    def set_value(self, name: str, value: float) -> None:
-        """Set a slider, SI."""
-        self._apply_change(lambda: self.session.set_value(name, value))
-
-    def set_setting(self, setting: ExploreSetting) -> None:
-        """Change the setting."""
-        self._apply_change(lambda: self.session.set_setting(setting))
-
     def load_preset(self, name: str) -> None:
         """Start from a preset."""
-        self._apply_change(lambda: self.session.load_preset(name))
-        if self.session.kept_curves:
+        self.model.load_preset(name)
+        if self.model.session.kept_curves:
             self.toolbar.series[1].setChecked(True)  # the paper computes the fundamental
             self.toolbar.series[0].setChecked(False)
-        self._request_result()
-
-    def undo(self) -> None:
-        self.session.history.undo()
-        self._show_setting()
-
-    def redo(self) -> None:
-        self.session.history.redo()
-        self._show_setting()
-
-    def keep_curve(self) -> None:
-        """Keep the current curve for comparison."""
-        self.session.keep_curve()
-        self._request_result()
 
     def clear_overlays(self) -> None:
         """Remove kept curves and measured runs."""
-        self.session.kept_curves = ()
+        self.model.session.kept_curves = ()
         self.overlaid.remove(*self.overlaid.runs)
-        self._request_result()
-
-    def fit_runs(self) -> None:
-        """Fit the model to the overlaid runs; during a fit: cancel it."""
-        self.overlaid.fit(self.setting)
+        self.model.compute()
 
     def copy(self, kind: str) -> None:
         """Copy the parameters as text for `--set`."""
-        text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
+        text = self.model.setting.as_json() if kind == "JSON" else self.model.setting.as_toml()
         QGuiApplication.clipboard().setText(text)
         self.status_line.show_message(
             f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"'
@@ -200,19 +150,13 @@ class ExplorePage(QSplitter):
 
     def save_study(self, path: Path) -> None:
         """Save a study of the parameters that differ between the kept curves, else of the slider moved last."""
-        self.status_line.show_message("computing the study …")
-        setting, kept, variable = self.setting, self.session.kept_curves, self.session.study_variable
-        frequencies: Sequence[float] = range(1, 251) if self.result is None else self.result.curve.frequency_hz.tolist()
-        self._study_worker.submit(
-            lambda: write_study(path, make_study(setting, kept, variable, frequencies), variable),
-            lambda text: self.status_line.show_message(str(text)),
-            self._on_error,
-        )
+        curve = None if self.result is None else self.result.curve
+        self.model.save_study(path, range(1, 251) if curve is None else curve.frequency_hz.tolist())
 
     # -- internal --------------------------------------------------------------------------------------------------------
 
     def _on_fitted(self, result: ExploreFit) -> None:
-        self.set_setting(result.setting)
+        self.model.set_setting(result.setting)
         self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until the next change
 
     def _on_fitting(self, fitting: bool) -> None:
@@ -220,16 +164,13 @@ class ExplorePage(QSplitter):
         if fitting:
             self.status_line.show_message("fitting …", persistent=True)
 
-    def _on_error(self, error: Exception) -> None:
-        self.status_line.show_message(str(error), is_error=True)
-
     def _show_overlaid(self) -> None:
         self.plot.show_runs(self.overlaid.runs)
         self.toolbar.show_runs(self.overlaid.runs)
-        if other := self.session.runs_with_other_drive(self.overlaid.runs):
+        if other := self.model.session.runs_with_other_drive(self.overlaid.runs):
             drives = ", ".join(f"{run.label} at {run.peak_to_peak_v:.3g} V" for run in other)
             self.status_line.show_message(
-                f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
+                f"{drives}; the curve is for {self.model.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
             )
 
     def _show_result_of(self, path: Path | None) -> None:
@@ -244,28 +185,12 @@ class ExplorePage(QSplitter):
             self.card.show_summary(result)
             self.card.show()
 
-    def _apply_change(self, change: Callable[[], object]) -> None:
-        """Change the setting; if the model rejects it, show why and keep the old one."""
-        try:
-            change()
-        except ParameterError as error:
-            self.status_line.show_message(str(error), is_error=True)
-        else:
-            self.status_line.show_message("")
-        self._show_setting()
-
     def _show_setting(self) -> None:
         if self.isVisible():
-            self._request_result()
+            self.model.compute()
         else:
-            self._requested = None
+            self.model.requested = None
         self._sliders_stale = True  # the curve first; the sliders follow in the next frame
-
-    def _request_result(self) -> None:
-        request = self.session.request
-        if request != self._requested:
-            self._requested = request
-            self._model_worker.submit(request)
 
     def _on_result(self, request: ExploreRequest, result: ExploreResult | Exception) -> None:
         if isinstance(result, Exception):
@@ -280,24 +205,20 @@ class ExplorePage(QSplitter):
             self.shown_request = request
 
     def _on_cursor_moved(self, hz: float) -> None:
-        self.session.cursor_hz = float(f"{hz:.4g}")
-        self.toolbar.show_frequency(self.session.cursor_hz)
-        self._request_result()
+        self.model.session.cursor_hz = float(f"{hz:.4g}")
+        self.toolbar.show_frequency(self.model.session.cursor_hz)
+        self.model.compute()
 
     def _set_range(self, max_hz: float) -> None:
-        self.session.max_hz = max_hz
+        self.model.session.max_hz = max_hz
         self.plot.show_range(max_hz)
-        self._request_result()
+        self.model.compute()
 
     def show_threshold(self, threshold: "PerceptionThreshold | None") -> None:
         """Take the threshold of the laboratory as that which is felt; None: there is none."""
-        self.session.own_threshold = threshold
+        self.model.session.own_threshold = threshold
         self.toolbar.offer_laboratory(threshold is not None)
-        self._request_result()
-
-    def _choose_site(self, site: str) -> None:
-        self.session.site = site
-        self._request_result()
+        self.model.compute()
 
     def _update_series(self) -> None:
         *shown, log = (box.isChecked() for box in self.toolbar.series)
@@ -357,33 +278,35 @@ class ExplorePage(QSplitter):
     def _connect_signals(self) -> None:
         bar = self.toolbar
         connections: tuple[tuple[SignalInstance, Callable[..., object]], ...] = (
-            (self._result_ready, self._on_result),
+            (self.model.computed, self._on_result),
+            (self.model.changed, self._show_setting),
+            (self.model.message, self.status_line.show_message),
             (self.overlaid.changed, self._show_overlaid),
             (self.overlaid.fitting, self._on_fitting),
             (self.overlaid.fitted, self._on_fitted),
             (self.overlaid.message, self.status_line.show_message),
-            (self.sliders.value_changed, self.set_value),
-            (self.sliders.reset_requested, lambda name: self.set_setting(self.setting.with_default(name))),
+            (self.sliders.value_changed, self.model.set_value),
+            (self.sliders.reset_requested, lambda name: self.model.set_setting(self.model.setting.with_default(name))),
             (self.sliders.input_rejected, lambda text: self.status_line.show_message(text, is_error=True)),
             (self.plot.cursor_moved, self._on_cursor_moved),
             (self.plot.log_changed, bar.series[-1].setChecked),
             (bar.preset_chosen, self.load_preset),
-            (bar.skin_chosen, lambda on: self.set_setting(replace(self.setting, on_skin=on))),
+            (bar.skin_chosen, lambda on: self.model.set_setting(replace(self.model.setting, on_skin=on))),
             (bar.frequency_chosen, self.plot.show_cursor),
             (bar.range_chosen, self._set_range),
             (bar.series_changed, self._update_series),
-            (bar.site_chosen, self._choose_site),
+            (bar.site_chosen, self.model.set_site),
             (bar.design_button.toggled, self.design.toggle),
             (bar.copy_chosen, self.copy),
             (bar.run_chosen, self._show_result_of),
             (bar.run_removed, self.overlaid.remove),
-            (bar.undo_button.clicked, self.undo),
-            (bar.redo_button.clicked, self.redo),
-            (bar.keep_button.clicked, self.keep_curve),
+            (bar.undo_button.clicked, self.model.undo),
+            (bar.redo_button.clicked, self.model.redo),
+            (bar.keep_button.clicked, self.model.keep_curve),
             (bar.clear_button.clicked, self.clear_overlays),
             (bar.overlay_button.clicked, self.runs_wanted.emit),
             (bar.file_button.clicked, self._choose_files),
-            (bar.fit_button.clicked, self.fit_runs),
+            (bar.fit_button.clicked, lambda: self.overlaid.fit(self.model.setting)),
             (bar.study_button.clicked, self._choose_study_file),
         )
         for signal, slot in connections:
@@ -401,11 +324,3 @@ class ExplorePage(QSplitter):
                 "explore.study": bar.study_button.click,
             },
         )
-
-    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if dropped_runs(event):
-            event.acceptProposedAction()
-
-    def dropEvent(self, event: QDropEvent) -> None:
-        self.overlaid.add(dropped_runs(event))
-        event.acceptProposedAction()

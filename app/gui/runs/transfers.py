@@ -1,4 +1,4 @@
-"""Transfers of run files: export, copy and import in the background, with progress."""
+"""Transfers of run files in the background: export, copy, import, trash."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -8,10 +8,19 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QUrl, Signal
 
-from app.archive import CopyResult, Format, copy_runs_into, export_runs, import_tables
+from app.archive import (
+    CopyResult,
+    Format,
+    TrashedRun,
+    copy_runs_into,
+    export_runs,
+    import_tables,
+    move_to_trash,
+    restore_from_trash,
+)
 from app.common import OperationCancelled, UsageError, pluralize
 from app.config import AmplifierTable
-from app.gui.widgets import BackgroundWorker, ProgressRow
+from app.gui.widgets import BackgroundWorker, ProgressRow, Toast
 
 
 def folder_link(folder: Path) -> str:
@@ -20,10 +29,11 @@ def folder_link(folder: Path) -> str:
 
 
 class RunTransfers(QObject):
-    """Exports runs, takes run files in, and imports tables.
+    """Exports runs, takes run files in, imports tables, and moves runs to the trash and back.
 
     Args:
         progress_row: shows the progress and cancels.
+        toast: tells of deletions, and offers to undo the last one.
         folder: returns the folder of the runs.
         specimen: returns the specimen of imported tables.
         amplifier: through which the specimen of imported tables was driven.
@@ -37,6 +47,7 @@ class RunTransfers(QObject):
     def __init__(
         self,
         progress_row: ProgressRow,
+        toast: Toast,
         folder: Callable[[], Path],
         specimen: Callable[[], str],
         amplifier: AmplifierTable,
@@ -44,7 +55,10 @@ class RunTransfers(QObject):
     ) -> None:
         super().__init__(parent)
         self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
-        self._worker = BackgroundWorker("run deeds", self)
+        self._toast = toast
+        self._worker, self._trash_worker = BackgroundWorker("transfers", self), BackgroundWorker("trash", self)
+        self._trashed: list[list[TrashedRun]] = []
+        """The deletions that can be undone, the last one at the end."""
 
     def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
         """Export runs as files for other programs."""
@@ -81,10 +95,38 @@ class RunTransfers(QObject):
         work = partial(import_tables, paths, folder, specimen, self._amplifier, progress)
         self._start(f"importing {names} …", work, describe)
 
+    def move_to_trash(self, paths: Sequence[Path]) -> None:
+        """Move runs to the trash."""
+
+        def done(moved: list[TrashedRun]) -> None:
+            self._trashed.append(moved)
+            count = pluralize(len(paths), "run")
+            self._toast.show_message(f"{count} moved to the trash ({moved[0].trashed.parent})", self.restore_trashed)
+            self.finished.emit()
+
+        self._trash_worker.submit(lambda: move_to_trash(list(paths)), done, self._on_trash_error)
+
+    def restore_trashed(self) -> None:
+        """Take the runs of the last deletion out of the trash."""
+        if not self._trashed:
+            return
+        moved = self._trashed.pop()
+
+        def done(count: int) -> None:
+            self._toast.show_message(f"{pluralize(count, 'run')} restored")
+            self.finished.emit()
+
+        self._trash_worker.submit(lambda: restore_from_trash(moved), done, self._on_trash_error)
+
+    def _on_trash_error(self, error: Exception) -> None:
+        self.message.emit(str(error), True)
+        self.finished.emit()
+
     def shutdown(self) -> None:
         """Stop background threads."""
         self._progress_row.request_cancel()
         self._worker.close()
+        self._trash_worker.close()
 
     def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
         """Run a file operation in the background; `describe_result` returns the message about its result."""

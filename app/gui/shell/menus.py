@@ -116,8 +116,8 @@ class MainMenus:
             yield PaletteEntry("setting", f"Appearance: {text}", partial(self._set_appearance, name), "setting")
         yield PaletteEntry("setting", "Folder for run files", partial(self._show_settings, "folder"), "setting")
         yield PaletteEntry("setting", "Specimen", partial(self._show_settings, "specimen"), "setting")
-        for run in self._tabs.runs.folder_model.summaries:
-            path = self._tabs.runs.folder_model.path / run.path
+        for run in self._tabs.runs.list.folder_model.summaries:
+            path = self._tabs.runs.list.folder_model.path / run.path
             begun = f"{run.started_at:%Y-%m-%d %H:%M}" if run.started_at else ""
             yield PaletteEntry(
                 "run",

@@ -10,9 +10,9 @@ from .actions import shortcuts_by_group as shortcuts_by_group
 from .actions import tooltip as tooltip
 from .actions import update_actions as update_actions
 from .background import BackgroundWorker as BackgroundWorker
+from .dropped_files import RUN_SUFFIXES as RUN_SUFFIXES
 from .dropped_files import TABLE_SUFFIXES as TABLE_SUFFIXES
-from .dropped_files import dropped_runs as dropped_runs
-from .dropped_files import dropped_tables as dropped_tables
+from .dropped_files import FileDrops as FileDrops
 from .elided_label import ElidedLabel as ElidedLabel
 from .file_dialog import Mode as Mode
 from .file_dialog import choose_files as choose_files

@@ -21,7 +21,7 @@ def test_the_palette_finds_commands_protocols_settings_and_runs(open_stage: Open
     stage = open_stage()
     stage.happen(OPENED)
     stage.press(Qt.Key.Key_4, CTRL)
-    until(lambda: stage.window.tabs.runs.folder_model.summaries, "for the runs")
+    until(lambda: stage.window.tabs.runs.list.folder_model.summaries, "for the runs")
     stage.press(Qt.Key.Key_K, CTRL)
     palette = stage.window.central.command_palette
     assert palette.isVisible()

@@ -79,7 +79,7 @@ def test_the_page_asks_in_the_background_and_again_when_a_slider_moves(
     f = np.linspace(140.0, 180.0, 4001)
     peak_hz = f[np.abs(exact_response(replace(Tactor(), m_add=1e-3 * first), f)).argmax()]
     assert peak_hz == pytest.approx(160.0, abs=0.2)
-    page.set_value("k2", 8e-3)
+    page.model.set_value("k2", 8e-3)
     until(lambda: first_number(panel.mass_label.text()) > 1.05 * first, "for a stiffer tactor's")
     find(stage.window, "explore.design.resonance").setText("abc")
     panel.ask()

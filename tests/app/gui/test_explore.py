@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
-from PySide6.QtGui import QDropEvent, QGuiApplication
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
 from app.cli.model_options import read_settings
@@ -18,7 +18,7 @@ from app.gui.widgets.theme import DARK, WindowTheme
 from model.identification.fit_options import FitCancelled
 from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
-from tests.helpers.main_window import OpenPage, OpenStage, Stage, find, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import finished_run
 
 
@@ -32,7 +32,7 @@ def page(open_page: OpenPage) -> ExplorePage:
 def settled(page: ExplorePage) -> None:
     """Wait until every requested curve is on the screen."""
     page.tick()
-    want = page._requested
+    want = page.model.requested
     until(
         lambda: page.result is not None and page.result.motion is not None and page.shown_request == want,
         "for the curve",
@@ -68,7 +68,7 @@ def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: Exp
     for _ in range(10):
         QTest.keyClick(bar, Qt.Key.Key_Left)
     settled(page)
-    assert page.setting.value("m_add") < 7.7e-3
+    assert page.model.setting.value("m_add") < 7.7e-3
     assert page.plot.corner_label.text.split(";")[0] != "peak 1155 µm at 151 Hz"
     assert on_screen(page)[0][on_screen(page)[1].argmax()] > 155
     QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
@@ -76,26 +76,26 @@ def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: Exp
     np.testing.assert_array_equal(on_screen(page)[1], before)
     QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     settled(page)
-    assert page.setting.value("m_add") < 7.7e-3
+    assert page.model.setting.value("m_add") < 7.7e-3
     page.sliders.rows["m_add"].reset_button.click()
     settled(page)
-    assert page.setting.values == {}
+    assert page.model.setting.values == {}
     np.testing.assert_array_equal(on_screen(page)[1], before)
 
 
 @pytest.mark.deep
 def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
     type_into(page, "E_Al", "70000 MPa")
-    assert page.setting.value("E_Al") == pytest.approx(70e9)
+    assert page.model.setting.value("E_Al") == pytest.approx(70e9)
     type_into(page, "delta", "3.7")
-    assert page.setting.value("delta") == pytest.approx(0.037)
-    assert page.setting.on_skin
+    assert page.model.setting.value("delta") == pytest.approx(0.037)
+    assert page.model.setting.on_skin
     type_into(page, "m_add", "-1")
     assert "at least 0 kg" in page.status_line.text()
-    assert page.setting.value("m_add") == 7.73e-3
+    assert page.model.setting.value("m_add") == 7.73e-3
     type_into(page, "L1", "16 mm")
     assert "L1" in page.status_line.text()
-    assert page.setting.value("L1") == 8e-3
+    assert page.model.setting.value("L1") == 8e-3
 
 
 @pytest.mark.deep
@@ -103,7 +103,7 @@ def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     page.toolbar.preset_box.setCurrentIndex(3)
     page.toolbar.preset_box.activated.emit(3)
     settled(page)
-    assert [kept.label for kept in page.session.kept_curves][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
+    assert [kept.label for kept in page.model.session.kept_curves][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
     assert len(page.plot._kept_curves) == 5
     assert len(page.plot.legend.items) == 5
     page.toolbar.clear_button.click()
@@ -124,11 +124,7 @@ def test_the_legend_hides_no_curve(page: ExplorePage) -> None:
 
 def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: ExplorePage, tmp_path: Path) -> None:
     path = finished_run(tmp_path / "elsewhere")
-    mime = QMimeData()
-    mime.setUrls([QUrl.fromLocalFile(str(path))])
-    page.dropEvent(
-        QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
-    )
+    drop_file(page, path)
     until(lambda: page.overlaid.runs, "for the run")
     x, y = page.plot._points[0][0].getData()
     np.testing.assert_allclose((x, y), ([100.0, 160.0], [1000.0, 1000.0]))
@@ -202,12 +198,12 @@ def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_pat
     page.overlaid.fit_with = lambda runs, setting, _: ExploreFit(
         setting.with_value("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2"
     )
-    page.fit_runs()
+    page.overlaid.fit(page.model.setting)
     assert "lay a measured run" in page.status_line.text()
     page.overlaid.add([finished_run(tmp_path)])
     until(lambda: page.overlaid.runs, "for the run")
     page.toolbar.fit_button.click()
-    until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
+    until(lambda: page.model.setting.value("k2") == 8e-3, "for the fit")
     assert page.status_line.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
     assert page.toolbar.fit_button.text() == "Fit to the runs"
 
@@ -222,24 +218,24 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
     page.overlaid.fit_with = endless
     page.overlaid.add([finished_run(tmp_path)])
     until(lambda: page.overlaid.runs, "for the run")
-    before = page.setting
+    before = page.model.setting
     page.toolbar.fit_button.click()
     assert page.toolbar.fit_button.text() == "Cancel the fit"
     page.toolbar.fit_button.click()
     until(lambda: "cancelled" in page.status_line.text(), "for the end of it")
-    assert page.setting == before
+    assert page.model.setting == before
     assert page.toolbar.fit_button.text() == "Fit to the runs"
 
 
 @pytest.mark.deep
 def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     first = open_stage()
-    first.window.tabs.explore.set_value("m_add", 5e-3)
-    first.window.tabs.explore.set_value("delta", 0.01)
+    first.window.tabs.explore.model.set_value("m_add", 5e-3)
+    first.window.tabs.explore.model.set_value("delta", 0.01)
     first.window.close_session(force=True)
     until(lambda: not first.window.isVisible(), "for the window to close")
     again = open_stage().window.tabs.explore
-    assert again.setting.values == {"m_add": 5e-3, "delta": 0.01}
+    assert again.model.setting.values == {"m_add": 5e-3, "delta": 0.01}
     assert again.setting.on_skin
 
 

@@ -47,14 +47,14 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     stage = open_stage(folder=folder)
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     page = stage.window.tabs.runs
-    until(lambda: page.folder_model.is_idle and page.model.rowCount() == 4, "for the list")
-    assert {e.specimen: e.state for e in page.folder_model.summaries}["T7"] == "imported"
+    until(lambda: page.list.folder_model.is_idle and page.list.model.rowCount() == 4, "for the list")
+    assert {e.specimen: e.state for e in page.list.folder_model.summaries}["T7"] == "imported"
     for specimen, words in (("T6", "all points measured"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
-        page.select_paths([e.path for e in page.folder_model.summaries if e.specimen == specimen])
+        page.list.select_paths([e.path for e in page.list.folder_model.summaries if e.specimen == specimen])
         until(lambda: not page._worker.pending, "for the points")
         grab(stage.window, tmp_path / f"{specimen}_list.png")
         page.open_selected()
-        until(lambda: page.currentWidget() is page.viewer and page.folder_model.is_idle, "for the run")
+        until(lambda: page.currentWidget() is page.viewer and page.list.folder_model.is_idle, "for the run")
         view = page.viewer
         assert words in view.card.reason_label.text() + view.facts_label.text()
         stage.window.tick()
@@ -64,7 +64,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         assert [len(s.getData()[0]) for s in view.plots.response.scatters] == POINTS[specimen]
         assert (view.plots.currentWidget() is view.plots.response) == (specimen != "T8")
         page.go_back()
-    page.select_paths([e.path for e in page.folder_model.summaries if e.specimen in ("T7", "T9")])
+    page.list.select_paths([e.path for e in page.list.folder_model.summaries if e.specimen in ("T7", "T9")])
     until(lambda: not page._worker.pending, "for the points")
     grab(stage.window, tmp_path / "both.png")
     page.explore_selected()

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
-from PySide6.QtGui import QDragEnterEvent, QDropEvent
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from app.archive.catalogue import Catalogue
@@ -20,7 +19,7 @@ from app.live.overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import OpenPage, OpenStage, Stage, find, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
 from tests.helpers.simulated_bench import laboratory, run
@@ -69,19 +68,19 @@ def in_window(stage: Stage, count: int = 3) -> RunsPage:
 
 
 def listed(runs: RunsPage, count: int) -> RunsPage:
-    until(lambda: runs.folder_model.is_idle and runs.model.rowCount() == count, "for the list")
+    until(lambda: runs.list.folder_model.is_idle and runs.list.model.rowCount() == count, "for the list")
     return runs
 
 
 def names(page: RunsPage) -> list[str]:
-    at = [page.model.headerData(c, Qt.Orientation.Horizontal) for c in range(page.model.columnCount())].index(
+    at = [page.list.model.headerData(c, Qt.Orientation.Horizontal) for c in range(page.list.model.columnCount())].index(
         "specimen"
     )
-    return [page.model.index(row, at).data() for row in range(page.model.rowCount())]
+    return [page.list.model.index(row, at).data() for row in range(page.list.model.rowCount())]
 
 
 def choose(page: RunsPage, *specimens: str) -> None:
-    page.select_paths([e.path for e in page.folder_model.summaries if e.specimen in specimens])
+    page.list.select_paths([e.path for e in page.list.folder_model.summaries if e.specimen in specimens])
     until(lambda: not page._worker.pending, "for the points")
 
 
@@ -92,22 +91,22 @@ def test_a_file_that_another_program_puts_into_the_folder_appears(
 
     def ticked(count: int) -> bool:
         page.tick()
-        return page.model.rowCount() == count
+        return page.list.model.rowCount() == count
 
     added = finished_run(folder, "T9")
     until(lambda: ticked(4), "for the new one")
     added.unlink()
     until(lambda: ticked(3), "for the list without it")
-    until(lambda: page.folder_model.is_idle, "for the last look")
+    until(lambda: page.list.folder_model.is_idle, "for the last look")
 
 
 def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> None:
     assert sorted(names(page)) == ["T3", "T7", "T8"]
     newer_run(folder, "T5")
     (folder / "20260101T000000Z_half_sine-dwell.h5").write_bytes(b"cut")
-    page.folder_model.rescan()
-    until(lambda: page.model.rowCount() == 5, "for the new ones")
-    status = {e.specimen: e.state for e in page.model.summaries}
+    page.list.folder_model.rescan()
+    until(lambda: page.list.model.rowCount() == 5, "for the new ones")
+    status = {e.specimen: e.state for e in page.list.model.summaries}
     assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
     choose(page, "half")
     page.open_selected()
@@ -118,14 +117,14 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
 @pytest.mark.deep
 def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     page = in_window(open_stage(folder=folder))
-    page.table.setFocus()
-    QTest.keyClick(page.table, Qt.Key.Key_Slash)
+    page.list.table.setFocus()
+    QTest.keyClick(page.list.table, Qt.Key.Key_Slash)
     assert find(page, "runs.search").hasFocus()
     QTest.keyClicks(find(page, "runs.search"), "t8 resonance")
     assert names(page) == ["T8"]
     QTest.keyClick(find(page, "runs.search"), Qt.Key.Key_Down)
-    assert page.table.hasFocus()
-    QTest.keyClick(page.table, Qt.Key.Key_Return)
+    assert page.list.table.hasFocus()
+    QTest.keyClick(page.list.table, Qt.Key.Key_Return)
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     window = page.window()
     QTest.keyClick(window, Qt.Key.Key_Escape)
@@ -212,13 +211,13 @@ def test_several_are_compared(page: RunsPage) -> None:
 @pytest.mark.deep
 def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
-    QTest.keyClick(page.table, Qt.Key.Key_F2)
+    QTest.keyClick(page.list.table, Qt.Key.Key_F2)
     QTest.keyClicks(find(page, "runs.tags"), "good, glued")
     QTest.keyClick(find(page, "runs.tags"), Qt.Key.Key_Return)
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: notes_path(run).exists(), "for the notes")
     assert read_notes(notes_path(run)) == Notes(("good", "glued"))
-    until(lambda: any(e.tags == "good, glued" for e in page.folder_model.summaries), "for the list")
+    until(lambda: any(e.tags == "good, glued" for e in page.list.folder_model.summaries), "for the list")
     find(page, "runs.search").setText("glued")
     assert names(page) == ["T7"]
 
@@ -230,9 +229,9 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
     QTest.keyClicks(find(page, "runs.tags"), "good")
     QTest.keyClick(find(page, "runs.tags"), Qt.Key.Key_Tab)
     QTest.keyClicks(find(page, "runs.note"), "glued ")
-    until(lambda: any(e.tags == "good" for e in page.folder_model.summaries), "for the list")
+    until(lambda: any(e.tags == "good" for e in page.list.folder_model.summaries), "for the list")
     QTest.keyClicks(find(page, "runs.note"), "twice")
-    page.table.setFocus()
+    page.list.table.setFocus()
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
 
@@ -242,7 +241,7 @@ def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage
     page.details.show_runs((), 1)
     assert page.details.empty_label.isVisible()
     assert not page.details.plot.isVisible()
-    page.details.show_selection([page.folder_model.summaries[0]._replace(reason="word " * 400)])
+    page.details.show_selection([page.list.folder_model.summaries[0]._replace(reason="word " * 400)])
     assert len(page.details.facts_label.text()) < 500
 
 
@@ -256,7 +255,7 @@ def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
 
 @pytest.mark.deep
 def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: RunsPage, tmp_path: Path) -> None:
-    page.filter_bar.stop_pressed.emit()
+    page.list.filter_bar.stop_pressed.emit()
     choose(page, "T7", "T8")
     page.export_selected(tmp_path / "sheets", "csv")
     until(lambda: "files written" in find(page, "runs.message").text(), "for the files")
@@ -267,19 +266,12 @@ def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: R
 def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
     new = finished_run(tmp_path / "stick", "T9")
 
-    def drop(path: Path) -> None:
-        mime = QMimeData()
-        mime.setUrls([QUrl.fromLocalFile(str(path))])
-        page.dropEvent(
-            QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
-        )
-
-    drop(new)
+    drop_file(page, new)
     until(lambda: "T9" in names(page), "for the copy")
     assert (folder / new.name).read_bytes() == new.read_bytes()
     kept = (folder / new.name).read_bytes()
     new.write_bytes(b"another")
-    drop(new)
+    drop_file(page, new)
     until(lambda: "already there" in find(page, "runs.message").text(), "for the sentence")
     assert (folder / new.name).read_bytes() == kept
 
@@ -329,14 +321,8 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
 ) -> None:
     table = tmp_path / "fig4.csv"
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
-    mime = QMimeData()
-    mime.setUrls([QUrl.fromLocalFile(str(table))])
-    none = Qt.KeyboardModifier(0)
-    entering = QDragEnterEvent(QPoint(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none)
-    page.dragEnterEvent(entering)
-    assert entering.isAccepted()
     before = set(folder.glob("*.h5"))
-    page.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none))
+    drop_file(page, table)
     until(lambda: "imported" in find(page, "runs.message").text(), "for the import")
     (made,) = set(folder.glob("*.h5")) - before
     with Run(made) as run:
@@ -344,7 +330,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
         np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
     assert find(page, "runs.message").text().startswith("fig4.csv: 1 run of T7 imported\n")
     assert "the uncertainty of the values is not given" in find(page, "runs.message").text()
-    until(lambda: len(page.model.summaries) == len(before) + 1, "for the list")
+    until(lambda: len(page.list.model.summaries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
     page.transfers.import_tables([table])
     until(lambda: "--as raw or --as voltage-steps" in find(page, "runs.message").text(), "for the sentence")
@@ -359,8 +345,8 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
 
 @pytest.mark.deep
 def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> None:
-    indexes = [page.model.index(row, 0) for row in (0, 1)]
-    dragged = [Path(url.toLocalFile()) for url in page.model.mimeData(indexes).urls()]
+    indexes = [page.list.model.index(row, 0) for row in (0, 1)]
+    dragged = [Path(url.toLocalFile()) for url in page.list.model.mimeData(indexes).urls()]
     assert all(path.exists() and path.parent == folder.resolve() for path in dragged)
     assert len(dragged) == 2
 
@@ -370,8 +356,8 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     stage = open_stage(folder=folder)
     page = in_window(stage)
     choose(page, "T7")
-    page.table.setFocus()
-    QTest.keyClick(page.table, Qt.Key.Key_E)
+    page.list.table.setFocus()
+    QTest.keyClick(page.list.table, Qt.Key.Key_E)
     assert stage.window.tabs.current_page is stage.window.tabs.explore
     until(lambda: stage.window.tabs.explore.overlaid.runs, "for the points")
 
@@ -382,8 +368,8 @@ def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Pat
     catalogue.scan()
     one = catalogue.entries()[0]
     made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
-    page.folder_model._on_listed(made)
-    assert page.model.rowCount() == 10_000
+    page.list.folder_model._on_listed(made)
+    assert page.list.model.rowCount() == 10_000
     assert "10 000 runs" in find(page, "runs.count").text()
     find(page, "runs.search").setText("t33")
     assert set(names(page)) == {"T33"}
@@ -419,19 +405,19 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
 @pytest.mark.deep
 def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
-    page.annotate("good", "the one")
-    until(lambda: page.folder_model.is_idle, "for the notes")
-    (run,) = [folder / e.path for e in page.selected]
+    page.list.annotate("good", "the one")
+    until(lambda: page.list.folder_model.is_idle, "for the notes")
+    (run,) = [folder / e.path for e in page.list.selected]
     assert notes_path(run).exists()
-    page.table.setFocus()
-    QTest.keyClick(page.table, Qt.Key.Key_Delete)
-    until(lambda: names(page).count("T7") == 0 and page.folder_model.is_idle, "for the list")
+    page.list.table.setFocus()
+    QTest.keyClick(page.list.table, Qt.Key.Key_Delete)
+    until(lambda: names(page).count("T7") == 0 and page.list.folder_model.is_idle, "for the list")
     assert not run.exists()
     assert not notes_path(run).exists()
     assert (folder / ".trash" / run.name).exists(), "nothing measured is lost"
     assert "1 run moved to the trash" in page.toast.label.text()
     page.toast.undo_button.click()
-    until(lambda: names(page).count("T7") == 1 and page.folder_model.is_idle, "for the list")
+    until(lambda: names(page).count("T7") == 1 and page.list.folder_model.is_idle, "for the list")
     assert read_notes(notes_path(run)) == Notes(("good",), "the one")
 
 
@@ -444,7 +430,7 @@ def test_a_stopped_run_is_continued_only_on_a_bench_of_its_kind(open_stage: Open
     assert button.isVisible()
     assert not button.isEnabled(), "there is no bench"
     stage.happen(OPENED)
-    (run,) = [folder / e.path for e in page.selected]
+    (run,) = [folder / e.path for e in page.list.selected]
     page.continue_selected()
     assert stage.session.again == [(run, (), folder)]
 
@@ -452,7 +438,7 @@ def test_a_stopped_run_is_continued_only_on_a_bench_of_its_kind(open_stage: Open
 @pytest.mark.deep
 def test_the_menu_of_the_runs_has_what_can_be_done_with_them(page: RunsPage) -> None:
     choose(page, "T7")
-    texts = [action.text() for action in page.make_menu().actions()]
+    texts = [action.text() for action in page.list.make_menu(page).actions()]
     assert "Move the selected runs to the trash" in texts
     assert "Continue the selected run, which was stopped" in texts
     assert "Export the selected runs" in texts

@@ -47,7 +47,7 @@ def test_last_page_is_restored_after_first_paint_with_keyboard_focus(open_stage:
     assert comes.text() == "Runs …"
     until(lambda: RUNS in pages.created_pages, "for the page")
     assert list(pages.created_pages)[1] == RUNS, "it is made before the others"
-    until(stage.window.tabs.runs.table.hasFocus, "for the keyboard")
+    until(stage.window.tabs.runs.list.table.hasFocus, "for the keyboard")
     until(lambda: not pages.currentWidget().findChildren(QLabel, "", Qt.FindChildOption.FindDirectChildrenOnly))
     columns = stage.window.tabs.runs.findChild(QSplitter, "runs/columns")
     assert abs(columns.sizes()[0] - columns.sizes()[1]) < 20, "divided as it was left"

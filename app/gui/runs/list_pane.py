@@ -1,0 +1,106 @@
+"""List of the runs of a folder: filter, table, and details of the selected runs."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import Qt, QUrl, Signal
+from PySide6.QtGui import QAction, QDesktopServices, QGuiApplication
+from PySide6.QtWidgets import QWidget
+
+from app.archive import RunSummary
+from app.gui.runs.details import RunDetailsPane
+from app.gui.runs.filter_bar import RunFilterBar
+from app.gui.runs.folder_model import RunFolderModel
+from app.gui.runs.table import RunTableModel, RunTableView
+from app.gui.widgets import Menu, WindowTheme, column, make_splitter
+
+
+class RunListPane(QWidget):
+    """Lists and filters the runs, and keeps their selection."""
+
+    selection_changed = Signal()
+    open_requested = Signal()
+    """The first selected run is to be opened."""
+
+    def __init__(self, folder: Callable[[], Path], index: Path | None, theme: WindowTheme) -> None:
+        super().__init__()
+        self.folder_model = RunFolderModel(folder, index, self)
+        self.model = RunTableModel(theme)
+        self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane(theme)
+        columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
+        self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
+        column(self.filter_bar, (columns, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)
+        self.filter_bar.changed.connect(self._update_table)
+        self.filter_bar.stop_pressed.connect(self.folder_model.cancel)
+        self.filter_bar.list_requested.connect(self.table.setFocus)
+        self.folder_model.cleared.connect(self._update_table)
+        self.folder_model.listed.connect(self._on_listed)
+        self.folder_model.progressed.connect(self.filter_bar.progressed)
+        self.folder_model.scanned.connect(self.filter_bar.show_scan_result)
+        self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
+        self.table.open_requested.connect(self.open_requested)
+        self.table.doubleClicked.connect(lambda _: self.open_requested.emit())
+        self.details.notes_changed.connect(self.annotate)
+
+    @property
+    def selected(self) -> list[RunSummary]:
+        """The selected runs in the order of the list."""
+        return self.table.selected
+
+    def select_paths(self, paths: Sequence[str]) -> None:
+        """Select runs by their paths."""
+        self.table.select_paths(paths)
+
+    def path_of(self, summary: RunSummary) -> Path:
+        """Return the path of a listed run."""
+        return self.model.folder / summary.path
+
+    def annotate(self, tags: str, note: str) -> None:
+        """Write tags and a note for the selected runs; with several, tags are added and notes stay."""
+        self.folder_model.annotate([(self.path_of(e), e.tags, e.note) for e in self.selected], tags, note)
+
+    def make_menu(self, page: QWidget) -> Menu:
+        """Return the context menu of the selected runs, with the actions of a page."""
+        menu = Menu(self.table)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.addAction("Open\tEnter", self.open_requested.emit)
+        one = self.selected[0] if len(self.selected) == 1 else None
+        if one is not None and one.readable and one.specimen:
+            menu.addAction(
+                f"Report of {one.specimen} …", partial(self.details.card.requested.emit, "report", self.path_of(one))
+            )
+        names = ("continue", "explore", "", "notes", "export", "copy-paths", "show-folder", "", "trash", "import")
+        for name in names:
+            if not name:
+                menu.addSeparator()
+            elif (action := page.findChild(QAction, f"runs.{name}")) is not None:
+                menu.addAction(action)
+        return menu
+
+    def show_folder(self) -> None:
+        """Open the folder of the first selected run in the file manager."""
+        if chosen := self.selected:
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.path_of(chosen[0]).resolve().parent)))
+
+    def copy_paths(self) -> None:
+        """Copy the paths of the selected runs."""
+        QGuiApplication.clipboard().setText("\n".join(str(self.path_of(e).resolve()) for e in self.selected))
+
+    def _on_listed(self) -> None:
+        self.filter_bar.set_choices(self.folder_model.summaries)
+        self._update_table()
+
+    def _update_table(self) -> None:
+        chosen = [entry.path for entry in self.selected]
+        found = self.filter_bar.selected_filter.apply(self.folder_model.summaries)
+        self.model.set_summaries(self.folder_model.path, found)
+        self.select_paths(chosen)
+        if not self.selected and found:
+            self.table.setCurrentIndex(self.model.index(0, 0))
+        self.filter_bar.show_count(len(found), len(self.folder_model.summaries))
+        self._on_selection_changed()
+
+    def _on_selection_changed(self) -> None:
+        self.details.show_selection(self.selected)
+        self.selection_changed.emit()
