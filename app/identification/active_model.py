@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model import NONIDEAL_NAMES, Membrane, Specimen, Tactor, replace_variables
+from app.identification import calibrations
+from model import NONIDEAL_NAMES, Membrane, ParameterError, Specimen, Tactor, replace_variables
 from protocols.base import ReferenceModel
 from protocols.runfile.names import sheet_path
 
@@ -61,11 +62,6 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     """
     if folder is None or not specimen:
         return PAPER_MODEL
-    from app.identification import calibrations  # imported lazily: slow to load
-    from app.identification.calibrations import CalibrationError
-    from model import ParameterError
-    from model.identification import parse_elongation
-
     path = calibrations.calibrations_path(folder, specimen)
     try:
         file = path.stat()
@@ -74,6 +70,8 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
     if previous.stamp == stamp:
         return previous
+    from model.identification import parse_elongation  # slow to load
+
     try:
         known = calibrations.read_calibrations(folder, specimen)
         if not known.active:
@@ -93,17 +91,17 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         return ActiveModel(
             active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping, nonideal
         )
-    except (CalibrationError, ParameterError) as error:
+    except (calibrations.CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 
 
 def _uncalibrated_model(folder: Path, specimen: str) -> ActiveModel:
     """Return the paper's values, with the dimensions of the specimen sheet if there is one."""
-    from app.identification.sheet_file import SheetError, load_sheet
-
     path = sheet_path(folder, specimen)
     if not path.exists():
         return PAPER_MODEL
+    from app.identification.sheet_file import SheetError, load_sheet
+
     try:
         sheet, file = load_sheet(folder, specimen), path.stat()
     except (SheetError, OSError) as error:

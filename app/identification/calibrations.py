@@ -8,14 +8,16 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.common import read_json_file, write_atomic
 from app.common.audit import record_audit
 from model import ParameterError
-from model.identification import Calibration
 from protocols.base import visible_values
 from protocols.runfile.names import folded_name, other_specimen_message, safe_name
+
+if TYPE_CHECKING:
+    from model.identification import Calibration
 
 FORMAT = "tactor-bench-calibrations"
 SUFFIX = ".calibrations.json"
@@ -29,10 +31,10 @@ class CalibrationError(Exception):
 class Calibrations:
     """All versions of one specimen, and which one is active (0: none)."""
 
-    versions: tuple[Calibration, ...] = ()
+    versions: "tuple[Calibration, ...]" = ()
     active: int = 0
 
-    def get(self, version: int | None = None) -> Calibration:
+    def get(self, version: int | None = None) -> "Calibration":
         """Return one version; the active one by default.
 
         Raises:
@@ -63,6 +65,8 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
     Raises:
         CalibrationError: the file cannot be read, is damaged, or holds calibrations of another specimen.
     """
+    from model.identification import Calibration  # slow to load, and most specimens have no file
+
     path = calibrations_path(folder, specimen)
     try:
         record: dict[str, Any] = visible_values(read_json_file(path))

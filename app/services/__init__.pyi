@@ -16,7 +16,7 @@ from .prompts import KEY_HELP as KEY_HELP
 from .prompts import ConsoleOperator as ConsoleOperator
 from .prompts import answer_instructions as answer_instructions
 from .prompts import can_poll_keyboard as can_poll_keyboard
+from .prompts import handling_stop_signals as handling_stop_signals
 from .prompts import match_answer as match_answer
 from .prompts import operator_reachable as operator_reachable
 from .prompts import refuse_without_operator as refuse_without_operator
-from .stop_signals import handling_stop_signals as handling_stop_signals

@@ -1,11 +1,13 @@
-"""Keyboard input during a run: answers to prompts, pause and resume."""
+"""Input during a run: answers to prompts, pause and resume by the keyboard, and signals that stop it."""
 
 import contextlib
 import os
 import select
+import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
 from typing import Any
 
 from app.common import UsageError, print_message
@@ -223,3 +225,15 @@ def _discard_type_ahead() -> None:
         import termios
 
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+@contextlib.contextmanager
+def handling_stop_signals(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Handle Ctrl-C, SIGTERM and the end of the terminal; afterwards the previous handlers are back."""
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, signal.SIG_DFL if previous is None else previous)

@@ -325,7 +325,6 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulated_sheet import provide_sheet
-        from protocols.judgement import complete_results
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
         from protocols.runfile.repair import repair_folder
@@ -336,7 +335,7 @@ class Session:
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder, complete_results):
+            for sentence in repair_folder(request.folder, _complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
@@ -420,3 +419,10 @@ class Session:
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
     """Return log messages that the watchdog of an earlier program left in `folder`, once."""
     return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]
+
+
+def _complete_results(path: Path) -> str:
+    """Store the results of a run that had ended without them; return a sentence."""
+    from protocols.judgement import complete_results
+
+    return complete_results(path)
