@@ -23,6 +23,7 @@ from app.cli.main import complete_parser  # noqa: E402
 from app.services import format_parameter, protocol_fields  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
 from drivers.assumptions.table import assumptions  # noqa: E402
+from model import PARAMETERS, RESULTS  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
@@ -45,6 +46,7 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
     yield "reference/commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
     yield "reference/run-file.md", MADE + run_file()
+    yield "reference/quantities.md", MADE + "\n".join(quantities())
     yield "reference/python.md", MADE + python_api()
     yield "generators.md", with_assumptions((HERE / "generators.md").read_text("utf-8"))
     yield "decisions/README.md", LISTED + decisions()
@@ -85,6 +87,29 @@ def protocol(kind: type[Protocol]) -> str:
         several = f" ({width} values)" if width else ""
         lines.append(f"| `{name}` | {unit} | {cell(description)}{several} |")
     return "\n".join([*lines, ""])
+
+
+def quantities() -> Iterator[str]:
+    """Yield the page of the quantities: parameters, then results of runs and figures of merit."""
+    yield from (
+        "# Quantities",
+        "",
+        "Limits, fleet, control charts, reports, lists, exports, JSON and the Python API name quantities by these identifiers. A value",
+        "is rounded to two digits of its standard uncertainty, and to the given number of digits where it has none. A name may go on with a condition",
+        "behind a comma: `compliance, MFC up`.",
+    )
+    for title, listed in (("Results and figures of merit", RESULTS), ("Parameters", PARAMETERS)):
+        yield from (
+            "",
+            f"## {title}",
+            "",
+            "| identifier | name | symbol | SI | shown in | digits | definition | in earlier files |",
+            "|---|" + "---|" * 7,
+        )
+        for each in listed.values():
+            former = ", ".join(each.former)
+            yield f"| `{each.identifier}` | {each.name} | {each.symbol} | {each.unit} | {each.shown.unit} | {each.digits} | {cell(each.definition)} | {former} |"
+    yield ""
 
 
 def commands() -> Iterator[str]:

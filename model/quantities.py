@@ -126,7 +126,7 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("settling_time", "settling time", "t_s", "s", "ms", "time from a step until the displacement stays within a band about its final value", ("settling",)),
     ("threshold_speed", "speed at the threshold", "", "m/s", "m/s", "speed of the displacement when it reaches the threshold of perception"),
     ("bench_latency", "latency of the bench", "", "s", "ms", "delay of the displacement behind a slow sine, less the sensor's configured delay"),
-    ("noise_floor", "noise floor", "", "m", "µm", "standard deviation of the displacement at rest"),
+    ("noise_floor", "noise floor", "", "m", "µm", "standard deviation of the displacement at rest", (), 3),
     ("interference_at_rest", "interference at rest", "", "m", "µm", "amplitude of the largest line of the mains or its harmonics in the displacement at rest"),
     ("static_gain_above_rest", "static gain above rest", "", "m/V", "µm/V", "displacement per volt at the amplifier's input, above rest", ("gain above rest", "deflection per volt above rest")),
     ("static_gain_below_rest", "static gain below rest", "", "m/V", "µm/V", "displacement per volt at the amplifier's input, below rest", ("gain below rest", "deflection per volt below rest")),

@@ -3,19 +3,21 @@
 import math
 
 from model.estimate import EstimatedQuantity
-from model.quantities import quantity_label, shown_unit
+from model.quantities import find_quantity, quantity_label, shown_unit
 
 COVERAGE_FACTOR_95 = 1.959964
 """Standard uncertainties to either side that cover 95 % of a normal distribution."""
 
 
-def format_with_uncertainty(value: float, standard_error: float, unit: str = "1", signed: bool = False) -> str:
+def format_with_uncertainty(
+    value: float, standard_error: float, unit: str = "1", signed: bool = False, digits: int = 6
+) -> str:
     """Format a value to two digits of its standard error, `158.1203 ± 0.0041 Hz`; the value alone without an error.
 
-    `signed` writes the sign of a positive value, too.
+    `signed` writes the sign of a positive value, too; `digits` are the significant ones of a value without an error.
     """
     sign = "+" if signed else ""
-    text = f"{value:{sign}.6g}"
+    text = f"{value:{sign}.{digits}g}"
     if standard_error > 0 and math.isfinite(standard_error):
         places = max(1 - math.floor(math.log10(standard_error)), 0)
         text = f"{value:{sign}.{places}f} {format_uncertainty(standard_error, places=places)}"
@@ -28,10 +30,12 @@ def format_uncertainty(uncertainty: float, unit: str = "1", places: int | None =
     return text if unit == "1" else f"{text} {unit}".rstrip()
 
 
-def format_quantity(value: float, standard_error: float, unit: str, name: str = "") -> str:
+def format_quantity(value: float, standard_error: float, unit: str, name: str = "", signed: bool = False) -> str:
     """Format an SI value and its standard error in the unit of a bench: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
     factor, shown = shown_unit(unit, name)
-    return format_with_uncertainty(factor * value, factor * standard_error, shown)
+    found = find_quantity(name)
+    digits = 6 if found is None else found.digits
+    return format_with_uncertainty(factor * value, factor * standard_error, shown, signed, digits)
 
 
 def format_value(estimate: EstimatedQuantity) -> str:

@@ -15,7 +15,7 @@ class ValueWithError(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name, for example `k2` or `resonance frequency`."""
+        """Its name, for example `k2` or `natural_frequency`."""
 
     @property
     def value(self) -> float:
@@ -148,7 +148,7 @@ class EstimateTable(Mapping[str, ValueWithError]):
         return len(self._estimates)
 
     def __repr__(self) -> str:
-        lines = (f"{name}: {format_quantity(e.value, e.standard_error, e.unit)}" for name, e in self.items())
+        lines = (f"{name}: {format_quantity(e.value, e.standard_error, e.unit, name)}" for name, e in self.items())
         return "\n".join(lines) or "no estimates"
 
     def to_pandas(self) -> "pd.DataFrame":

@@ -19,7 +19,7 @@ import pytest
 
 from app.archive.replay import load_run, load_trace_window
 from app.gui.measure.presets import PresetStore
-from model import NONIDEAL_NAMES
+from model import NONIDEAL_NAMES, current_name
 from protocols.registry import PROTOCOLS
 from protocols.runfile.study_file import read_study
 from tests.compare_runs import Comparison
@@ -89,6 +89,22 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return copy
 
 
+def _with_current_names(answer: Any) -> Any:
+    """An answer of that version with the names that its estimates and limits have since then."""
+    if isinstance(answer, list):
+        return [_with_current_names(each) for each in answer]
+    if not isinstance(answer, dict):
+        return answer
+    answer = {name: _with_current_names(value) for name, value in answer.items()}
+    if isinstance(answer.get("name"), str) and "standard_error" in answer and "source" in answer:
+        answer["name"] = current_name(answer["name"])
+    if answer.get("name") == "resonance":
+        answer["name"] = "peak_frequency"
+    if isinstance(answer.get("estimates"), dict):
+        answer["estimates"] = {current_name(name): value for name, value in answer["estimates"].items()}
+    return answer
+
+
 @pytest.mark.parametrize(
     "asked",
     [
@@ -101,11 +117,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
 )
 def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys: pytest.CaptureFixture[str]) -> None:
-    command, before = asked["command"], copy.deepcopy(asked["answer"])
+    command, before = asked["command"], _with_current_names(copy.deepcopy(asked["answer"]))
     assert isinstance(command, list)
     assert isinstance(before, dict | list)
     more = ["-n", "7"] if command[:2] == ["model", "modes"] else []  # that version always took seven shapes
     exact = ["--sheet", "none"] if command[0] == "identify" else []  # and dimensions as exact
+    if command[0] == "report":  # a limit on 'resonance' is ambiguous since then
+        assert program(*command) == 2
+        limits = Path("limits.toml")
+        limits.write_text(limits.read_text("utf-8").replace("[limits.resonance]", "[limits.peak_frequency]"), "utf-8")
+        capsys.readouterr()
     assert program(*command, *more, *exact) == (1 if command[0] == "report" else 0)  # one of the limits is not met
     # Weights count as one error each since then, and phases have the drive's noise: errors differ by some percent.
     comparison = Comparison(tolerance=0.1 if command[0] in ("identify", "campaign", "report") else 1e-6)
@@ -119,6 +140,8 @@ def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys:
             assert (run.pop("temperature_c"), run.pop("humidity")) == (None, None)
             assert run.pop("instruments")
             assert isinstance(run.pop("bench"), str)
+        for run in (*before, *answer):
+            run.pop("found")  # as text
     if command[0] == "report":  # its runs have a verdict now, and one text was changed
         assert {run.pop("verdict") for run in answer["runs"]} == {"not judged"}
         assert not any(run.pop("verdict_reasons") for run in answer["runs"])

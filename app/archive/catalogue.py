@@ -21,7 +21,7 @@ from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 from app.common import NO_PROGRESS, Progress
 
-SCHEMA = 10 * 11 + marshal.version
+SCHEMA = 10 * 12 + marshal.version
 """Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""
 
 SHORT_SCAN_FILES = 20

@@ -17,7 +17,7 @@ from app.common import (
     format_outcome,
     format_point,
 )
-from model import format_quantity, format_with_uncertainty
+from model import format_quantity, format_value, format_with_uncertainty, quantity_label
 from protocols.base import (
     InjectedFaultChanged,
     Outcome,
@@ -120,10 +120,9 @@ def run_text(run: Run) -> str:
             rows = "lines" if unit == "Hz" else "values"
             lines.append(f"{curve.title}: {curve.x.size} {rows}, {low:.4g} to {high:.4g} {unit}")
     for estimate in run.estimates():
-        value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
-        lines.append(f"{estimate.name}: {value}   ({estimate.source})")
+        lines.append(f"{quantity_label(estimate.name)}: {format_value(estimate)}   ({estimate.source})")
     for remark, figure in aspects_of(run.protocol).remarks(run_figures(overview_of(run))):
-        value = "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit)}"
+        value = "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit, figure.name)}"
         lines.append(remark + value)
     return "\n".join(lines)
 

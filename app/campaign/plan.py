@@ -180,7 +180,7 @@ PAPER_ITEMS = tuple(
 """The paper's campaign."""
 
 
-CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay time"}
+CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay_time"}
 """Parameters that default to an accepted estimate of a dependency, unless the item's settings give them."""
 
 

@@ -12,7 +12,7 @@ from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
 from app.common import format_bytes, format_duration
 from app.session import format_voltage_range
-from model import format_quantity
+from model import format_value, quantity_label
 from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 
@@ -34,8 +34,8 @@ ACTION_LABELS = {NextAction.RUN: "Measure", NextAction.REPEAT: "Measure again", 
 
 
 def format_named_estimate(estimate: EstimatedQuantity) -> str:
-    """`k2: 31.2 ± 0.4 N/m`."""
-    return f"{estimate.name}: {format_quantity(estimate.value, estimate.standard_error, estimate.unit)}"
+    """`natural frequency: 158.350 ± 0.010 Hz`."""
+    return f"{quantity_label(estimate.name)}: {format_value(estimate)}"
 
 
 def next_action_reason(state: ItemState) -> str:

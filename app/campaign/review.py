@@ -10,7 +10,16 @@ from pathlib import Path
 
 from app.archive import Catalogue, LoadedRun, RunSummary, load_run, read_run_summary
 from app.common import Severity, check_row, pluralize
-from model import AmplifierMap, EstimatedQuantity, Membrane, Tactor, format_quantity, shown_unit
+from model import (
+    AmplifierMap,
+    EstimatedQuantity,
+    Membrane,
+    Tactor,
+    current_name,
+    format_value,
+    quantity_label,
+    shown_unit,
+)
 from protocols.base import Quality
 
 MAX_OTHERS = 3
@@ -73,15 +82,15 @@ def review_rows(
 ) -> tuple[ReviewRow, ...]:
     """Return a row for every estimate, and one for every check that is not of an estimate; failed checks come first."""
     known = {} if earlier is None else {e.name: e for e in earlier.estimates}
-    checks = {check.name: check for check in run.verdict.checks}
+    checks = {current_name(check.name): check for check in run.verdict.checks}
     rows = []
     for estimate in run.estimates:
         check = checks.pop(estimate.name, None)
         limits = check_row(check) if check is not None else None
         rows.append(
             ReviewRow(
-                estimate.name,
-                format_quantity(estimate.value, estimate.standard_error, estimate.unit),
+                quantity_label(estimate.name),
+                format_value(estimate),
                 "" if limits is None else f"{limits.limits} {limits.unit}".strip(),
                 limits is None or limits.passed,
                 _compare(estimate, known.get(estimate.name)),
@@ -134,14 +143,14 @@ def paper_values(amplifier: AmplifierMap) -> dict[str, float]:
     damping = -float(pole.real) / float(abs(pole))
     gain = abs(float(voltage_gain(tactor)))
     values = {
-        "resonance frequency": float(abs(pole)) / (2 * math.pi),
-        "damping ratio": damping,
-        "Q": 0.5 / damping,
-        "Young modulus": Membrane().E_m,
+        "natural_frequency": float(abs(pole)) / (2 * math.pi),
+        "damped_frequency": float(pole.imag) / (2 * math.pi),
+        "damping_ratio": damping,
+        "quality_factor": 0.5 / damping,
+        "E_m": Membrane().E_m,
     }
     for side, slope in (("above", amplifier.slope_above), ("below", amplifier.slope_below)):
-        for name in ("gain", "deflection per volt"):
-            values[f"{name} {side} rest"] = gain * slope
+        values[f"static_gain_{side}_rest"] = gain * slope
     values["compliance"] = float(load_compliance(tactor))
     return values
 
@@ -150,7 +159,7 @@ def _paper_text(estimate: EstimatedQuantity, paper: Mapping[str, float]) -> str:
     value = paper.get(estimate.name.partition(",")[0])
     if value is None:
         return ""
-    factor, unit = shown_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit, estimate.name)
     return f"{factor * value:.5g} {unit} ({_percent(estimate.value, value)})"
 
 
@@ -158,7 +167,7 @@ def _compare(estimate: EstimatedQuantity, earlier: EstimatedQuantity | None) -> 
     if earlier is None or earlier.unit != estimate.unit:
         return ""
     change = f" ({_percent(estimate.value, earlier.value)})" if earlier.value else ""
-    return f"{format_quantity(earlier.value, earlier.standard_error, earlier.unit)}{change}"
+    return f"{format_value(earlier)}{change}"
 
 
 def _percent(value: float, reference: float) -> str:
@@ -168,7 +177,7 @@ def _percent(value: float, reference: float) -> str:
 
 
 def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> str:
-    factor, unit = shown_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit, estimate.name)
     values = {
         run.specimen: factor * each.value
         for run in others

@@ -162,7 +162,7 @@ def _value_of(item: CampaignItem, step: ItemState) -> float:
 
 def _named_estimates(item: CampaignItem, steps: Sequence[ItemState]) -> list[EstimatedQuantity]:
     return [
-        replace(estimate, name=f"{estimate.name} at {value_text(item, _value_of(item, step))}")
+        replace(estimate, name=f"{estimate.name}, at {value_text(item, _value_of(item, step))}")
         for step in steps
         for estimate in step.estimates
     ]

@@ -10,6 +10,7 @@ from typing import Any
 from app.archive import RunState, RunSummary, read_run_summary
 from app.campaign.plan import CampaignItem
 from app.common import format_outcome
+from model import current_name
 from protocols.base import EstimatedQuantity, Outcome
 
 
@@ -283,7 +284,7 @@ def _describe_change(need: str, old_basis: Mapping[str, Any], new_basis: Mapping
     """Return the difference of two bases as text; empty if equal."""
     if old_basis["run"] != new_basis["run"]:
         return f"{need} was measured again"
-    old, new = old_basis["estimates"], new_basis["estimates"]
+    old, new = {current_name(name): value for name, value in old_basis["estimates"].items()}, new_basis["estimates"]
     for name in sorted(old.keys() | new.keys()):
         if name not in old or name not in new:
             return f"{name} of {need} {'is new' if name in new else 'is not there any more'}"

@@ -91,7 +91,10 @@ def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
     """Return the steps of a stepwise fit: what was added, chi-square with it, and the parameters that it moved."""
     fits = [first, *(step.fit for step in steps)]
     moved = [
-        ", ".join(f"{s.name} {s.before:.4g} to {s.after:.4g} ± {s.standard_error:.2g}" for s in step.explanation.shifts)
+        ", ".join(
+            f"{s.name} {s.before:.4g} to {format_with_uncertainty(s.after, s.standard_error)}"
+            for s in step.explanation.shifts
+        )
         for step in steps
     ]
     return Table(

@@ -15,9 +15,9 @@ def typeset_unit(unit: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a line as a window shows it: `N m²`, `±`, `peak-to-peak displacement` for `N m^2`, `+-`, `max - min`."""
+    """Return a line as a window shows it: `N m²`, `peak-to-peak displacement` for `N m^2`, `max - min`."""
     named = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
-    return typeset_unit(named).replace(" +- ", " ± ")
+    return typeset_unit(named)
 
 
 def format_duration(seconds: float) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.common.formatting import typeset
-from model import format_quantity, shown_unit
+from model import format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
 from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
 from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.schema import point_columns
@@ -95,13 +95,13 @@ def summarize_result(
 def _total_text(estimate: EstimatedQuantity, gain_uncertainty: float) -> str:
     if estimate.unit not in LENGTH_UNITS or not gain_uncertainty > 0:
         return ""
-    factor, unit = shown_unit(estimate.unit)
+    factor, unit = shown_unit(estimate.unit, estimate.name)
     total = factor * math.hypot(estimate.standard_error, gain_uncertainty * estimate.value)
-    return f"± {total:.2g} {typeset(unit)} with gain"
+    return f"{format_uncertainty(total, typeset(unit))} with gain"
 
 
 def _name_and_value(estimates: Sequence[EstimatedQuantity]) -> tuple[tuple[str, str], ...]:
-    return tuple((typeset(e.name), typeset(format_quantity(e.value, e.standard_error, e.unit))) for e in estimates)
+    return tuple((typeset(quantity_label(e.name)), typeset(format_value(e))) for e in estimates)
 
 
 def _point_rows(kind: type[Protocol], points: Sequence[Any]) -> tuple[tuple[str, str], ...]:

@@ -10,14 +10,13 @@ import numpy as np
 from app.explore.state import ExploreSetting
 from app.identification import load_active_model
 from app.identification.calibrations import read_calibrations
-from model import AmplifierMap, EstimatedQuantity, ParameterError, Specimen
+from model import COVERAGE_FACTOR_95, AmplifierMap, EstimatedQuantity, ParameterError, Specimen, format_with_uncertainty
 from model.response import choose_shapes, response_curve
 from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
 from model.studies.uncertainty import EstimateSet
 
 MASS_SHARE = "mass_fraction"
 """Estimate of the share of the added masses that moves with the centre."""
-COVERAGE_95 = 1.959964
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,5 +139,5 @@ def _with_error(answer: DesignAnswer, factor: float, unit: str) -> str:
     if answer.standard_error is None:
         return f"{value:.4g} {unit}"
     error = factor * answer.standard_error
-    low, high = value - COVERAGE_95 * error, value + COVERAGE_95 * error
-    return f"{value:.4g} ± {error:.2g} {unit} (95 %: {low:.4g} to {high:.4g} {unit})"
+    low, high = value - COVERAGE_FACTOR_95 * error, value + COVERAGE_FACTOR_95 * error
+    return f"{format_with_uncertainty(value, error, unit)} (95 %: {low:.4g} to {high:.4g} {unit})"

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.fleet.control_chart import BASELINE, ControlChart, TooFewValuesError, control_chart
 from app.fleet.values import FleetSelection, FleetValue, arrays
+from model import format_with_uncertainty
 
 SIGNIFICANT = 3.0
 """Standard errors above which a change is not attributed to chance."""
@@ -45,7 +46,7 @@ class Change:
 
     @property
     def text(self) -> str:
-        return f"{self.subject} {100 * self.relative:+.2g} ± {100 * self.error:.1g} %"
+        return f"{self.subject} {format_with_uncertainty(100 * self.relative, 100 * self.error, '%', signed=True)}"
 
     def differs(self, other: float = 0.0, error: float = 0.0) -> bool:
         """Whether it differs from another change by more than three standard errors."""

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import Array
+from model import COVERAGE_FACTOR_95, Array
 
 MAX_MODIFIED_Z = 3.5
 """Modified z-score beyond which a value is a possible outlier."""
 MAD_TO_SIGMA = 0.6745
 """Median absolute deviation of a normal distribution in its standard deviations."""
 MEAN_DEVIATION_TO_SIGMA = 1.253314
-COVERAGE_95 = 1.959964
 MIN_FOR_OUTLIERS = 5
 """Fewer values tell no outlier."""
 
@@ -110,7 +109,7 @@ def _index(room: float, sigma: float, count: int, freedom: int) -> tuple[float, 
     if not (sigma > 0 and freedom > 0 and math.isfinite(room)):
         return math.nan, math.nan
     found = room / (3 * sigma)
-    return found, COVERAGE_95 * math.sqrt(1 / (9 * count) + found**2 / (2 * freedom))
+    return found, COVERAGE_FACTOR_95 * math.sqrt(1 / (9 * count) + found**2 / (2 * freedom))
 
 
 def _pooled_sd(values: Array, batches: Sequence[str]) -> tuple[float, int]:
@@ -133,7 +132,7 @@ class Trend:
     @property
     def is_significant(self) -> bool:
         """Whether the slope exceeds two of its standard errors."""
-        return abs(self.per_month) > COVERAGE_95 * self.error
+        return abs(self.per_month) > COVERAGE_FACTOR_95 * self.error
 
 
 MONTH_S = 30 * 86400.0

@@ -8,19 +8,17 @@ import numpy as np
 from app.common import Column, Table
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
 from app.fleet.drift import DriftCause, GoldenChart
-from app.fleet.statistics import by_group, capability, outlier_mask, spread_of, trend_of
+from app.fleet.statistics import Trend, by_group, capability, outlier_mask, spread_of, trend_of
 from app.fleet.values import Fleet, FleetSelection, arrays
-from model import Array, format_quantity, shown_unit
+from model import Array, format_quantity, format_with_uncertainty, shown_unit
 
 Bounds = tuple[float | None, float | None]
 """Lower and upper limit, SI; None for no limit."""
-LIMIT_OF = {"resonance frequency": "resonance", "largest max - min": "amplitude_at_resonance"}
-"""Names in a file of limits of quantities that have another name there; parameters have the same."""
 
 
 def bounds_of(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Bounds | None:
     """Return the limits of a quantity by its name in a file of limits; None without any."""
-    return limits.get(LIMIT_OF.get(selection.name, selection.name))
+    return limits.get(selection.name)
 
 
 def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bounds]) -> Table:
@@ -29,7 +27,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
     for selection in selections:
         newest = selection.newest
         values, errors = arrays(newest)
-        spread, factor = spread_of(values, errors), shown_unit(selection.unit)[0]
+        spread, factor = spread_of(values, errors), shown_unit(selection.unit, selection.name)[0]
         outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
         limit = bounds_of(selection, limits)
         indices: tuple[object, ...] = (None, None, None)
@@ -40,7 +38,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
             f"{factor * x:.5g}" if math.isfinite(x) else "" for x in (spread.mean, spread.sd, spread.mean_uncertainty)
         )
         rows.append((selection, spread, outliers, indices, shown))
-    units = [shown_unit(s.unit)[1].removesuffix("1") for s, *_ in rows]
+    units = [shown_unit(s.unit, s.name)[1] for s, *_ in rows]
     with_limits = any(indices[2] is not None for *_, indices, _ in rows)
     capable = (
         Column("cpk", None, [r[3][0] or "" for r in rows], "Cpk, 95 %"),
@@ -71,7 +69,7 @@ def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bo
 
 
 def _index(value: float, error: float) -> str:
-    return f"{value:.2f} ± {error:.2f}" if math.isfinite(value) else "no spread"
+    return format_with_uncertainty(value, error) if math.isfinite(value) else "no spread"
 
 
 def specimen_table(selections: Sequence[FleetSelection]) -> Table:
@@ -90,9 +88,9 @@ def specimen_table(selections: Sequence[FleetSelection]) -> Table:
     ]
     for selection, values in zip(selections, newest, strict=True):
         found = [values.get(name) for name in specimens]
-        texts = ["" if v is None else format_quantity(v.value, v.total, v.unit) for v in found]
+        texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in found]
         columns += [
-            Column(f"{selection.name} as text", None, texts, selection.name),
+            Column(f"{selection.name} as text", None, texts, selection.label),
             Column(
                 selection.name, selection.unit, [math.nan if v is None else v.value for v in found], displayed=False
             ),
@@ -110,11 +108,11 @@ def group_table(selection: FleetSelection, by: str) -> Table:
     """Return mean and spread of a quantity by batch, bench, month and so on, of all values."""
     values, errors = arrays(selection.values)
     groups = by_group(values, errors, [str(getattr(v, by)) or "unknown" for v in selection.values])
-    spreads, unit = list(groups.values()), shown_unit(selection.unit)[1]
+    spreads, unit = list(groups.values()), shown_unit(selection.unit, selection.name)[1]
     shown = unit if unit != selection.unit else ""
     return Table(
         f"{selection.name} by {by}",
-        f"{selection.name} by {by}, all values",
+        f"{selection.label} by {by}, all values",
         (
             Column(by, None, list(groups)),
             Column("values", None, [s.count for s in spreads], format_spec="d"),
@@ -133,16 +131,21 @@ def fleet_notes(fleet: Fleet, selections: Sequence[FleetSelection]) -> list[str]
         values, _ = arrays(selection.values)
         trend = trend_of(times_of(selection), values)
         if trend is not None and trend.is_significant:
-            share = 100 / abs(float(values.mean()))
-            notes.append(
-                f"{selection.name}: trend {trend.per_month * share:+.2g} ± {trend.error * share:.1g} % in 30 days over all values"
-            )
+            notes.append(f"{selection.label}: trend {format_trend(selection, trend)} in 30 days over all values")
         if selection.left_out:
-            notes.append(f"{selection.name}: {selection.left_out} values of other protocols or drives are not compared")
+            notes.append(
+                f"{selection.label}: {selection.left_out} values of other protocols or drives are not compared"
+            )
     if fleet.left_out:
         notes.append(f"{fleet.left_out} values of {'real' if fleet.simulated else 'simulated'} runs are left out")
     notes.append("Cpk: spread within batches; Ppk: overall spread. An outlier has a modified z-score above 3.5")
     return notes
+
+
+def format_trend(selection: FleetSelection, trend: Trend) -> str:
+    """Format a trend in 30 days relative to the mean of all values: `+1.20 ± 0.31 %`."""
+    share = 100 / abs(float(arrays(selection.values)[0].mean()))
+    return format_with_uncertainty(trend.per_month * share, trend.error * share, "%", signed=True)
 
 
 def times_of(selection: FleetSelection) -> Array:
@@ -152,11 +155,11 @@ def times_of(selection: FleetSelection) -> Array:
 
 def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[GoldenChart]) -> Table:
     """Return a row for each sensor: centre, sigma, first signal with its rules, and what drifted."""
-    first, unit = [each.first_signal for each in charts], shown_unit(selection.unit)[1]
+    first, unit = [each.first_signal for each in charts], shown_unit(selection.unit, selection.name)[1]
     shown = unit if unit != selection.unit else ""
     return Table(
         "charts",
-        f"{selection.name} of {golden}, {selection.about}",
+        f"{selection.label} of {golden}, {selection.about}",
         (
             Column("sensor", None, [each.sensor or "unknown" for each in charts]),
             Column("values", None, [len(each.values) for each in charts], format_spec="d"),

@@ -14,7 +14,7 @@ import numpy as np
 from app.archive import Catalogue, RunSummary
 from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
 from app.identification.calibrations import FORMAT, SUFFIX
-from model import THRESHOLD_M, Array
+from model import THRESHOLD_M, Array, current_name, quantity_label
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.base import RunFigure, visible_text, visible_values
 from protocols.runfile.names import SHEET_SUFFIX
@@ -81,11 +81,12 @@ class Fleet:
         return tuple(name for name, _ in Counter(name for name, _ in sorted(pairs)).most_common())
 
     def of(self, name: str) -> "FleetSelection":
-        """Return the values of a quantity in its most frequent protocol and condition.
+        """Return the values of a quantity, by its identifier or its name for people, in its most frequent protocol and condition.
 
         Raises:
             FleetError: there are none.
         """
+        name = name if name in self.names else current_name(name)
         found = [value for value in self.values if value.name == name]
         if not found:
             known = ", ".join(self.names) or "none"
@@ -127,6 +128,11 @@ class FleetSelection:
     unit: str
     values: tuple[FleetValue, ...]
     left_out: int = 0
+
+    @property
+    def label(self) -> str:
+        """Name of the quantity for people."""
+        return quantity_label(self.name)
 
     @property
     def newest(self) -> tuple[FleetValue, ...]:

@@ -17,6 +17,7 @@ from app.fleet.tables import (
     bounds_of,
     chart_notes,
     chart_table,
+    format_trend,
     group_table,
     quantity_table,
     specimen_table,
@@ -153,11 +154,10 @@ def _summary_table(selection: FleetSelection, limits: Mapping[str, Bounds]) -> T
     shown = [(heading, text) for heading, text, column in rows if column.displayed and column.name != "quantity"]
     values, _ = arrays(selection.values)
     if (trend := trend_of(times_of(selection), values)) is not None:
-        share = 100 / abs(float(values.mean()))
-        shown.append(("trend in 30 days", f"{trend.per_month * share:+.2g} ± {trend.error * share:.1g} %"))
+        shown.append(("trend in 30 days", format_trend(selection, trend)))
     if selection.left_out:
         shown.append(("not compared", f"{selection.left_out} of another protocol or drive"))
-    return Table.of_rows(f"{selection.name}, newest values", ("statistic", "value"), [row for row in shown if row[1]])
+    return Table.of_rows(f"{selection.label}, newest values", ("statistic", "value"), [row for row in shown if row[1]])
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
     for signal in chart.chart.signals:
         rules.setdefault(signal.index, []).append(signal.rule)
     found = [(at, chart.values[at]) for at in sorted(rules)]
-    unit = shown_unit(selection.unit)[1]
+    unit = shown_unit(selection.unit, selection.name)[1]
     return Table(
         "broken rules",
         f"{len(found)} of {len(chart.values)} values break a rule",

@@ -1,9 +1,9 @@
-"""Figures of merit of a specimen with standard errors: resonance, amplitude, perception margin, latency.
+"""Figures of merit of a specimen with standard errors: frequencies, amplitude, perception margin, latency.
 
 Limits are set on them by name; those that the runs do not determine are missing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from app.common import NO_PROGRESS, Progress
 from app.identification import SpecimenSheet
-from app.report.merits import FIGURES_OF_MERIT, figure_of_merit
+from app.report.limits import FIGURES_OF_MERIT
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, Effects, SpecimenModel, acting_tactor, fit_specimen
 from model import Array, EstimatedQuantity, Membrane, Tactor
-from model.identification import FrequencyResponseObservation, ObservationSet, parabola_vertex
+from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import (
     ABDOMEN_THRESHOLD,
     THRESHOLD_M,
@@ -25,9 +25,15 @@ from model.response import (
     usable_bands,
 )
 from model.studies.uncertainty import UncertaintyBand
+from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Relative difference from the largest drive up to which a drive counts as full."""
+
+
+def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
+    """Return a quantity that limits can be set on, SI."""
+    return EstimatedQuantity.listed(name, float(value), float(standard_error), "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,53 +110,49 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     return StepLatency(volts, latency, rise_time, float(band.centre[2]), float(band.standard_error[2]))
 
 
-def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
-    """Return resonance and amplitude at full drive, free, from the newest dwell with an interior maximum."""
+def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
+    """Return natural and damped frequency and damping ratio, free, from the newest run that has them."""
+    for run in reversed([each for each in runs if each.identifiable]):
+        found = [
+            e for e in run.summary.estimates if e.name in ("natural_frequency", "damped_frequency", "damping_ratio")
+        ]
+        if found and all(
+            getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None
+            for each in run.observations
+        ):
+            return found
+    return []
+
+
+def measured_peak(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
+    """Return peak frequency and amplitude at full drive, free, from the newest dwell with an interior maximum.
+
+    The error of the amplitude has the shared gain error of the sensor, too.
+    """
     found: dict[str, EstimatedQuantity] = {}
     for run in observations.of_type(FrequencyResponseObservation):
         if run.elongation_m is not None or run.added_mass_kg is not None or run.swept:
             continue
-        fundamental_m = None if run.fundamental_m is None else np.abs(run.fundamental_m)
-        for at, name, y, errors in (
-            (0, "resonance", fundamental_m, run.errors_m),
-            (1, "amplitude_at_resonance", run.peak_to_peak_m, run.peak_to_peak_errors_m),
-        ):
-            if y is not None and errors is not None and (top := _parabola_vertex(run, y, errors, specimen)) is not None:
-                found[name] = figure_of_merit(name, *top[at])
-    return [found[name] for name in ("resonance", "amplitude_at_resonance") if name in found]
-
-
-def _parabola_vertex(
-    run: FrequencyResponseObservation, y: Array, errors: Array, specimen: SpecimenModel
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Return frequency and height of a single resonance through the three highest points, with standard errors.
-
-    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine those of the points, the difference from the
-    paper's parabola of y over f (the ambiguity of a curve through three points), and for the height the shared gain error of
-    the sensor.
-    """
-    drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
-    at = np.flatnonzero(run.usable & (np.abs(drive / specimen.full_amplitude_v - 1) < FULL_DRIVE_TOLERANCE))
-    f, index = np.unique(run.frequency_hz[at], return_index=True)
-    y, errors = y[at][index], errors[at][index]
-    top = int(y.argmax()) if y.size else 0
-    if not 0 < top < y.size - 1:
-        return None
-    f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
-    centre = _resonance_vertex(f, y)
-    moved = np.array([_resonance_vertex(f, y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
-    shared = float(np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement")))
-    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(parabola_vertex(f, y))) ** 2)
-    return (float(centre[0]), float(error[0])), (float(centre[1]), float(np.hypot(error[1], shared * centre[1])))
-
-
-def _resonance_vertex(f: Array, y: Array) -> Array:
-    square, least = parabola_vertex(f**2, -(y**-2))
-    return np.array([np.sqrt(square), (-least) ** -0.5])
+        drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
+        at = np.flatnonzero(run.usable & (np.abs(drive / specimen.full_amplitude_v - 1) < FULL_DRIVE_TOLERANCE))
+        if run.fundamental_m is not None and run.errors_m is not None:
+            peak = dwell_peak(run.frequency_hz[at], np.abs(run.fundamental_m)[at], run.errors_m[at])
+            if peak is not None:
+                found["peak_frequency"] = figure_of_merit("peak_frequency", *peak[:2])
+        if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
+            peak = dwell_peak(run.frequency_hz[at], run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at])
+            if peak is not None:
+                shared = float(
+                    np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement"))
+                )
+                error = float(np.hypot(peak.height_error, shared * peak.height))
+                found["amplitude_at_resonance"] = figure_of_merit("amplitude_at_resonance", peak.height, error)
+    return list(found.values())
 
 
 def figures_of_merit(
     specimen: SpecimenModel,
+    runs: Sequence[ReportRun],
     observations: ObservationSet | None,
     margin_free: PerceptionMargin | None,
     margin_on_membrane: PerceptionMargin | None,
@@ -160,8 +162,9 @@ def figures_of_merit(
     found: list[EstimatedQuantity | None] = [
         figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.estimates if e.name in FIGURES_OF_MERIT
     ]
+    found += measured_modes(runs)
     if observations is not None:
-        found += measured_resonance(specimen, observations)
+        found += measured_peak(specimen, observations)
     if margin_free is not None:
         found.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
         if bands := margin_free.felt_bands:
@@ -201,7 +204,9 @@ def summarize_specimen(
         name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying"), sheet
     )
     if observations is None or found.identification is None:
-        return SpecimenSummary(found, observations, (), None, figures_of_merit(found, observations, None, None, None))
+        return SpecimenSummary(
+            found, observations, (), None, figures_of_merit(found, runs, observations, None, None, None)
+        )
     progress.update(0.0, "margins and latency")
     responses = observations.of_type(FrequencyResponseObservation)
     elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
@@ -209,5 +214,5 @@ def summarize_specimen(
     known = [each for each in elongations if found.identifies_response_at(each)]
     pressed = [perception_margin_of(found, each, threshold) for each in (known if every_margin else known[-1:])]
     latency = step_latency_of(found) if found.identifies_free_response else None
-    merits = figures_of_merit(found, observations, free, pressed[-1] if pressed else None, latency)
+    merits = figures_of_merit(found, runs, observations, free, pressed[-1] if pressed else None, latency)
     return SpecimenSummary(found, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)

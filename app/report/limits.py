@@ -13,14 +13,23 @@ from pydantic import Field, ValidationError, create_model, model_validator
 from app.common import parse_toml, typeset_unit
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
-from app.report.merits import FIGURES_OF_MERIT
-from app.report.rounding import COVERAGE_FACTOR_95, MINUS, typeset_measurement, typeset_number
-from model import EstimatedQuantity, shown_unit
+from app.report.rounding import MINUS, typeset_measurement, typeset_number
+from model import COVERAGE_FACTOR_95, QUANTITIES, EstimatedQuantity, format_with_uncertainty, shown_unit
 
+AMBIGUOUS_RESONANCE = (
+    "'resonance' has three meanings; name the limit peak_frequency (of the largest response: its meaning in reports until now), "
+    "natural_frequency (undamped: its meaning in the fleet until now) or damped_frequency (of the free decay)"
+)
 LIMITS_FILE_NAME = "limits.toml"
 """Name of the limits file in the folder of the runs."""
 
 Rule = Literal["guarded", "simple"]
+
+FIGURES_OF_MERIT = (
+    "natural_frequency", "damped_frequency", "peak_frequency", "damping_ratio", "amplitude_at_resonance", "usable_from", "usable_to",
+    "smallest_margin", "smallest_margin_on_membrane", "latency", "rise_time", "k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta",
+)  # fmt: skip
+"""Quantities that limits can be set on."""
 
 EXAMPLE_LIMITS = """\
 # Limits for 'tactor-bench report'. Beside the runs under the name limits.toml it is found by itself; any other file is named
@@ -32,7 +41,7 @@ rule = "guarded"
 # The specimen that within_golden compares with: its runs in the same folder are identified in the same way.
 # golden = "T0"
 
-[limits.resonance]              # as measured: a resonance through the three highest points of the free dwell
+[limits.peak_frequency]         # of the largest response, as measured: through the three highest points of the free dwell
 low = "145 Hz"
 high = "170 Hz"
 
@@ -102,7 +111,7 @@ def _table(name: str, unit: str) -> type[_Limit]:
     return create_model(f"Limit of {name}", __base__=_Limit, **fields)
 
 
-_FIELDS: dict[str, Any] = {name: (_table(name, merit.unit) | None, None) for name, merit in FIGURES_OF_MERIT.items()}
+_FIELDS: dict[str, Any] = {name: (_table(name, QUANTITIES[name].unit) | None, None) for name in FIGURES_OF_MERIT}
 _Named = create_model("Limits", __base__=ConfigTable, **_FIELDS)
 
 
@@ -127,7 +136,10 @@ def read_limits(path: Path) -> Limits:
     if len(text) > MAX_FILE_BYTES:
         raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
     try:
-        read = _File.model_validate(parse_toml(text)).model_dump()
+        given = parse_toml(text)
+        if "resonance" in given.get("limits", {}):
+            raise LimitsError(f"{path}: {AMBIGUOUS_RESONANCE}")
+        read = _File.model_validate(given).model_dump()
     except ValidationError as error:
         lines = "\n".join(validation_messages(error, text))
         raise LimitsError(
@@ -165,7 +177,7 @@ def _limit_outcomes(
     if merit is not None:
         found = typeset_measurement(merit.value, merit.standard_error, merit.unit)
     if limit.low is not None or limit.high is not None:
-        asked = _limit_text(limit, FIGURES_OF_MERIT[name].unit)
+        asked = _limit_text(limit, QUANTITIES[name].unit)
         if merit is None:
             yield LimitOutcome(name, asked, found, "cannot tell", "not determined by these runs")
         else:
@@ -181,7 +193,8 @@ def _limit_outcomes(
             ratio = merit.value / golden.value - 1
             both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
             half_interval = COVERAGE_FACTOR_95 * sum(e * e for e in both) ** 0.5
-            found += f": {100 * ratio:+.2f} ± {100 * half_interval:.2f} % (95 %)".replace("-", MINUS)
+            change = format_with_uncertainty(100 * ratio, 100 * half_interval, "% (95 %)", signed=True)
+            found += f": {change}".replace("-", MINUS)
             yield LimitOutcome(name, asked, found, *_verdict(ratio, half_interval, -share, share, limits.rule))
 
 

@@ -5,9 +5,6 @@ import math
 from app.common import SUPERSCRIPTS, typeset_unit
 from model import format_with_uncertainty, shown_unit
 
-COVERAGE_FACTOR_95 = 1.959964
-"""Standard errors to either side that cover 95 % of a normal distribution."""
-
 MINUS = "−"
 SPACE = "\N{NO-BREAK SPACE}"
 """Keeps number, error and unit on one line."""

@@ -24,7 +24,6 @@ from app.plotting.panels import PlotPanel, ReportPlot, StackedBar
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
 from app.report.figures_of_merit import PerceptionMargin, SpecimenSummary
 from app.report.limits import Limits
-from app.report.merits import FIGURES_OF_MERIT
 from app.report.plots import CurveAgreement, curve_agreements
 from app.report.rounding import (
     MINUS,
@@ -36,7 +35,7 @@ from app.report.rounding import (
 )
 from app.report.runs import InstrumentRecord, ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
-from model import Membrane, Tactor, shown_unit
+from model import QUANTITIES, Membrane, Tactor, quantity_label, shown_unit
 from model.identification import SPECIMEN_PARAMETERS
 from protocols.base import Outcome
 from protocols.registry import aspects_of
@@ -58,7 +57,7 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> list[Blo
         parts = [f"{counts[verdict]} {label}" for verdict, label in VERDICT_LABELS.items() if counts[verdict]]
         text = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
-    rows = tuple((o.name.replace("_", " "), o.asked, o.found, o.verdict, o.why) for o in outcomes)
+    rows = tuple((quantity_label(o.name), o.asked, o.found, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
     note = f"Limits from {limits.source}; {rule} must lie within."
     return [
@@ -266,7 +265,7 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
         blocks.append(Table.of_rows("Margin over the threshold", heads, rows, note))
     if (step := summary.latency) is not None:
         lines = [
-            (FIGURES_OF_MERIT[merit.name].description, typeset_measurement(merit.value, merit.standard_error, "s"))
+            (QUANTITIES[merit.name].name, typeset_measurement(merit.value, merit.standard_error, "s"))
             for merit in (step.latency, step.rise_time)
             if merit is not None
         ]
@@ -288,7 +287,7 @@ def _item_name(label: str) -> str:
 
 
 def _spell_out(text: str) -> str:
-    return text.replace(" +- ", " ± ").replace(" -", f" {MINUS}")
+    return text.replace(" -", f" {MINUS}")
 
 
 def _unidentified_text(text: str) -> str:

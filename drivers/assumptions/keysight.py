@@ -96,7 +96,7 @@ KEYSIGHT_33200 = (
         "keysight-33200",
         "33250A",
         "converter",
-        f"±{FULL_SCALES['33250']}",
+        f"-{FULL_SCALES['33250']} to {FULL_SCALES['33250']}",
         "Agilent's Visual Basic sample for the 33250A",
     ),
     Assumption(

@@ -133,7 +133,7 @@ class HvAmplifier:
             for end, volts in zip(("starts", "ends"), drive.end_levels_v, strict=True):
                 if abs(volts - rest) > self.limits.step_v:
                     raise DriveRejectedError(
-                        f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit ±{self.limits.step_v:g} V); "
+                        f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit {self.limits.step_v:g} V); "
                         f"make it start and end at {rest:g} V"
                     )
 

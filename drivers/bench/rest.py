@@ -92,6 +92,6 @@ def verify_rest(
             lowest_v, highest_v = min(e[1] for e in extremes), max(e[2] for e in extremes)
             message = (
                 f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {expected_v:.4g} V "
-                f"(limit ±{limit_v:g} V{noise}, watched for {timeout_s:.1f} s)"
+                f"(limit {limit_v:g} V{noise}, watched for {timeout_s:.1f} s)"
             )
             return RestMeasurement(False, mean_v, message, noise_v)

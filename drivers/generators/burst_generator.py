@@ -362,7 +362,7 @@ class BurstGenerator(GeneratorCapabilities):
     def _check_readback(self, readback: float, setpoint: float, tolerance: float, quantity: str) -> None:
         if not abs(readback - setpoint) <= tolerance:
             raise InstrumentError(
-                f"{self._scpi.instrument}: {quantity} was set to {setpoint:.6g} and reads back {readback:.6g} (limit ±{tolerance:.2g}); "
+                f"{self._scpi.instrument}: {quantity} was set to {setpoint:.6g} and reads back {readback:.6g} (limit {tolerance:.2g}); "
                 "nothing more was sent. See its actual setting on the instrument's front panel"
             )
 

@@ -132,7 +132,7 @@ class NiAnalogOutput:
         if seen is not None and abs(seen - rest_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
                 f"{self._description} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
-                f"(limit ±{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
+                f"(limit {LEVEL_TOLERANCE_V:g} V); check what is connected to it"
             )
 
     def reason_unsupported(self, drive: Drive) -> str:
@@ -427,7 +427,7 @@ class NiAnalogOutput:
                 self._level_v = None
                 raise InstrumentError(
                     f"{self._description} was stopped and should idle at {level_v:.3f} V, but measures "
-                    f"{float(seen.min()):.3f} to {float(seen.max()):.3f} V (limit ±{RELEASE_TOLERANCE_V:g} V); check the cable "
+                    f"{float(seen.min()):.3f} to {float(seen.max()):.3f} V (limit {RELEASE_TOLERANCE_V:g} V); check the cable "
                     "from the output to the card's drive channel"
                 )
             self._clock.sleep(0.01)

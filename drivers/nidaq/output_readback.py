@@ -87,7 +87,7 @@ class OutputReadback:
                 measured = "is not measured" if seen is None else f"measures {seen.min():.3f} to {seen.max():.3f} V"
                 raise InstrumentError(
                     f"{self._description} was stopped in mid-drive and {measured}, where one level between {low_v:g} and "
-                    f"{high_v:g} V is expected (limit ±{RELEASE_TOLERANCE_V:g} V); switch high voltage off at the amplifier, and "
+                    f"{high_v:g} V is expected (limit {RELEASE_TOLERANCE_V:g} V); switch high voltage off at the amplifier, and "
                     "check the cable from the output to the card's drive channel"
                 )
             self._clock.sleep(0.01)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model import GRAVITY, Array, ParameterError
+from model import GRAVITY, Array, ParameterError, format_uncertainty
 from model.identification import parameters as known
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
@@ -63,8 +63,8 @@ class Proposal:
     @property
     def summary(self) -> str:
         """One line with the numbers."""
-        was = "not identified" if self.error_before > 1 else f"±{100 * self.error_before:.2g} %"
-        will = "still not identified" if self.error_after > 1 else f"±{100 * self.error_after:.2g} %"
+        was = "not identified" if self.error_before > 1 else format_uncertainty(100 * self.error_before, "%")
+        will = "still not identified" if self.error_after > 1 else format_uncertainty(100 * self.error_after, "%")
         return (
             f"{self.candidate.run.label} ({self.candidate.minutes:.3g} min): {self.parameter} from {was} to {will}, "
             f"{100 * (1 - np.exp(-self.improvement_per_minute)):.2g} % less a minute"

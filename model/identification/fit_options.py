@@ -98,7 +98,7 @@ class FitOptions:
                 raise ParameterError(f"{name} is known beforehand but not free: free it, or fix it at {value:g}")
             known.parameter_spec(name).check(value)
             if not (np.isfinite(error) and error > 0):
-                raise ParameterError(f"{name} is known to +- {error:g}: the standard error must be positive")
+                raise ParameterError(f"{name} has a standard error of {error:g} beforehand: it must be positive")
         for name in self.start:
             if name in free:
                 known.parameter_spec(name).check(self.start[name])

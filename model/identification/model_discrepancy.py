@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Array
+from model import Array, format_with_uncertainty
 from model.identification.fit_result import JointFit
 from model.identification.observations import (
     DecayPoleObservation,
@@ -43,7 +43,7 @@ class Discrepancy:
     def describe(self, size: float, error: float) -> str:
         """Return what a discrepancy of this size means; the words have the sign, the number has none."""
         words = WORD_PAIR.sub(lambda found: found[1 if size >= 0 else 2], self.description)
-        return words.format(f"{100 * abs(size):.2g} +- {100 * error:.1g}")
+        return words.format(format_with_uncertainty(100 * abs(size), 100 * error))
 
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:

@@ -3,14 +3,13 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from model import SeriesAxis
-from protocols.aspects.run_points import RunPoints
-from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
+from model import quantity_label
+from protocols.base import Aspects, ResultTable, RunFigure
 from protocols.runfile.overview import RunOverview
 
-FELT = "latency to"
+FELT = "latency"
 """How the names of times to the threshold begin."""
-BETWEEN = "rise, after a step"
+BETWEEN = "rise_time, after a step"
 """How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
 
 TIMES_NOTE = (
@@ -31,31 +30,14 @@ class OnsetLatencyAspects(Aspects):
         reaches at the measured speed; shares of the final value do not depend on it.
         """
         sensor, threshold_m = run.sensor, float(run.parameters["threshold_m"])
-        speeds = {f.name.partition(", ")[2]: f.value for f in estimates if f.unit == "m/s"}
+        speeds = {f.name.rpartition(", ")[2]: f.value for f in estimates if f.unit == "m/s"}
         for figure in estimates:
-            name, _, onset = figure.name.partition(", ")
+            name, _, onset = figure.name.rpartition(", ")
             from_onset = figure.unit == "s" and not figure.name.startswith(BETWEEN)
             delay_s = sensor.delay_uncertainty_s if from_onset else 0.0
             timed = name.startswith(FELT) and speeds.get(onset, 0.0) > 0
             moved_s = sensor.gain_relative_uncertainty * threshold_m / speeds[onset] if timed else 0.0
             yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
-
-    def figures(self, points: RunPoints) -> Iterator[Figure]:
-        """Yield the responses after an onset, and the times against the frequency beside those of other actuators."""
-        from model.response import PUBLISHED_LATENCIES  # slow to import
-
-        threshold_m = float(points.run.parameters["threshold_m"])
-        yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
-        x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
-        columns = (
-            ("latency", f"time to {1e6 * threshold_m:g} µm"),
-            ("rise", "rise: step 10 to 90 %, sine to 90 %"),
-        )
-        times = tuple(points.series(x, SeriesAxis(name, "s", "time"), label) for name, label in columns)
-        spans = (
-            ReferenceSpan(each.low_s, each.high_s, f"{each.actuator}: {each.meaning}") for each in PUBLISHED_LATENCIES
-        )
-        yield Figure(times, spans=tuple(spans), log_limits=(1e-4, 0.3))
 
     def remarks(self, figures: Iterator[RunFigure]) -> Iterator[tuple[str, RunFigure | None]]:
         """Yield the latencies with their total uncertainty, and the published ones of other actuators."""
@@ -63,7 +45,7 @@ class OnsetLatencyAspects(Aspects):
 
         for figure in figures:
             if figure.name.startswith(FELT):
-                yield f"{figure.name}, with the uncertainty of the sensor's gain and delay", figure
+                yield f"{quantity_label(figure.name)}, with the uncertainty of the sensor's gain and delay", figure
         yield "published for other actuators, to nearly the full vibration:", None
         yield from ((f"  {published.description}", None) for published in PUBLISHED_LATENCIES)
 
@@ -73,8 +55,8 @@ class OnsetLatencyAspects(Aspects):
 
         onsets: dict[str, dict[str, RunFigure]] = {}
         for figure in figures:
-            name, _, onset = figure.name.partition(", ")
-            if onset and figure.unit != "m/s":
+            name, _, onset = quantity_label(figure.name).rpartition(", ")
+            if name and figure.unit != "m/s":
                 onsets.setdefault(onset, {})[name] = figure
         names = list(dict.fromkeys(name for values in onsets.values() for name in values))
         names.sort(key=lambda name: not name.startswith(FELT))

@@ -127,10 +127,10 @@ class SineDwellAspects(Aspects):
             return
         y, error, gain = top.peak_to_peak_m, top.error_m, run.sensor.gain_relative_uncertainty
         condition = f"{2 * top.median_drive_v:.2g} V"
-        yield RunFigure.with_gain("largest max - min", y, error, "m", gain, condition)
+        yield RunFigure.with_gain("amplitude_at_resonance", y, error, "m", gain, condition)
         margin = float(perception_margin(np.array([top.frequency_hz]), np.array([y]))[0])
         error = margin * error / y if y else math.nan
-        yield RunFigure.with_gain("margin at the largest", margin, error, "1", gain, condition)._replace(
+        yield RunFigure.with_gain("margin_at_resonance", margin, error, "1", gain, condition)._replace(
             frequency_hz=top.frequency_hz
         )
 

@@ -61,7 +61,7 @@ class BlockDiscarded:
     block: Block
 
 
-INTERFERENCE_AT_REST = "interference at rest"
+INTERFERENCE_AT_REST = "interference_at_rest"
 """Name of the largest line in the displacement at rest, which every run estimates beside its own quantities."""
 
 

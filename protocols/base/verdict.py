@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from model import quantity_label
 from protocols.base.jsonable import to_jsonable
 from protocols.base.quality import Quality, point_quality
 
@@ -256,7 +257,7 @@ def identification_checks(
             None,
             remedy,
             Outcome.NO_RESULT if none else Outcome.DOUBTFUL,
-            f"missing: {', '.join(missing)}" if missing else "",
+            f"missing: {', '.join(map(quantity_label, missing))}" if missing else "",
         ),
     )
 

@@ -1,19 +1,21 @@
-"""Field types and quality flags that several protocols and point types share."""
+"""Field types, quality flags and estimates that several protocols and point types share."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from annotated_types import Interval, Unit
 
-from protocols.base import Quality, Recording
+from model import QUANTITIES
+from protocols.base import EstimatedQuantity, Quality, Recording
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"]
 LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"]
 FittedFrequency = Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
-NaturalFrequency = Annotated[float, Unit("Hz"), "undamped natural frequency"]
+NaturalFrequency = Annotated[float, Unit("Hz"), QUANTITIES["natural_frequency"].definition]
 NaturalFrequencyError = Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
-DampingRatio = Annotated[float, Unit("1"), "damping ratio"]
+DampingRatio = Annotated[float, Unit("1"), QUANTITIES["damping_ratio"].definition]
 DampingRatioError = Annotated[float, Unit("1"), "standard error of the damping ratio"]
 RepeatNumber = Annotated[float, Unit("1"), "which repeat, from 1"]
 QualityFlags = Annotated[int, Unit("1"), "flags, see protocols.quality"]
@@ -27,3 +29,19 @@ def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Ma
     for flag, present in detected.items():
         quality |= flag if present else Quality.GOOD
     return int(quality)
+
+
+def modal_estimates(
+    natural_hz: float, natural_error_hz: float, damping: float, damping_error: float, source: str
+) -> tuple[EstimatedQuantity, ...]:
+    """Return natural frequency, damped frequency (where the mode oscillates) and damping ratio of a mode."""
+    damped: tuple[EstimatedQuantity, ...] = ()
+    if damping < 1:
+        share = math.sqrt(1 - damping**2)
+        error = math.hypot(share * natural_error_hz, natural_hz * damping / share * damping_error)
+        damped = (EstimatedQuantity.listed("damped_frequency", share * natural_hz, error, source),)
+    return (
+        EstimatedQuantity.listed("natural_frequency", natural_hz, natural_error_hz, source),
+        *damped,
+        EstimatedQuantity.listed("damping_ratio", damping, damping_error, source),
+    )

@@ -35,6 +35,7 @@ from protocols.measurements.fields import (
     NaturalFrequencyError,
     QualityFlags,
     SampleRate,
+    modal_estimates,
     point_quality,
 )
 from protocols.measurements.fit_lines import mean_line
@@ -162,25 +163,25 @@ class FreeDecay(Protocol):
         usable = [p for p in points if Quality(p.quality).usable]
         if len(usable) < 2:
             return ()
-        found = []
-        for name, column, unit in (("resonance frequency", "resonance", "Hz"), ("damping ratio", "damping", "1")):
+        found: list[tuple[float, float]] = []
+        for column in ("resonance", "damping"):
             values = np.array([getattr(p, column) for p in usable])
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
             spread = float(values.std(ddof=1)) / math.sqrt(len(values))
-            found.append(EstimatedQuantity(name, mean, max(float(weight.sum() ** -0.5), spread), unit, SOURCE))
-        return tuple(found)
+            found.append((mean, max(float(weight.sum() ** -0.5), spread)))
+        return modal_estimates(*found[0], *found[1], SOURCE)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
         remedy = "check the clamp, and that nothing touches the tactor"
         return (
             *signal_to_noise_check("ringing, smallest", [(p.amplitude, p.noise) for p in good]),
-            *repeatability_check("resonance frequency", [[p.resonance for p in good]], remedy),
+            *repeatability_check("natural frequency", [[p.resonance for p in good]], remedy),
         )
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
-        return "resonance frequency", "damping ratio"
+        return "natural_frequency", "damping_ratio"
 
     def _decay_after_edge(self, recording: Recording, edge: int) -> tuple[Any, Any]:
         """Times since an edge and the displacement from `SKIPPED_AFTER_EDGE_S` after it on, up to shortly before the next; (N,) each."""

@@ -14,7 +14,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine
-from model import Array
+from model import Array, format_quantity, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -70,9 +70,9 @@ class LoopPoint:
     def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"{self.frequency:.4g} Hz: loop {1e6 * self.width:.2f} ± {1e6 * self.width_errors:.2g} µm wide, "
-            f"{100 * self.share:.2f} ± {100 * self.share_errors:.2g} % of the stroke of {1e6 * self.stroke:.1f} µm, "
-            f"asymmetry {self.asymmetry:+.2f} ± {self.asymmetry_errors:.2g}"
+            f"{self.frequency:.4g} Hz: loop {format_quantity(self.width, self.width_errors, 'm')} wide, "
+            f"{format_with_uncertainty(100 * self.share, 100 * self.share_errors, '%')} of the stroke of {1e6 * self.stroke:.1f} µm, "
+            f"asymmetry {format_with_uncertainty(self.asymmetry, self.asymmetry_errors, signed=True)}"
         )
 
 
@@ -228,8 +228,8 @@ class Hysteresis(Protocol):
             return ()
         line, errors = found
         return (
-            EstimatedQuantity("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
-            EstimatedQuantity("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
+            EstimatedQuantity.listed("loop_hysteresis", float(line[0]), float(errors[0]), SOURCE),
+            EstimatedQuantity.listed("loop_width_per_frequency", float(line[1]), float(errors[1]), SOURCE),
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
@@ -237,7 +237,7 @@ class Hysteresis(Protocol):
         return signal_to_noise_check("stroke, smallest", [(p.stroke, p.stroke_errors) for p in good])
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
-        return ("hysteresis",) if len(set(self.frequencies_hz)) >= MIN_FREQUENCIES else ()
+        return ("loop_hysteresis",) if len(set(self.frequencies_hz)) >= MIN_FREQUENCIES else ()
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
         # Two loops to spare, finite so that a generator left alone comes to rest.

@@ -246,19 +246,19 @@ class OnsetLatency(Protocol):
 
     def _estimates_of(self, frequency_hz: float, level_v: float, group: Sequence[Any]) -> Iterator[EstimatedQuantity]:
         what = _onset_name(frequency_hz, level_v)
-        for column, name, unit in (
-            ("latency", self._felt_name, "s"),
-            ("rise", "rise", "s"),
-            ("overshoot", "overshoot", "1"),
-            ("settling", "settling", "s"),
-            ("threshold_speed", f"speed at {1e6 * self.threshold_m:g} µm", "m/s"),
+        for column, name in (
+            ("latency", self._felt_name),
+            ("rise", "rise_time"),
+            ("overshoot", "overshoot"),
+            ("settling", "settling_time"),
+            ("threshold_speed", f"threshold_speed, {1e6 * self.threshold_m:g} µm"),
         ):
             if (found := _mean_with_error(group, column)) is not None:
-                yield EstimatedQuantity(f"{name}, {what}", *found, unit, SOURCE)
+                yield EstimatedQuantity.listed(f"{name}, {what}", *found, SOURCE)
 
     @property
     def _felt_name(self) -> str:
-        return f"latency to {1e6 * self.threshold_m:g} µm"
+        return f"latency, {1e6 * self.threshold_m:g} µm"
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
         felt = [p for p in usable_points(points) if math.isfinite(p.latency)]

@@ -9,6 +9,7 @@ import numpy as np
 from annotated_types import Unit
 
 from drivers import REST_TOLERANCE_V, Hold
+from model import format_quantity
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
 from protocols.measurements.weights import format_grams
@@ -27,20 +28,20 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
     by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
     found = [
-        EstimatedQuantity(f"compliance, {SIDE_LABELS[side]}", *line, "m/N", SOURCE) for side, line in lines.items()
+        EstimatedQuantity.listed(f"compliance, {SIDE_LABELS[side]}", *line, SOURCE) for side, line in lines.items()
     ]
     if len(lines) == len(SIDE_LABELS):
         (one, one_error), (other, other_error) = lines.values()
         error = math.hypot(one_error, other_error)
         mean = (one + other) / 2
         found += [
-            EstimatedQuantity("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE),
-            EstimatedQuantity("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE),
+            EstimatedQuantity.listed("compliance, mean of both sides", mean, error / 2, SOURCE),
+            EstimatedQuantity.listed("side_difference", (one - other) / mean, error / abs(mean), SOURCE),
         ]
     for side, group in by_side.items():
         if (bend := nonlinearity(group)) is not None:
             source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
-            found.append(EstimatedQuantity(f"nonlinearity, {SIDE_LABELS[side]}", *bend, "1", source))
+            found.append(EstimatedQuantity.listed(f"nonlinearity, {SIDE_LABELS[side]}", *bend, source))
     return tuple(found)
 
 
@@ -111,7 +112,7 @@ class LoadPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        moved = f"deflection {1e6 * self.deflection:+.2f} ± {1e6 * self.deflection_errors:.2g} µm"
+        moved = f"deflection {format_quantity(self.deflection, self.deflection_errors, 'm', signed=True)}"
         return (
             f"{SIDE_LABELS.get(self.side, 'either side')}, {format_grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
             f"zero moved {1e6 * self.drift:+.2f} µm"

@@ -316,7 +316,7 @@ class MassResonance(Protocol):
             f"largest response from {self.low_hz:g} to {self.high_hz:g} Hz, sines or sweep of {self.peak_to_peak_v:g} V"
         )
         return tuple(
-            EstimatedQuantity(f"peak with {1e3 * p.mass:g} g", p.frequency, p.frequency_errors, "Hz", source)
+            EstimatedQuantity.listed(f"peak_frequency, {1e3 * p.mass:g} g", p.frequency, p.frequency_errors, source)
             for p in usable_points(tuple(points))
             if math.isfinite(p.frequency)
         )

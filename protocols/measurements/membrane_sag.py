@@ -172,14 +172,12 @@ class MembraneSag(Protocol):
         mean_m, error_m = self.mean_sag(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
         if not mean_m > 0:
             return ()
-        found = [EstimatedQuantity("sag", mean_m, error_m, "m", "membrane sag")]
+        found = [EstimatedQuantity.listed("sag", mean_m, error_m, "membrane sag")]
         with contextlib.suppress(ParameterError):  # where no modulus explains this sag, the sag itself is reported
-            found.append(EstimatedQuantity("Young modulus", *self._young_modulus(mean_m, error_m), "Pa", SOURCE))
+            found.append(EstimatedQuantity.listed("E_m", *self._young_modulus(mean_m, error_m), SOURCE))
             linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
             found.append(
-                EstimatedQuantity(
-                    "Young modulus by linear theory", linear, linear * error_m / mean_m, "Pa", LINEAR_SOURCE
-                )
+                EstimatedQuantity.listed("linear_young_modulus", linear, linear * error_m / mean_m, LINEAR_SOURCE)
             )
         return tuple(found)
 
@@ -218,13 +216,13 @@ class MembraneSag(Protocol):
                     remedy,
                 )
             )
-        if modulus := found.get("Young modulus"):
+        if modulus := found.get("E_m"):
             remedy = "make sure that the membrane is under the sensor, and check reference_m, length_m and thickness_m"
             checks.append(CheckResult("Young modulus", modulus, "Pa", *RUBBER_MODULI_PA, remedy))
         return tuple(checks)
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
-        return "sag", "Young modulus"
+        return "sag", "E_m"
 
     def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:
         """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
+from model import format_quantity
 from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Quality, Recording, ReferenceModel
 from protocols.measurements.result_checks import usable_points
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
@@ -37,7 +38,7 @@ class MembranePoint(SinePoint):
         where = "free" if math.isnan(self.elongation) else f"{1e3 * self.elongation:.2f} mm"
         return (
             f"{where}, {self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} µm, "
-            f"2 x fundamental {2e6 * self.fundamental:.1f} ± {2e6 * self.fundamental_errors:.2g} µm"
+            f"2 x fundamental {format_quantity(2 * self.fundamental, 2 * self.fundamental_errors, 'm')}"
         )
 
 
@@ -91,11 +92,10 @@ class MembraneSeries(SineDwell):
         """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
         passes = _group_passes(points)
         found = [
-            EstimatedQuantity(
-                f"largest 2 x fundamental, {elongation_label(elongation)}",
+            EstimatedQuantity.listed(
+                f"largest_twice_fundamental, {elongation_label(elongation)}",
                 2 * top.fundamental,
                 2 * top.fundamental_errors,
-                "m",
                 f"highest of the pass, at {top.frequency:g} Hz",
             )
             for elongation, top in ((e, max(p, key=_compliance)) for _, e, p in passes if e is not None)
@@ -104,7 +104,7 @@ class MembraneSeries(SineDwell):
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             source = "free tactor after against before, mean over frequencies"
-            found.append(EstimatedQuantity("drift of the free response", change, error, "1", source))
+            found.append(EstimatedQuantity.listed("free_response_drift", change, error, source))
         return tuple(found)
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:

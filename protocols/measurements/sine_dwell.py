@@ -29,7 +29,7 @@ from protocols.base import (
     Settle,
     Step,
 )
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, point_quality
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, modal_estimates, point_quality
 from protocols.measurements.result_checks import (
     RESONANCE_BAND,
     drive_ratio_check,
@@ -345,7 +345,8 @@ class SineDwell(Protocol):
         return is_folded_onto(lines, point.frequency, self._record_s(point.frequency))
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        return fit_resonance([p for p in points if Quality(p.quality).usable])
+        usable = [p for p in points if Quality(p.quality).usable]
+        return *fit_resonance(usable), *find_peak(usable)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)
@@ -451,7 +452,7 @@ def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
 
     Returns:
-        Resonance frequency in hertz and damping ratio; empty where the points do not span a resonance.
+        Natural and damped frequency in hertz and damping ratio; empty where the points do not span a resonance.
     """
     from protocols.signals import fit_sdof  # imported here: slow to load
 
@@ -461,7 +462,17 @@ def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
         mode = fit_sdof(f, response)
     except ValueError:
         return ()
-    return (
-        EstimatedQuantity("resonance frequency", mode.natural_hz, mode.natural_error_hz, "Hz", SOURCE),
-        EstimatedQuantity("damping ratio", mode.damping_ratio, mode.damping_error, "1", SOURCE),
-    )
+    return modal_estimates(mode.natural_hz, mode.natural_error_hz, mode.damping_ratio, mode.damping_error, SOURCE)
+
+
+def find_peak(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
+    """Return the frequency of the largest fundamental, from the highest of usable points and its neighbours; empty at an end."""
+    from protocols.signals import dwell_peak  # imported here: slow to load
+
+    columns = [
+        np.array([getattr(p, name) for p in points]) for name in ("frequency", "fundamental", "fundamental_errors")
+    ]
+    if (peak := dwell_peak(*columns)) is None:
+        return ()
+    source = "single resonance through the three highest fundamentals of this run"
+    return (EstimatedQuantity.listed("peak_frequency", peak.frequency_hz, peak.frequency_error_hz, source),)

@@ -16,6 +16,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Sine, SquareWave
+from model import format_quantity, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -81,9 +82,9 @@ class SquarePoint:
     def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"{self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} ± {1e6 * self.peak_to_peak_errors:.2g} µm under the "
-            f"square wave, {1e6 * self.sine_peak_to_peak:.1f} ± {1e6 * self.sine_peak_to_peak_errors:.2g} µm under the sine, "
-            f"ratio {self.ratio:.4f} ± {self.ratio_errors:.2g}"
+            f"{self.frequency:.3f} Hz: max - min {format_quantity(self.peak_to_peak, self.peak_to_peak_errors, 'm')} under the "
+            f"square wave, {format_quantity(self.sine_peak_to_peak, self.sine_peak_to_peak_errors, 'm')} under the sine, "
+            f"ratio {format_with_uncertainty(self.ratio, self.ratio_errors)}"
         )
 
 
@@ -196,9 +197,7 @@ class SquareDwell(Protocol):
             return ()
         top = max(good, key=lambda p: p.peak_to_peak)
         source = f"highest of the square dwell, at {top.frequency:.4g} Hz"
-        return (
-            EstimatedQuantity("largest max - min, square wave", top.peak_to_peak, top.peak_to_peak_errors, "m", source),
-        )
+        return (EstimatedQuantity.listed("square_wave_amplitude", top.peak_to_peak, top.peak_to_peak_errors, source),)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         good = usable_points(points)

@@ -296,5 +296,5 @@ def _check_rest(recording: Recording, rest_v: float) -> None:
     if abs(seen_v - rest_v) > REST_TOLERANCE_V:
         raise BenchError(
             f"hands are on the specimen, and the card sees {seen_v:.3f} V at the amplifier's input where {rest_v:g} V is "
-            f"rest (limit ±{REST_TOLERANCE_V:g} V); make sure that high voltage is off, and check the generator's cable"
+            f"rest (limit {REST_TOLERANCE_V:g} V); make sure that high voltage is off, and check the generator's cable"
         )

@@ -38,6 +38,7 @@ from protocols.measurements.fields import (
     NaturalFrequencyError,
     QualityFlags,
     SampleRate,
+    modal_estimates,
     point_quality,
 )
 from protocols.measurements.fit_lines import mean_line
@@ -107,7 +108,7 @@ class SweepPoint:
         if not math.isfinite(self.resonance):
             return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak:.4g} Hz"
         return (
-            f"resonance {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"natural frequency {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, "
             f"Q {0.5 / self.damping:.2f}, coherence at least {self.coherence:.5f}"
         )
@@ -272,13 +273,12 @@ class Sweep(Protocol):
         decay_s = 1 / (2 * math.pi * natural * zeta)
         relative = zeta_error / zeta
         return (
-            EstimatedQuantity("resonance frequency", natural, natural_error, "Hz", SOURCE),
-            EstimatedQuantity("damping ratio", zeta, zeta_error, "1", SOURCE),
-            EstimatedQuantity("Q", 0.5 / zeta, 0.5 / zeta * relative, "1", SOURCE),
-            EstimatedQuantity(
-                "decay time", decay_s, decay_s * math.hypot(relative, natural_error / natural), "s", SOURCE
+            *modal_estimates(natural, natural_error, zeta, zeta_error, SOURCE),
+            EstimatedQuantity.listed("quality_factor", 0.5 / zeta, 0.5 / zeta * relative, SOURCE),
+            EstimatedQuantity.listed(
+                "decay_time", decay_s, decay_s * math.hypot(relative, natural_error / natural), SOURCE
             ),
-            EstimatedQuantity("lowest coherence", min(p.coherence for p in usable), 0.0, "1", SOURCE),
+            EstimatedQuantity.listed("lowest_coherence", min(p.coherence for p in usable), 0.0, SOURCE),
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
@@ -290,12 +290,12 @@ class Sweep(Protocol):
             *drive_ratio_check([p.drive_amplitude for p in points], 0.5 * self.peak_to_peak_v),
             *coherence_check([p.coherence for p in good]),
             *repeatability_check(
-                "resonance frequency", [[p.resonance for p in good if math.isfinite(p.resonance)]], remedy
+                "natural frequency", [[p.resonance for p in good if math.isfinite(p.resonance)]], remedy
             ),
         )
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:
-        return "resonance frequency", "damping ratio"
+        return "natural_frequency", "damping_ratio"
 
     def reference_checks(self, points: Sequence[Any], reference: ReferenceModel) -> tuple[CheckResult, ...]:
         if not self.start_hz < reference.resonance_hz < self.stop_hz:

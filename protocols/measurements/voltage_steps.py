@@ -15,6 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Hold
+from model import format_quantity
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -151,8 +152,8 @@ class StepPoint:
         """The point in a line, for a log."""
         arrow = {1.0: "rising", -1.0: "falling"}.get(self.direction, "random")
         return (
-            f"{self.level:.3g} V ({arrow}, {self.repeat:.0f}): deflection {1e6 * self.deflection:+.2f} ± "
-            f"{1e6 * self.deflection_errors:.2g} µm after {self.read_time:g} s, creep {1e6 * self.creep:+.2f} µm per decade"
+            f"{self.level:.3g} V ({arrow}, {self.repeat:.0f}): "
+            f"deflection {format_quantity(self.deflection, self.deflection_errors, 'm', signed=True)} after {self.read_time:g} s, creep {1e6 * self.creep:+.2f} µm per decade"
         )
 
 
@@ -265,19 +266,19 @@ class VoltageSteps(Protocol):
         above = [p for p in good if p.drive_step > LEVEL_TOLERANCE_V]
         below = [p for p in good if p.drive_step < -LEVEL_TOLERANCE_V]
         found = [
-            EstimatedQuantity(name, *value, unit, SOURCE)
-            for name, value, unit in (
-                ("deflection per volt above rest", deflection_per_volt(above), "m/V"),
-                ("deflection per volt below rest", deflection_per_volt(below), "m/V"),
-                ("creep per decade", relative_creep(good), "1"),
-                ("repeatability", repeatability(good), "m"),
-                ("loop width", loop_width(good), "m"),
+            EstimatedQuantity.listed(name, *value, SOURCE)
+            for name, value in (
+                ("static_gain_above_rest", deflection_per_volt(above)),
+                ("static_gain_below_rest", deflection_per_volt(below)),
+                ("creep_per_decade", relative_creep(good)),
+                ("repeatability", repeatability(good)),
+                ("loop_width", loop_width(good)),
             )
             if value is not None
         ]
         if len(good) > 1:
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
-            found.append(EstimatedQuantity("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))
+            found.append(EstimatedQuantity.listed("zero_drift", good[-1].zero - good[0].zero, error, SOURCE))
         return tuple(found)
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
@@ -308,7 +309,7 @@ class VoltageSteps(Protocol):
         above = sum(p.drive_step > LEVEL_TOLERANCE_V for p in points)
         below = sum(p.drive_step < -LEVEL_TOLERANCE_V for p in points)
         sides = (("above", above), ("below", below))
-        return tuple(f"deflection per volt {side} rest" for side, count in sides if count > 1)
+        return tuple(f"static_gain_{side}_rest" for side, count in sides if count > 1)
 
     def _level_order(self, repeat: int) -> tuple[str, tuple[float, ...]]:
         """The levels of one repeat in their order, and what that order is called."""

@@ -165,10 +165,10 @@ class WiringCheck(Protocol):
         if found is None:
             return ()
         return (
-            EstimatedQuantity("gain above rest", *found.above, "m/V", SOURCE),
-            EstimatedQuantity("gain below rest", *found.below, "m/V", SOURCE),
-            EstimatedQuantity("latency", found.sine.latency, found.sine.latency_errors, "s", SOURCE),
-            EstimatedQuantity("noise floor", found.rest.noise, 0.0, "m", SOURCE),
+            EstimatedQuantity.listed("static_gain_above_rest", *found.above, SOURCE),
+            EstimatedQuantity.listed("static_gain_below_rest", *found.below, SOURCE),
+            EstimatedQuantity.listed("bench_latency", found.sine.latency, found.sine.latency_errors, SOURCE),
+            EstimatedQuantity.listed("noise_floor", found.rest.noise, 0.0, SOURCE),
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:

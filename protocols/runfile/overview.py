@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from drivers import LaserSensor
+from model import current_name
 from protocols.base import (
     EstimatedQuantity,
     RunConditions,
@@ -178,7 +179,8 @@ _PLAIN = {field.name: field.type for field in fields(RunOverview) if field.type 
 
 
 def _quantity(record: dict[str, Any]) -> EstimatedQuantity:
-    return EstimatedQuantity(**{**record, **_floats({name: record[name] for name in ("value", "standard_error")})})
+    numbers = _floats({name: record[name] for name in ("value", "standard_error")})
+    return EstimatedQuantity(**{**record, **numbers, "name": current_name(record["name"])})
 
 
 def _floats(record: dict[str, Any]) -> dict[str, float]:

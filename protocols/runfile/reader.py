@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers import Closeable, LaserSensor
-from model import AmplifierMap, Array
+from model import AmplifierMap, Array, current_name
 from protocols.base import (
     EntryStarted,
     EstimatedQuantity,
@@ -356,7 +356,7 @@ class Run(Closeable):
         estimates = subgroup(self._entry, "estimates") if "estimates" in self._entry else {}
         found = (
             EstimatedQuantity(
-                visible_text(name.replace("_", " ")),
+                visible_text(current_name(name)),
                 read_number(one, "value"),
                 read_number(one, "standard_error"),
                 attribute_text(one["value"], "units"),

@@ -134,7 +134,7 @@ def _interference_estimate(interference: InterferenceMeasured | None) -> tuple[E
         return ()
     line = interference.lines[0]
     source = f"hum or another line at {line.frequency_hz:.2f} Hz in the displacement at rest, before the first entry"
-    return (EstimatedQuantity(INTERFERENCE_AT_REST, line.amplitude_m, line.error_m, "m", source),)
+    return (EstimatedQuantity.listed(INTERFERENCE_AT_REST, line.amplitude_m, line.error_m, source),)
 
 
 def _storage_failure(error: StorageError, status: RunStatus, reason: str) -> tuple[RunStatus, str]:

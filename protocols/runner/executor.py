@@ -256,7 +256,7 @@ class StepExecutor:
         if not drive.low_v - DRIVE_READBACK_TOLERANCE_V <= seen_v <= drive.high_v + DRIVE_READBACK_TOLERANCE_V:
             raise BenchError(
                 f"the card sees {seen_v:.3f} V where {drive.low_v:g} to {drive.high_v:g} V are driven (limit "
-                f"±{DRIVE_READBACK_TOLERANCE_V:g} V); check the cable from the generator to the amplifier and to the card"
+                f"{DRIVE_READBACK_TOLERANCE_V:g} V); check the cable from the generator to the amplifier and to the card"
             )
 
     def _read_meter(self, name: str) -> Reading:

@@ -10,7 +10,7 @@ suffice raise ValueError with the reason.
     response   FrequencyResponse                      a frequency response with coherence and error bars,
                                                       from a sweep (swept_response) or periods (periodic_response)
     peak       spectrum_peak, joined_spectrum_peak,   where a spectrum, or a response, is largest
-               response_peak
+               response_peak, dwell_peak
     modal_fit  fit_sdof                               natural frequency and damping from a response
     levels     estimate_level, estimate_step          a mean and a step, with errors that include mains and slow noise
     step_detection  WeightStepDetector                a weight placed on the tactor, online

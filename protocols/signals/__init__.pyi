@@ -20,6 +20,7 @@ from .loop import fold as fold
 from .loop import measure_loops as measure_loops
 from .loop import subtract_mean_line as subtract_mean_line
 from .modal_fit import fit_sdof as fit_sdof
+from .peak import dwell_peak as dwell_peak
 from .peak import joined_spectrum_peak as joined_spectrum_peak
 from .peak import response_peak as response_peak
 from .peak import spectrum_peak as spectrum_peak

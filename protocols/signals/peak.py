@@ -16,6 +16,7 @@ of the paper with any of its masses and creep up to 3 % a decade; without the fa
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +58,15 @@ class SpectralPeak:
     degrees_of_freedom: float
     height: float
     band_hz: tuple[float, float]
+
+
+class DwellPeak(NamedTuple):
+    """Frequency, Hz, and height of a maximum between the points of a dwell, with standard errors."""
+
+    frequency_hz: float
+    frequency_error_hz: float
+    height: float
+    height_error: float
 
 
 def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> Array:
@@ -248,3 +258,32 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
         height=float(np.sqrt(height)),
         band_hz=(float(f[0]), float(f[-1])),
     )
+
+
+def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
+    """Return the single resonance through the three highest amplitudes of a dwell; None where the highest is at an end.
+
+    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine those of the points and the difference from the
+    paper's parabola of y over f (the ambiguity of a curve through three points).
+
+    Args:
+        f: frequencies in any order, Hz; (N,), as the others.
+        y: amplitudes.
+        errors: standard errors of the amplitudes.
+    """
+    from model.identification import parabola_vertex  # slow to import
+
+    def vertex(heights: Array) -> Array:
+        square, least = parabola_vertex(f**2, -(heights**-2))
+        return np.array([np.sqrt(square), (-least) ** -0.5])
+
+    f, index = np.unique(f, return_index=True)
+    y, errors = y[index], errors[index]
+    top = int(y.argmax()) if y.size else 0
+    if not 0 < top < y.size - 1:
+        return None
+    f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
+    centre = vertex(y)
+    moved = np.array([vertex(y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
+    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(parabola_vertex(f, y))) ** 2)
+    return DwellPeak(*map(float, (centre[0], error[0], centre[1], error[1])))

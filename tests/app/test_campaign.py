@@ -79,8 +79,8 @@ def test_from_nothing_to_the_end(measured) -> None:
     at = prompts.index("remove-membrane")
     assert prompts[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
     carried = campaign.accepted_estimates(campaign.items[2])
-    assert carried["deflection per volt above rest"].value == pytest.approx(1.427e-4, rel=0.01)
-    assert "latency" in carried  # of the wiring check, two items below
+    assert carried["static_gain_above_rest"].value == pytest.approx(1.427e-4, rel=0.01)
+    assert "bench_latency" in carried  # of the wiring check, two items below
     # Another program reads the same from the disk.
     again = Campaign.open(campaign.path.parent, "T1")
     assert [(line.status, line.run, line.estimates) for line in again.item_states()] == [
@@ -91,13 +91,13 @@ def test_from_nothing_to_the_end(measured) -> None:
 @pytest.mark.deep
 def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(measured, monkeypatch) -> None:
     campaign, _ = measured
-    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"settle_limit_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"settle_limit_s": "bench_latency"})
     dwell = campaign.items[2]
     with pytest.raises(CampaignError, match=r"dwell: settle_limit_s: .* greater than or equal to 0.5"):
         campaign.protocol_for(dwell)  # the wiring check's 0.4 ms did arrive
-    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"decay_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"decay_s": "bench_latency"})
     found = {e.name: e.value for e in campaign.item_state("wiring").estimates}
-    assert campaign.protocol_for(dwell).decay_s == found["latency"]
+    assert campaign.protocol_for(dwell).decay_s == found["bench_latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
     # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels determine it to a percent.
     assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)

@@ -91,7 +91,7 @@ def test_a_series_is_one_item_and_its_results_are_a_curve(tmp_path: Path, capsys
 
 
 def made(name: str, volts: float, at: int, state: str = "completed", points: int = 3) -> RunSummary:
-    figures = [("resonance frequency", 160.0 - volts, 0.1, 0.2, "Hz", "")] if state == "completed" else []
+    figures = [("natural_frequency", 160.0 - volts, 0.1, 0.2, "Hz", "")] if state == "completed" else []
     return RunSummary(
         f"{name}.h5",
         state,
@@ -124,9 +124,9 @@ def test_a_series_is_done_when_each_value_is_and_its_curve_is_in_the_order_of_th
     (curve,) = series_curves(whole)
     assert {axis.name: values.tolist() for axis, values in curve.columns()} == {
         "peak_to_peak_v": [1.0, 2.0, 3.0],
-        "resonance frequency": [159.0, 158.0, 157.0],
-        "resonance frequency_errors": [0.1] * 3,
-        "resonance frequency_total_errors": [0.2] * 3,
+        "natural_frequency": [159.0, 158.0, 157.0],
+        "natural_frequency_errors": [0.1] * 3,
+        "natural_frequency_total_errors": [0.2] * 3,
     }
     assert curve.x_axis.unit == "V"
     assert varied_unit(CampaignItem("x", "unknown", varied="y", values=(1.0, 2.0))) == "1"

@@ -57,7 +57,7 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     assert entries.keys() == {"T7", "T8"}
     one = entries["T7"]
     assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
-    assert one.found == "resonance frequency 158.350 ± 0.010 Hz"
+    assert one.found == "natural frequency 158.350 ± 0.010 Hz"
     assert one.started_at is not None
 
 
@@ -249,13 +249,13 @@ def test_a_changed_run_is_read_and_not_its_overview(place: str, folder: Path) ->
             file["entry/points/peak_to_peak"][1] = 3e-3
     else:
         data = bytearray(path.read_bytes())
-        at = data.rindex(b"resonance")
-        data[at : at + 9] = b"RESONANCE"
+        at = data.rindex(b"frequency")
+        data[at : at + 9] = b"FREQUENCY"
         path.write_bytes(data if place == "overview" else data + b"more")
     assert not read_overview(path)
     assert read_run_summary(path, path.name) == long_way(path)
     if place == "file":
-        assert '"largest max - min", 0.003' in long_way(path).figures_json  # type: ignore[union-attr]
+        assert '"amplitude_at_resonance", 0.003' in long_way(path).figures_json  # type: ignore[union-attr]
 
 
 def test_an_overview_gives_no_orders_to_a_terminal(folder: Path) -> None:
@@ -342,7 +342,7 @@ def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> No
     [
         (RunFilter(), {"T7", "T8"}),
         (RunFilter(specimen="T7"), {"T7"}),
-        (RunFilter(search_text="resonance t8"), {"T8"}),
+        (RunFilter(search_text="frequency t8"), {"T8"}),
         (RunFilter(search_text="simulated COMPLETED"), {"T7", "T8"}),
         (RunFilter(search_text="t7 t8"), set()),
         (RunFilter(protocol="steps"), set()),

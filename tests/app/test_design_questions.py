@@ -104,7 +104,7 @@ def test_the_margin_is_over_the_threshold_that_is_chosen(
 def test_the_fleet_compares_margins_over_the_threshold_that_is_chosen(ask: Any, tmp_path: Path) -> None:
     dwell = ("run", "sine-dwell", "--speed", "max", "--bench", "ideal", "--specimen", "T7", "--out", str(tmp_path))
     assert main([*dwell, "--set", "frequencies_hz=110,150"]) == 0
-    chosen = ("fleet", str(tmp_path), "--quantity", "margin at the largest")
+    chosen = ("fleet", str(tmp_path), "--quantity", "margin_at_resonance")
     paper, forearm = ask(*chosen), ask(*chosen, "--threshold", "forearm")
     at_150_hz = float(SITES["forearm"].amplitude_at(150.0))
     ratio = forearm["quantities"]["mean"][0] / paper["quantities"]["mean"][0]

@@ -47,7 +47,7 @@ def test_csv_has_units_in_every_header_and_simulated_in_every_name(path: Path, t
     assert all("[" in head for head in points[0][:-1])
     assert [float(row[0]) for row in points[1:]] == [100.0, 160.0]
     assert points[1][-1] == "simulated"
-    assert sheet(files["estimates"])[1] == ["resonance frequency", "158.35", "0.01", "Hz", "fit"]
+    assert sheet(files["estimates"])[1] == ["natural_frequency", "158.35", "0.01", "Hz", "fit"]
     assert [row[2] for row in sheet(files["events"])[1:]] == ["Armed", "Noted"]
     assert json.loads(sheet(files["events"])[2][3])["text"] == "ß: a long remark " * 100
 
@@ -105,7 +105,7 @@ def test_mat_opens_with_structures_and_units(
     assert got["points"]["units"]["peak_to_peak"] == "m"
     np.testing.assert_array_equal(got["raw"]["displacement"], moved)
     assert got["about"]["specimen"] == "T7"
-    assert got["estimates"]["resonance_frequency"]["standard_error"] == 0.01
+    assert got["estimates"]["natural_frequency"]["standard_error"] == 0.01
 
 
 @pytest.mark.parametrize("kind", ["csv", "json", "mat"])

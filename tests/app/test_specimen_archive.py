@@ -59,7 +59,7 @@ def test_a_crate_reader_finds_every_run_with_hash_and_mark(archive: Path, tmp_pa
                 if not isinstance(entity["variableMeasured"], list)
                 else entity["variableMeasured"]
             )
-            assert (value["name"], value["value"], value["unitText"]) == ("resonance frequency", 158.35, "Hz")
+            assert (value["name"], value["value"], value["unitText"]) == ("natural_frequency", 158.35, "Hz")
     assert any("new glue" in str(entity.get("keywords")) for entity in crate.data_entities)
 
 

@@ -51,7 +51,7 @@ def write_run(
             f, y, 2e-7, y / 2, 1e-7, -1.0, 1e-3, 0.01, (0.0,) * 8, 2.5, 2.5, 0.0, 0.0, 1e-7, 40.0, 32 * simulated
         )
         file.append_point(point)
-    found = (EstimatedQuantity("resonance frequency", resonance_hz, 0.02, "Hz", "drawn"),)
+    found = (EstimatedQuantity("natural_frequency", resonance_hz, 0.02, "Hz", "drawn"),)
     file.finish(RunStatus.COMPLETED, "all points measured", found, verdict=Verdict(Outcome.GOOD, ()))
     return file.path
 

@@ -18,7 +18,7 @@ from protocols.runfile.writer import NOT_JUDGED, RunFileWriter
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 NOBODY = 4_200_000
 """No process has this number: it is beyond what the system gives."""
-FOUND = EstimatedQuantity("resonance frequency", 158.35, 0.01, "Hz", "fit")
+FOUND = EstimatedQuantity("natural_frequency", 158.35, 0.01, "Hz", "fit")
 
 
 def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Quality.SIMULATED) -> SinePoint:

@@ -27,8 +27,8 @@ def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
         assert len(file.series()) == 6
-    assert abs(found["resonance frequency"].value - natural) < 4 * found["resonance frequency"].standard_error < 2
-    assert abs(found["damping ratio"].value - damping) < 4 * found["damping ratio"].standard_error < 0.01
+    assert abs(found["natural_frequency"].value - natural) < 4 * found["natural_frequency"].standard_error < 2
+    assert abs(found["damping_ratio"].value - damping) < 4 * found["damping_ratio"].standard_error < 0.01
 
 
 def test_a_specimen_that_does_not_move_rings_nowhere(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> Non
         assert p.frequency == pytest.approx(round(p.frequency), rel=1e-4)
         # Errors of three cycles have two degrees of freedom: 9.9 of them hold 99 %. Folding costs a little of the stroke.
         assert abs(p.share - truth_of_damping(p.frequency)) < 9.9 * p.share_errors + 2e-4, p
-    hysteresis = found(plain)["hysteresis"]
+    hysteresis = found(plain)["loop_hysteresis"]
     assert abs(hysteresis.value) < max(4 * hysteresis.standard_error, 5e-4)
 
 
@@ -97,14 +97,14 @@ def test_the_hysteresis_that_was_put_in_comes_out(looped) -> None:
     slowest = looped.points[0]
     assert slowest.width == pytest.approx(0.75 * width_m, rel=0.1)  # at rest; damping at 1 Hz adds a few percent of it
     assert slowest.stroke == pytest.approx(stroke_m, rel=5e-3)
-    hysteresis = found(looped)["hysteresis"]
+    hysteresis = found(looped)["loop_hysteresis"]
     assert hysteresis.value == pytest.approx(0.75 * width_m / stroke_m, rel=0.05)
     # Rest is a quarter of the stroke from its lower end, so most of the area lies above it.
     assert slowest.asymmetry > 0.2
 
 
 def test_what_is_damping_is_told_apart_from_hysteresis(plain, looped) -> None:
-    without, with_it = (found(ran)["loop width per frequency"].value for ran in (plain, looped))
+    without, with_it = (found(ran)["loop_width_per_frequency"].value for ran in (plain, looped))
     assert without == pytest.approx((truth_of_damping(5.0) - truth_of_damping(1.0)) / 4, rel=0.05)
     assert with_it == pytest.approx(without, rel=0.3)
 
@@ -121,7 +121,7 @@ def test_voltage_steps_find_the_creep_and_the_loop_that_were_put_in(tmp_path: Pa
     steps = VoltageSteps(levels_v=(3.5, 4.5), repeats=2, order="up", rest_s=10.0, hold_s=10.0, read_s=1.0)
     with laboratory(simulated(seed=4, beyond={"creep_per_decade": CREEP})) as lab:
         ran = run(steps, tmp_path, lab)
-    creep = found(ran)["creep per decade"]
+    creep = found(ran)["creep_per_decade"]
     # The plant's creep is a share of the step; relative to what is read after a second it is a little less.
     assert creep.value == pytest.approx(CREEP / (1 + CREEP), rel=0.2)
     assert creep.standard_error < 0.2 * creep.value

@@ -22,7 +22,7 @@ from protocols.signals.onset import edge_average, find_edge, first_crossing, las
 from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
-COLUMNS = {"latency to 50 µm": "latency", "rise": "rise", "overshoot": "overshoot", "settling": "settling"}
+COLUMNS = {"latency, 50 µm": "latency", "rise_time": "rise", "overshoot": "overshoot", "settling_time": "settling"}
 
 
 def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> None:
@@ -52,9 +52,9 @@ def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> 
             OnsetLatency().point(key, [r], True) for key, r in zip(KEYS, list(file.recordings())[1::2], strict=True)
         ]
         figures = {f.name: f for f in run_figures(overview_of(file))}
-    assert "latency to 50 µm, after a step to 5 V" in names
+    assert "latency, 50 µm, after a step to 5 V" in names
     assert again == ran.points
-    felt, rise = figures["latency to 50 µm, after a step to 5 V"], figures["rise, after a step to 5 V"]
+    felt, rise = figures["latency, 50 µm, after a step to 5 V"], figures["rise_time, after a step to 5 V"]
     assert felt.total > felt.statistical  # the sensor's gain moves the threshold
     assert rise.total == rise.statistical
 
@@ -160,7 +160,7 @@ def test_show_picture_and_report_state_the_times_of_other_actuators(tmp_path: Pa
         ran = run(OnsetLatency(repeats=1, frequencies_hz=(150.0,)), tmp_path, lab)
     with Run(ran.path) as file:
         text = run_text(file)
-    assert "latency to 50 µm, after a step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
+    assert "latency, 50 µm, after a step to 5 V, with the uncertainty of the sensor's gain and delay: 0.5" in text
     assert "ERM: 50 to 100 ms" in text
     assert "LRA: 10 to 20 ms" in text
     assert all(published.source for published in PUBLISHED_LATENCIES)

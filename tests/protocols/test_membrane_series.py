@@ -62,9 +62,9 @@ def test_sound_series_has_no_remarks_and_no_drift(ran) -> None:
     assert not [text for text in notes(ran) if "stretched" in text or "free tactor" in text]
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
-    drift = found["drift of the free response"]
+    drift = found["free_response_drift"]
     assert abs(drift.value) < 4 * drift.standard_error < 1e-3
-    tops = [found[f"largest 2 x fundamental, {mm} mm"].value for mm in ("0", "2.54", "6.35")]
+    tops = [found[f"largest_twice_fundamental, {mm} mm"].value for mm in ("0", "2.54", "6.35")]
     assert tops == sorted(tops, reverse=True)
 
 

@@ -45,7 +45,7 @@ def test_pulls_are_those_of_honest_standard_errors(noise: float, m_add: float) -
     truth = first_pole(tactor)
     pulls = []
     for _ in range(40):
-        found = fit_resonance(dwelt(tactor, f, noise, rng))
+        found = [e for e in fit_resonance(dwelt(tactor, f, noise, rng)) if e.name != "damped_frequency"]
         pulls.append([(e.value - t) / e.standard_error for e, t in zip(found, truth, strict=True)])
     rms = np.sqrt(np.mean(np.square(pulls), axis=0))
     assert np.all(rms < 1.3), rms
@@ -63,5 +63,5 @@ def test_a_tactor_that_moves_away_from_the_sensor_has_the_same_resonance() -> No
     points = dwelt(Tactor(), np.array(PAPER_FREQUENCIES_HZ, float), 1e-5, np.random.default_rng(7))
     for point in points:
         point.phase = float(np.angle(-np.exp(1j * point.phase)))
-    frequency, damping = (e.value for e in fit_resonance(points))
+    frequency, _, damping = (e.value for e in fit_resonance(points))
     assert (frequency, damping) == (pytest.approx(158.31, abs=0.01), pytest.approx(0.2110, abs=1e-4))

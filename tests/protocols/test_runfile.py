@@ -96,7 +96,7 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
 
 def test_results_are_read_in_the_order_in_which_they_were_written(tmp_path: Path) -> None:
     file = new(tmp_path)
-    names = ("resonance frequency", "damping ratio", "Q", "interference at rest")
+    names = ("natural_frequency", "damping_ratio", "quality_factor", "interference_at_rest")
     file.finish(RunStatus.COMPLETED, "fine", [EstimatedQuantity(name, 1.0, 0.1, "1", "here") for name in names])
     with Run(file.path) as run:
         assert tuple(estimate.name for estimate in run.estimates()) == names
@@ -293,10 +293,10 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
     with Run(ran.path) as file:
         before = file.trace.read_raw("displacement").tobytes()
     with append_results(ran.path) as file:
-        append_estimates(file, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+        append_estimates(file, [EstimatedQuantity("quality_factor", 2.4, 0.1, "1", "by hand")])
     with Run(ran.path) as file:
         assert file.trace.read_raw("displacement").tobytes() == before
-        assert [e.name for e in file.estimates()] == ["quality factor"]
+        assert [e.name for e in file.estimates()] == ["quality_factor"]
 
 
 @pytest.mark.deep
@@ -304,7 +304,7 @@ def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: P
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)
     with append_results(ran.path) as file:
-        append_estimates(file, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+        append_estimates(file, [EstimatedQuantity("quality_factor", 2.4, 0.1, "1", "by hand")])
 
     def read() -> tuple[Any, ...]:
         with Run(ran.path) as file:

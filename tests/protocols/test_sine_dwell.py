@@ -95,8 +95,8 @@ def test_every_point_records_drive_and_flags(ran) -> None:
 def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
-    assert found["resonance frequency"].value == pytest.approx(158.31, abs=0.1)
-    assert found["damping ratio"].value == pytest.approx(0.2110, abs=0.001)
+    assert found["natural_frequency"].value == pytest.approx(158.31, abs=0.1)
+    assert found["damping_ratio"].value == pytest.approx(0.2110, abs=0.001)
 
 
 @pytest.mark.deep

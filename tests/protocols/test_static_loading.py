@@ -86,7 +86,7 @@ def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: P
     for name in ("compliance, MFC up", "compliance, aluminium up", "compliance, mean of both sides"):
         value, error = found[name]
         assert abs(value - COMPLIANCE) < 4 * error < 0.004 * COMPLIANCE
-    assert abs(found["difference of the sides"][0]) < 4 * found["difference of the sides"][1]
+    assert abs(found["side_difference"][0]) < 4 * found["side_difference"][1]
     assert abs(found["nonlinearity, MFC up"][0]) < 4 * found["nonlinearity, MFC up"][1] < 0.01
     placed = {e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action.endswith("-weight")}
     assert len(placed) == 20
@@ -106,7 +106,7 @@ def test_a_side_that_is_stiffer_and_creep_and_wrong_weights_are_noticed(tmp_path
     found = estimates_of(ran)
     tactor = Tactor()
     up, down = (load_compliance(replace(tactor, k2=k * tactor.k2)) for k in (1.05, 0.95))
-    difference, error = found["difference of the sides"]
+    difference, error = found["side_difference"]
     assert abs(difference - 2 * (up - down) / (up + down)) < 4 * error
     assert abs(difference) > 5e-3
     # The weights are wrong: the fit shows it, and its standard error is larger.

@@ -66,14 +66,14 @@ def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
     assert Quality(point.quality) is Quality.SIMULATED
     with Run(swept.path) as file:
         found = {e.name: e for e in file.estimates()}
-    assert found["Q"].value == pytest.approx(0.5 / damping, rel=2e-3)
-    assert found["decay time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
+    assert found["quality_factor"].value == pytest.approx(0.5 / damping, rel=2e-3)
+    assert found["decay_time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
 
 
 def test_the_peak_of_each_mass_is_a_result_in_the_order_of_the_masses(loaded) -> None:
     with Run(loaded.path) as file:
-        own = [e for e in file.estimates() if e.name != "interference at rest"]
-    assert [e.name for e in own] == ["peak with 2.75 g", "peak with 9.75 g"]
+        own = [e for e in file.estimates() if e.name != "interference_at_rest"]
+    assert [e.name for e in own] == ["peak_frequency, 2.75 g", "peak_frequency, 9.75 g"]
     assert [e.value for e in own] == [point.frequency for point in loaded.points]
 
 

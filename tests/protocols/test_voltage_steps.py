@@ -71,10 +71,10 @@ def test_every_level_is_where_the_closed_form_says(ran) -> None:
 def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
     with Run(ran.path) as file:
         found = {e.name: e for e in file.estimates()}
-    assert abs(found["creep per decade"].value) < 4 * found["creep per decade"].standard_error
-    assert abs(found["loop width"].value) < 4 * found["loop width"].standard_error
+    assert abs(found["creep_per_decade"].value) < 4 * found["creep_per_decade"].standard_error
+    assert abs(found["loop_width"].value) < 4 * found["loop_width"].standard_error
     assert 0 < found["repeatability"].value < 1e-6
-    above, below = found["deflection per volt above rest"], found["deflection per volt below rest"]
+    above, below = found["static_gain_above_rest"], found["static_gain_below_rest"]
     assert above.value / below.value == pytest.approx(3, rel=0.01)
     assert above.value == pytest.approx(600 * voltage_gain(Tactor()), rel=3e-3)
 
@@ -122,8 +122,8 @@ def test_creep_per_decade_and_the_loop_come_out_of_many_points() -> None:
             protocol.point(entry.key, [replace(recording, displacement_m=recording.displacement_m + up)], True)
         )
     found = {e.name: e for e in protocol.estimates(points)}
-    assert found["loop width"].value == pytest.approx(4e-6, abs=3e-8)
-    assert found["creep per decade"].value == pytest.approx(0.03, abs=0.003)  # the loop is in what creep is divided by
+    assert found["loop_width"].value == pytest.approx(4e-6, abs=3e-8)
+    assert found["creep_per_decade"].value == pytest.approx(0.03, abs=0.003)  # the loop is in what creep is divided by
 
 
 def test_a_level_that_does_not_arrive_is_flagged() -> None:

@@ -95,11 +95,11 @@ def test_the_rest_of_a_run_is_what_show_says(dwell: Path, capsys: pytest.Capture
         assert [(e.name, e.value, e.standard_error, e.unit) for e in opened.estimates.values()] == [
             (e["name"], e["value"], e["standard_error"], e["unit"]) for e in shown["estimates"]
         ]
-        assert "resonance frequency: 15" in repr(opened.estimates)
+        assert "natural_frequency: 15" in repr(opened.estimates)
         assert opened.log[-1].kind == "AtRest"
         assert opened.log[-1].fields["confirmed"]
         assert repr(opened).endswith("good, SIMULATED>")
-        with pytest.raises(KeyError, match=r"there is no estimate of 'cheese'; there are: .*resonance frequency"):
+        with pytest.raises(KeyError, match=r"there is no estimate of 'cheese'; there are: .*natural_frequency"):
             _ = opened.estimates["cheese"]
 
 

@@ -69,7 +69,7 @@ class _FleetOptions:
         return found
 
 
-@command("example: tactor-bench fleet runs --quantity 'resonance frequency' --group-by month --picture fleet.png")
+@command("example: tactor-bench fleet runs --quantity natural_frequency --group-by month --picture fleet.png")
 class FleetCommand(_FleetOptions):
     """Many specimens in one table: for each quantity of runs and accepted calibrations the newest value of every
     specimen with its total standard uncertainty, their mean, spread, possible outliers, and Cpk against the limits of
@@ -78,7 +78,7 @@ class FleetCommand(_FleetOptions):
     """
 
     quantities: Sequence[str] = option(
-        "e.g. 'resonance frequency' or k2; may be repeated", flag="--quantity", metavar="NAME"
+        "e.g. natural_frequency or k2; may be repeated", flag="--quantity", metavar="NAME"
     )
     group_by: str = option("batch (default), bench, sensor, operator, month or protocol", "batch")
     limits: Path | None = option("limits for Cpk (default: limits.toml beside the runs, if any)", metavar="FILE")
@@ -114,7 +114,7 @@ class FleetCommand(_FleetOptions):
         return render(result, self.json, self.files)
 
 
-@command("example: tactor-bench control-chart runs --golden T0 --quantity 'largest max - min' --picture chart.png")
+@command("example: tactor-bench control-chart runs --golden T0 --quantity amplitude_at_resonance --picture chart.png")
 class ControlChartCommand(_FleetOptions):
     """A golden specimen that is measured again and again: Shewhart chart with the rules of Western Electric and
     Nelson, and EWMA, for each displacement sensor. A drift is the bench's if other specimens changed alike there, or
@@ -122,7 +122,7 @@ class ControlChartCommand(_FleetOptions):
     """
 
     golden: str = option("the golden specimen (default: that of limits.toml)", metavar="NAME")
-    quantity: str = option("(default: largest max - min)", "largest max - min")
+    quantity: str = option("(default: amplitude_at_resonance)", "amplitude_at_resonance")
     baseline: int = option("first values that set centre and limits (default: 20)", 20, metavar="N")
     files: FileOptions = group(FileOptions, "the chart")
 

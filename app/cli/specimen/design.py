@@ -10,9 +10,9 @@ from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_s
 from app.cli.options import FOLDER, group, option, options
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
-from app.explore.design import COVERAGE_95, describe_reach, divided, share_that_moves
+from app.explore.design import describe_reach, divided, share_that_moves
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model
-from model import Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
+from model import COVERAGE_FACTOR_95, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
 from model.response import PERIODIC_FREQUENCY_SPEC
 from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
 from model.studies.uncertainty import EstimateSet
@@ -126,8 +126,15 @@ def _answer_table(
         columns += [
             Column("standard_error", si, known, "total standard uncertainty", shown, ".2g"),
             Column(
-                "low", si, [v - COVERAGE_95 * e for v, e in zip(values, known, strict=True)], "95 % from", shown, ".4g"
+                "low",
+                si,
+                [v - COVERAGE_FACTOR_95 * e for v, e in zip(values, known, strict=True)],
+                "95 % from",
+                shown,
+                ".4g",
             ),
-            Column("high", si, [v + COVERAGE_95 * e for v, e in zip(values, known, strict=True)], "to", shown, ".4g"),
+            Column(
+                "high", si, [v + COVERAGE_FACTOR_95 * e for v, e in zip(values, known, strict=True)], "to", shown, ".4g"
+            ),
         ]
     return Table(name, title, tuple(columns))

@@ -35,7 +35,6 @@ from app.gui.widgets import (
     add_actions,
     choose_files,
     column,
-    make_pane,
     make_scroll_area,
     make_splitter,
 )
@@ -244,34 +243,35 @@ class ExplorePage(QSplitter):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.viewport().setAutoFillBackground(False)
         self.sliders.setAutoFillBackground(False)
-        left = make_pane(
+        left = QWidget()
+        column(
             self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
-            margins=(0, 2, 4, 0), spacing=6,
+            parent=left, margins=(0, 2, 4, 0), spacing=6,
         )  # fmt: skip
         left.setMinimumWidth(LEFT_WIDTH)
         return left
 
     def _right_column(self) -> QWidget:
-        right = WrappingPane()
+        below, right = QWidget(), WrappingPane()
         self.plot.setMinimumSize(180, 150)
         self.shape_plot.setMinimumSize(180, 90)
-        below = make_pane(self.toolbar.motion_row, (self.shape_plot, 1), spacing=2)
+        column(self.toolbar.motion_row, (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
         rows = make_splitter(
             "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
         )
         self._card_area = make_scroll_area(
-            self.card,
-            STRETCH,
-            margins=(4, 0, 4, 0),
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumWidth=CARD_WIDTH,
-            accessibleName="result of the chosen run",
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff, minimumWidth=CARD_WIDTH
         )
+        self._card_area.setAccessibleName("result of the chosen run")
+        result = QWidget()
+        column(self.card, STRETCH, parent=result, margins=(4, 0, 4, 0))
+        result.setAutoFillBackground(False)
+        self._card_area.setWidget(result)
         self._card_area.hide()
         columns = make_splitter("explore/result", (rows, 1), (self._card_area, 0), sizes=[600, CARD_WIDTH])
         column(
             self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, self.design, (columns, 1),
-            parent=right, spacing=4,
+            parent=right, margins=(0, 0, 0, 0), spacing=4,
         )  # fmt: skip
         return right
 

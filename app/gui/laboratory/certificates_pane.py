@@ -30,6 +30,7 @@ class CertificatesPane(QWidget):
             (self.table, 1),
             make_label(NOTE, "note"),
             parent=self,
+            margins=(0, 0, 0, 0),
             spacing=4,
         )
 

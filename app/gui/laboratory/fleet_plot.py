@@ -60,8 +60,8 @@ class FleetPlot(PlotBase):
             self.outliers.clear()
             self.selected.clear()
             return
-        factor, unit = shown_unit(view.selection.unit)
-        name = typeset(view.selection.name)
+        factor, unit = shown_unit(view.selection.unit, view.selection.name)
+        name = typeset(view.selection.label)
         self.plot.setLabel("left", f"{name} ({unit})" if unit else name)
         self.corner_label.set_text(view.selection.about)
         with_bars = sum(group.values.size for group in view.groups) <= MAX_BARS
@@ -124,7 +124,7 @@ class FleetPlot(PlotBase):
         view = self._view
         if view is None:
             return
-        factor = shown_unit(view.selection.unit)[0]
+        factor = shown_unit(view.selection.unit, view.selection.name)[0]
         newest = [v for v in view.selection.newest if v.specimen in view.outliers]
         chosen = [v for v in view.selection.values if v.specimen == self._specimen] if self._specimen else []
         for item, values, color in (
@@ -142,7 +142,7 @@ class FleetPlot(PlotBase):
         groups = self._view.groups if self._view is not None else ()
         if not groups or self._view is None:
             return
-        factor = shown_unit(self._view.selection.unit)[0]
+        factor = shown_unit(self._view.selection.unit, self._view.selection.name)[0]
         x, y = (np.concatenate(parts) for parts in zip(*((g.times_s, factor * g.values) for g in groups), strict=True))
         x = x[np.isfinite(x)]
         ends = [float(y.min()), float(y.max()), *(float(line.value()) for line in self.lines)]
@@ -157,7 +157,7 @@ class FleetPlot(PlotBase):
 
     def _series(self) -> Iterable[PlotSeries]:
         groups = self._view.groups if self._view is not None else ()
-        factor = shown_unit(self._view.selection.unit)[0] if self._view is not None else 1.0
+        factor = shown_unit(self._view.selection.unit, self._view.selection.name)[0] if self._view is not None else 1.0
         return [PlotSeries(g.name, g.times_s, factor * g.values, factor * g.errors) for g in groups]
 
     def _column_names(self) -> tuple[str, str]:
@@ -167,5 +167,5 @@ class FleetPlot(PlotBase):
 def _describe(x: float, y: float, data: FleetValue) -> str:  # noqa: ARG001 - as pyqtgraph calls it
     """Return the text of a point; only of the one at the pointer, because there may be ten thousand."""
     value = data
-    found = format_quantity(value.value, value.total, value.unit)
+    found = format_quantity(value.value, value.total, value.unit, value.name)
     return f"{value.specimen}, {value.start_time[:10]}: {found}\n{value.batch}, {value.sensor or value.protocol}"

@@ -21,7 +21,6 @@ from app.gui.widgets import (
     make_button,
     make_choice,
     make_label,
-    make_pane,
     make_panel,
     make_read_only_table,
     make_scroll_area,
@@ -105,7 +104,7 @@ class IdentificationPage(QWidget):
         self.budget_title = make_label("Uncertainty budget: shares of the squared total", "caption", wrap=False)
         self.budget_plot = BudgetPlot(theme)
         self.proposals = QWidget()
-        self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
+        self._proposal_rows: QVBoxLayout = column(parent=self.proposals, margins=(0, 0, 0, 0), spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
             configure(QLineEdit(), f"identification.{name}", accessibleName=label, placeholderText=label)
             for name, label in (
@@ -331,8 +330,15 @@ class IdentificationPage(QWidget):
                 "choice",
                 name="identification.without",
             )
-            note = make_label(f"Free in addition: {', '.join(self._also)}.", wrap=False)
-            self._proposal_rows.addWidget(make_pane(row(note, without, None)))
+            line = QWidget()
+            row(
+                make_label(f"Free in addition: {', '.join(self._also)}.", wrap=False),
+                without,
+                None,
+                parent=line,
+                margins=(0, 0, 0, 0),
+            )
+            self._proposal_rows.addWidget(line)
         self._proposal_rows.addWidget(self._make_choice_of_model())
 
     def _make_choice_of_model(self) -> QWidget:
@@ -342,19 +348,23 @@ class IdentificationPage(QWidget):
             "fitted, each within its usual size" if self._plain else "held at none, and no cause is added"
         )
         button = make_button(text, lambda: self.identify((), not self._plain), "choice", tip, "identification.plain")
-        return make_pane(row(button, None))
+        line = QWidget()
+        row(button, None, parent=line, margins=(0, 0, 0, 0))
+        return line
 
     def _make_proposal(self, explanation: Explanation) -> QWidget:
         name, fit = explanation.cause.name, explanation.fit
         moved = "; ".join(
-            f"{s.name} {s.before:.4g} → {s.after:.4g} ± {s.standard_error:.2g}" for s in explanation.shifts
+            f"{s.name} {s.before:.4g} → {format_with_uncertainty(s.after, s.standard_error)}"
+            for s in explanation.shifts
         )
         chi = f"chi-square with it {explanation.chi_square:.5g} for {explanation.degrees_of_freedom} degrees of freedom"
         text = make_label(
             f"May be the cause: {explanation.cause_words}. {chi}." + (f" It moves {moved}." if moved else "")
         )
         assert fit is not None
-        parts: list[QWidget] = []
+        panel = QWidget()
+        parts: list[QWidget] = [text]
         if explanation.cause.kind == "parameter" and name not in self._also:
             parts.append(
                 make_button(
@@ -365,7 +375,9 @@ class IdentificationPage(QWidget):
                     f"identification.also.{name}",
                 )
             )
-        return make_pane(row((text, 1), *parts, spacing=10))
+        layout = row((parts[0], 1), *parts[1:], parent=panel, margins=(0, 0, 0, 0), spacing=10)
+        assert layout is not None
+        return panel
 
     def _clear(self) -> None:
         self.result = None
@@ -383,12 +395,13 @@ class IdentificationPage(QWidget):
         self.run_list.setFixedHeight(7 * (self.fontMetrics().height() + 6))
         self.run_list.hide()
         self.runs_button.toggled.connect(self.run_list.setVisible)
+        self._content = QWidget()
         labels = []
         for text, edit in (("by", self.by_edit), ("note", self.note_edit)):
             label = QLabel(text)
             label.setBuddy(edit)
             labels.append(label)
-        self._content = make_pane(
+        column(
             self.verdict_label,
             self.finding_label,
             self.proposals,
@@ -405,10 +418,13 @@ class IdentificationPage(QWidget):
                 spacing=6,
             ),
             None,
+            parent=self._content,
             margins=(0, 0, 8, 0),
             spacing=8,
         )
-        area = make_scroll_area(self._content, focusPolicy=Qt.FocusPolicy.NoFocus)
+        area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
+        area.setWidget(self._content)
+        self._content.setAutoFillBackground(False)
         close = make_button(shortcut_label("Close", "identification"), self.closed.emit, name="identification.close")
         column(
             row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),

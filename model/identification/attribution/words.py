@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from model import SCALES, format_with_uncertainty
 from model.identification import parameters as known
 from model.identification.attribution.causes import Cause
 from model.identification.attribution.explanation import Explanation
@@ -18,7 +19,8 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 
-UNITS = {"1": (100.0, "%"), "kg": (1e3, "g"), "m": (1e3, "mm"), "s": (1e6, "us"), "N": (1e3, "mN"), "Pa": (1e-6, "MPa")}
+UNITS = {"1": "%", "kg": "g", "m": "mm", "s": "µs", "N": "mN", "Pa": "MPa"}
+"""Units of sizes of errors."""
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
 PARAMETER_WORDS = {
@@ -45,15 +47,12 @@ PARAMETER_WORDS = {
 
 
 def format_size(value: float, error: float | None, unit: str, signed: bool = True) -> str:
-    """Return a value with its error in the unit in which people say it, e.g. `70.3 +- 0.3 %`."""
-    factor, shown = UNITS.get(unit, (1.0, unit))
-    value = factor * (value if signed else abs(value))
-    if error is None or not (np.isfinite(error) and error > 0):
-        return f"{value:.4g} {shown}".strip()
-    digits = int(np.clip(1 - np.floor(np.log10(factor * error)), 0, 8))
-    if factor * error >= 10 or abs(value) >= 1e5:
-        return f"{value:.4g} +- {factor * error:.2g} {shown}".strip()
-    return f"{value:.{digits}f} +- {factor * error:.{digits}f} {shown}".strip()
+    """Return a value with its error in the unit of errors, e.g. `70.3 ± 0.3 %`."""
+    shown = UNITS.get(unit, unit)
+    factor = SCALES[shown] if unit in UNITS else 1.0
+    value, error = factor * (value if signed else abs(value)), factor * (error or 0.0)
+    known = np.isfinite(error) and error > 0
+    return format_with_uncertainty(value, error, shown) if known else f"{value:.4g} {shown}".strip()
 
 
 def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
@@ -122,6 +121,7 @@ def with_words(fit: JointFit, explanation: Explanation) -> Explanation:
         with_it += f", {format_p_value(explanation.p_value)}: it is not the only one"
     if explanation.shifts:
         with_it += "; " + ", ".join(
-            f"{s.name} {s.before:.3g} becomes {s.after:.3g} +- {s.standard_error:.1g}" for s in explanation.shifts
+            f"{s.name} {s.before:.3g} becomes {format_with_uncertainty(s.after, s.standard_error)}"
+            for s in explanation.shifts
         )
     return replace(explanation, cause_words=cause, words=f"{cause} ({with_it})")

@@ -316,7 +316,7 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     measure()
     until(names, "for the review")
     first = details.reviewed_path
-    at = names().index("gain above rest")
+    at = names().index("static gain above rest")
     assert pane.table.item(at, 0).text() == "✓"
     assert "1 .. 1000 µm/V" in pane.table.item(at, 3).text()
     assert pane.table.item(at, 5).text().startswith("142.73 µm/V (")
@@ -348,7 +348,7 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     until(lambda: details.reviewed_path != first and names(), "for the review of the new run")
     settle(page)
     assert page.board.item_list.y() == height, "the layout does not move"
-    assert pane.table.item(names().index("gain above rest"), 4).text().endswith("%)"), (
+    assert pane.table.item(names().index("static gain above rest"), 4).text().endswith("%)"), (
         "the change since the result before"
     )
     assert pane.run_box.count() == 2

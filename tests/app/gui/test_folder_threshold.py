@@ -50,7 +50,7 @@ def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_i
     assert laboratory.fleet.view is not None
     values = laboratory.fleet._fleet
     assert values is not None
-    margin = values.of("margin at the largest")
+    margin = values.of("margin_at_resonance")
     assert margin.condition.endswith("over own")
     assert margin.values[0].value == pytest.approx(1e-3 / (20e-6 * 50 / 150), rel=0.01)
     (folder / LABORATORY_FILE_NAME).unlink()

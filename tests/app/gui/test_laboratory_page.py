@@ -43,7 +43,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
             largest = 1e-3 * (2.0 if specimen == ODD else 1 + 0.01 * at) * share
             write_run(folder, specimen, day + 0.01 * at, largest, 158 + at, 2)
         (folder / f"{specimen}.specimen.toml").write_text(f'specimen = "{specimen}"\nbatch = "{batch}"\n')
-    (folder / "limits.toml").write_text('golden = "G"\n[limits.resonance]\nlow = "150 Hz"\nhigh = "161.5 Hz"\n')
+    (folder / "limits.toml").write_text('golden = "G"\n[limits.natural_frequency]\nlow = "150 Hz"\nhigh = "161.5 Hz"\n')
     return folder
 
 
@@ -70,7 +70,7 @@ def choose(page: LaboratoryPage, combo: Any, name: str) -> None:
 
 
 def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) -> None:
-    choose(page, page.fleet.quantity, "largest max - min")
+    choose(page, page.fleet.quantity, "amplitude_at_resonance")
     shown = dict(rows(page.fleet.summary))
     assert shown["specimens"] == "7"
     assert shown["outliers"] == ODD
@@ -90,7 +90,7 @@ def test_specimens_are_compared_with_the_outlier_marked(page: LaboratoryPage) ->
 
 
 def test_limits_filter_grouping_sorting_and_export(page: LaboratoryPage, tmp_path: Path) -> None:
-    choose(page, page.fleet.quantity, "resonance frequency")
+    choose(page, page.fleet.quantity, "natural_frequency")
     shown = dict(rows(page.fleet.summary))
     assert shown["outside"] == "2"  # P4 and P5 have 162 and 163 Hz
     assert "Cpk, 95 %" in shown
@@ -98,7 +98,7 @@ def test_limits_filter_grouping_sorting_and_export(page: LaboratoryPage, tmp_pat
     choose(page, page.fleet.batch, "A")
     assert [row[0] for row in rows(page.fleet.specimens)] == ["P0", "P1", "P2"]
     header = [page.fleet.specimens.model().headerData(c, Qt.Orientation.Horizontal) for c in range(5)]
-    page.fleet.specimens.sortByColumn(header.index("resonance frequency"), Qt.SortOrder.DescendingOrder)
+    page.fleet.specimens.sortByColumn(header.index("natural frequency"), Qt.SortOrder.DescendingOrder)
     assert [row[0] for row in rows(page.fleet.specimens)] == ["P2", "P1", "P0"]
     page.fleet.export(tmp_path / "specimens.csv")
     until(lambda: is_idle(page))

@@ -48,7 +48,7 @@ def test_interference_is_never_one_of_the_large_values(stage: Stage) -> None:
     card = stage.window.measure_page.run_panel.result_card
     stage.happen(OPENED)
     stage.window.start_run()
-    hum = EstimatedQuantity("interference at rest", 1.5e-7, 1e-8, "m", "hum")
+    hum = EstimatedQuantity("interference_at_rest", 1.5e-7, 1e-8, "m", "hum")
     stage.happen(*LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (ESTIMATES[0], hum)))
     assert find(card, "result.value-0").text() == "158.3 ± 1.6 Hz"
     assert not find(card, "result.value-1").isVisibleTo(card)

@@ -173,9 +173,9 @@ def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Sta
 def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
-    found = EstimatedQuantity("resonance frequency", 158.35, 0.0072, "Hz", "this run")
+    found = EstimatedQuantity("natural_frequency", 158.35, 0.0072, "Hz", "this run")
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (found,)))
-    assert stage.window.measure_page.response.corner_label.text == "resonance frequency 158.3500 ± 0.0072 Hz"
+    assert stage.window.measure_page.response.corner_label.text == "natural frequency 158.3500 ± 0.0072 Hz"
 
 
 @pytest.mark.deep

@@ -167,17 +167,19 @@ def test_fifty_specimens_in_three_batches_and_the_drifting_laser_is_found(
     laboratory: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
-    (laboratory / "limits.toml").write_text('golden = "G1"\n[limits.resonance]\nlow = "150 Hz"\nhigh = "175 Hz"\n')
+    (laboratory / "limits.toml").write_text(
+        'golden = "G1"\n[limits.natural_frequency]\nlow = "150 Hz"\nhigh = "175 Hz"\n'
+    )
     assert main(["fleet", str(laboratory), "--json"]) == ExitCode.DONE
     found = json.loads(capsys.readouterr().out)
     assert found["simulated"]
     assert len(found["specimens"]["specimen"]) == 51
-    at = found["quantities"]["quantity"].index("resonance frequency")
+    at = found["quantities"]["quantity"].index("natural_frequency")
     assert found["quantities"]["specimens"][at] == 51
     assert found["quantities"]["mean"][at] == pytest.approx(162, abs=1)
     assert float(found["quantities"]["cpk"][at].split(" ± ")[0]) == pytest.approx(12 / (3 * 1.5), rel=0.3)
-    assert main(["fleet", str(laboratory), "--json", "--quantity", "resonance frequency"]) == ExitCode.DONE
-    groups = json.loads(capsys.readouterr().out)["resonance frequency by batch"]
+    assert main(["fleet", str(laboratory), "--json", "--quantity", "natural_frequency"]) == ExitCode.DONE
+    groups = json.loads(capsys.readouterr().out)["natural_frequency by batch"]
     assert groups["batch"] == ["A", "B", "C", "no batch"]
     assert np.diff(groups["mean"][:3]) == pytest.approx([2, 2], abs=1.6)
     assert main(["control-chart", str(laboratory), "--json"]) == ExitCode.FAILED
@@ -219,7 +221,7 @@ def test_ten_thousand_runs_are_compared_from_the_index(tmp_path: Path, capsys: p
     for _ in range(3):
         begin = time.process_time()
         fleet = read_fleet(tmp_path, catalogue)
-        selection = fleet.of("largest max - min")
+        selection = fleet.of("amplitude_at_resonance")
         assert len(selection.newest) == 50
         spent.append(time.process_time() - begin)
     assert len(fleet.values) == 3 * 10_001

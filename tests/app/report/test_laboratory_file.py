@@ -87,9 +87,9 @@ def test_one_threshold_is_in_report_fleet_and_pictures(lab: Path, capsys: pytest
         axes = run_figure(run, Specimen(), threshold).axes[0]
     line = next(each for each in axes.lines if each.get_linestyle() == "--" and each.get_color() == "tab:green")
     assert np.interp(100.0, *line.get_data()) == pytest.approx(10, rel=0.01)
-    assert main(["fleet", str(lab), "--quantity", "margin at the largest", "--json"]) == 0
+    assert main(["fleet", str(lab), "--quantity", "margin_at_resonance", "--json"]) == 0
     own = json.loads(capsys.readouterr().out)["quantities"]
-    assert main(["fleet", str(lab), "--quantity", "margin at the largest", "--json", "--threshold", "abdomen"]) == 0
+    assert main(["fleet", str(lab), "--quantity", "margin_at_resonance", "--json", "--threshold", "abdomen"]) == 0
     abdomen = json.loads(capsys.readouterr().out)["quantities"]
     assert "over own" in own["source"][0]
     assert "over 50 µm on the abdomen" in abdomen["source"][0]

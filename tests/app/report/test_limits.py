@@ -8,8 +8,8 @@ import pytest
 from app.cli import report as command
 from app.cli.main import main
 from app.report.document import Paragraph
-from app.report.limits import Limit, Limits, LimitsError, judge_limits, read_limits
-from app.report.merits import FIGURES_OF_MERIT, figure_of_merit
+from app.report.figures_of_merit import figure_of_merit
+from app.report.limits import FIGURES_OF_MERIT, Limit, Limits, LimitsError, judge_limits, read_limits
 from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
 from tests.helpers.report_specimen import blocks_of
 
@@ -17,12 +17,12 @@ from tests.helpers.report_specimen import blocks_of
 def test_a_file_of_limits_is_read_with_its_units(tmp_path: Path) -> None:
     path = tmp_path / "limits.toml"
     path.write_text(
-        'golden = "T0"\nrule = "simple"\n[limits.resonance]\nlow = "0.15 kHz"\nhigh = 170\n'
+        'golden = "T0"\nrule = "simple"\n[limits.peak_frequency]\nlow = "0.15 kHz"\nhigh = 170\n'
         '[limits.k2]\nwithin_golden = "5 %"\n[limits.latency]\nhigh = "0.6 ms"\n'
     )
     read = read_limits(path)
     assert (read.golden, read.rule) == ("T0", "simple")
-    assert read.limits["resonance"] == Limit(pytest.approx(150.0), 170.0)
+    assert read.limits["peak_frequency"] == Limit(pytest.approx(150.0), 170.0)
     assert read.limits["k2"] == Limit(within_golden=pytest.approx(0.05))
     assert read.limits["latency"] == Limit(high=pytest.approx(6e-4))
 
@@ -31,16 +31,24 @@ def test_every_fault_is_listed_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "limits.toml"
     path.write_text(
         'rule = "loose"\n[limits.resonanse]\nlow = 3\n[limits.k2]\nlow = "3 kg"\n[limits.c0]\nlow = 3\nhigh = 2\n'
-        "[limits.mu]\n[limits.resonance]\nlowest = 3\n"
+        "[limits.mu]\n[limits.peak_frequency]\nlowest = 3\n"
     )
     with pytest.raises(LimitsError) as raised:
         read_limits(path)
     messages = str(raised.value)
     for text in (
         "line 1: rule", "line 2: limits.resonanse: unknown key", "line 5: limits.k2.low", "low 3 is above high 2",
-        "line 9: limits.mu: asks nothing", "line 11: limits.resonance.lowest: unknown key", "amplitude_at_resonance",
+        "line 9: limits.mu: asks nothing", "line 11: limits.peak_frequency.lowest: unknown key", "amplitude_at_resonance",
     ):  # fmt: skip
         assert text in messages, messages
+
+
+def test_an_ambiguous_limit_is_refused_with_the_choice(tmp_path: Path) -> None:
+    path = tmp_path / "limits.toml"
+    path.write_text("[limits.resonance]\nlow = 150\n")
+    with pytest.raises(LimitsError) as raised:
+        read_limits(path)
+    assert all(name in str(raised.value) for name in ("natural_frequency", "damped_frequency", "peak_frequency"))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +63,7 @@ def test_what_is_no_file_of_limits_is_a_sentence(tmp_path: Path, text: str, says
         read_limits(tmp_path / "none.toml")
 
 
-RESONANCE = {"resonance": figure_of_merit("resonance", 150.5, 0.5)}
+RESONANCE = {"peak_frequency": figure_of_merit("peak_frequency", 150.5, 0.5)}
 
 
 @pytest.mark.parametrize(
@@ -74,13 +82,13 @@ RESONANCE = {"resonance": figure_of_merit("resonance", 150.5, 0.5)}
     ],
 )
 def test_a_verdict_minds_the_uncertainty(limit: Limit, rule: str, verdict: str) -> None:
-    golden = {"resonance": figure_of_merit("resonance", 153.0, 0.5)}
-    (outcome,) = judge_limits(Limits({"resonance": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
+    golden = {"peak_frequency": figure_of_merit("peak_frequency", 153.0, 0.5)}
+    (outcome,) = judge_limits(Limits({"peak_frequency": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
     assert outcome.verdict == verdict, outcome
 
 
 def test_what_was_not_measured_does_not_pass() -> None:
-    asked = Limits({"k2": Limit(low=1e-3), "resonance": Limit(within_golden=0.5)}, golden="T0")
+    asked = Limits({"k2": Limit(low=1e-3), "peak_frequency": Limit(within_golden=0.5)}, golden="T0")
     k2, resonance = judge_limits(asked, RESONANCE, {})
     assert (k2.verdict, resonance.verdict) == ("cannot tell", "cannot tell")
     assert "T0" in resonance.why
@@ -114,9 +122,13 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     for name in FIGURES_OF_MERIT:
         assert name in example
     report = ["report", "T1", "--folder", str(folder), "--out", "out", "--json", "--limits"]
-    assert set(read_limits(Path("limits.toml")).limits) == {"resonance", "amplitude_at_resonance", "smallest_margin"}
+    assert set(read_limits(Path("limits.toml")).limits) == {
+        "peak_frequency",
+        "amplitude_at_resonance",
+        "smallest_margin",
+    }
     Path("strict.toml").write_text(
-        'golden = "T1"\n[limits.resonance]\nlow = "160 Hz"\n[limits.mu]\nwithin_golden = "60 %"\n'
+        'golden = "T1"\n[limits.peak_frequency]\nlow = "160 Hz"\n[limits.mu]\nwithin_golden = "60 %"\n'
     )
     capsys.readouterr()
     messages: list[str] = []

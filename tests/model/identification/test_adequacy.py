@@ -118,10 +118,10 @@ def test_words_of_a_finding_follow_its_sign_and_name_no_other_run_where_there_is
         found = assess_adequacy(joint_fit(ObservationSet((run,)), FitOptions(free=("k2",)))).findings
         (words,) = (f.words for f in found if f.kind == "bend")
         assert re.fullmatch(
-            rf"static is \d+ \+- \S+ % {word} at its largest load than at none: it is not linear", words
+            rf"static is [\d.]+ ± \S+ % {word} at its largest load than at none: it is not linear", words
         )
     heavy = MassResonanceObservation("m", np.array([2e-3, 5e-3, 9e-3]), np.array([400.0, 280, 210]), 0.1 * np.ones(3))
     gains = [d for d in possible_discrepancies(joint_fit(ObservationSet((heavy,)))) if d.kind == "gain"]
     assert [d.describe(-0.14, 0.01) for d in gains] == [
-        "m resonates 14 +- 1 % lower than the parameters that are held allow"
+        "m resonates 14.0 ± 1.0 % lower than the parameters that are held allow"
     ]

@@ -97,18 +97,18 @@ def test_the_cause_is_named_first_with_its_sign(lab: Laboratory, cause: str, wor
 @pytest.mark.parametrize(
     ("lab", "cause", "words"),
     [
-        (Laboratory(creep=0.02), "creep", r"deflections creep on by [12]\.\d+ \+- \S+ % a decade"),
+        (Laboratory(creep=0.02), "creep", r"deflections creep on by [12]\.\d+ ± \S+ % a decade"),
         (
             Laboratory(clamp=0.15),
             "clamp_flexibility",
-            r"the clamp turns, by 1\d\.?\d* \+- \S+ % of what the bare plate bends",
+            r"the clamp turns, by 1\d\.?\d* ± \S+ % of what the bare plate bends",
         ),
         (Laboratory(load_offset_kg=-2e-3), "load_offset", r"mN less than stated loads the centre with every weight"),
-        (Laboratory(delay_s=-5e-5), "delay", r"the displacement is [45]\d\.?\d* \+- \S+ us earlier than"),
+        (Laboratory(delay_s=-5e-5), "delay", r"the displacement is [45]\d\.?\d* ± \S+ µs earlier than"),
         (
             Laboratory(stiffening=0.2),
             "stiffening",
-            r"is (19|2\d)\.?\d* \+- \S+ % stiffer at a deflection of 1 mm than at none",
+            r"is (19|2\d)\.?\d* ± \S+ % stiffer at a deflection of 1 mm than at none",
         ),
     ],
 )
