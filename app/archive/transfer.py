@@ -15,7 +15,7 @@ from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
 from app.common.audit import record_audit
 from app.common.audit_log import file_hash
 from app.config import AmplifierTable
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.reader import Run, RunReadError
 
 COPY_CHUNK_BYTES = 1 << 20
 """Bytes copied between two checks for cancellation."""
@@ -48,7 +48,7 @@ def export_runs(
     for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
         if progress.cancelled:
             break
-        with Run(path) as run, translate_read_errors(path):
+        with Run(path) as run:
             count += len(export_run(run, folder, kind, progress=file_progress))
     return count
 

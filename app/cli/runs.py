@@ -32,7 +32,7 @@ from app.common import (
     terminal_progress,
 )
 from protocols.base import Outcome, visible_text
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.reader import Run, RunReadError
 
 DEFAULT_ROWS = 40
 """Runs that are listed without --all."""
@@ -97,15 +97,15 @@ class RunsCommand:
 @command("example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets")
 class ExportCommand:
     """Points, estimates, events and raw samples with their times, SI units in every header. Files from a simulated
-    bench have SIMULATED in their names. uff: frequency responses as a Universal File (data sets 151, 164, 58) for
+    bench have SIMULATED in their names. uff: series as a Universal File (data sets 151, 164, 58) for
     modal analysis; xlsx: a workbook; parquet: for large runs; mat73: MATLAB 7.3.
     """
 
     runs: Sequence[Path] = RUN_FILES
-    format: Format = option("(default: csv); mat73 is MATLAB 7.3, uff has the frequency responses", "csv")
+    format: Format = option("(default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
     out: Path | None = option("folder for the files (default: that of the run)", metavar="FOLDER")
     parts: Sequence[str] = option(
-        "only this part: about, points, estimates, events or raw; may be repeated (default: all)",
+        "only this part: about, points, series, estimates, events or raw; may be repeated (default: all)",
         flag="--part",
         metavar="PART",
     )
@@ -117,11 +117,7 @@ class ExportCommand:
         failed = False
         for run_path in self.runs:
             try:
-                with (
-                    Run(run_path) as run,
-                    terminal_progress(run_path.name) as progress,
-                    translate_read_errors(run_path),
-                ):
+                with Run(run_path) as run, terminal_progress(run_path.name) as progress:
                     written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
             except (RunReadError, ExportError) as error:
                 failed = True

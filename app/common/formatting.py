@@ -55,7 +55,7 @@ def format_series(curve: Series) -> str:
     Empty for a curve without errors, which is a record of samples, and for a loop, whose point has the result.
     """
     x, y = curve.x, curve.plotted
-    if curve.errors is None or not y.size or (x[1:] <= x[:-1]).any():
+    if curve.errors is None or not y.size or curve.x_axis.unit == "s" or (x[1:] <= x[:-1]).any():
         return ""
     top = int(abs(y).argmax())
     height = format_quantity(float(y[top]), float(curve.errors[top]), curve.y_axis.unit)

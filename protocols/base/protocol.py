@@ -38,7 +38,7 @@ class Protocol(BaseModel, ABC):
     axes: ClassVar[tuple[str, str]]
     """The columns that the live plot draws: x and y. The error of y is the column `<y>_errors`."""
     default_plot: ClassVar[str] = ""
-    """Name of the series that a NeXus viewer draws first; empty for the points over `axes`."""
+    """Name of the series that plots and a NeXus viewer show first; empty for the points over `axes`."""
     high_voltage: ClassVar[bool] = True
     """Whether the specimen gets high voltage; if not, the amplifier stays disabled and the drive must read rest."""
     uses_weights: ClassVar[bool] = False

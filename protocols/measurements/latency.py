@@ -132,6 +132,7 @@ class OnsetLatency(Protocol):
     title: ClassVar[str] = "Latency"
     point_type: ClassVar[type] = LatencyPoint
     axes: ClassVar[tuple[str, str]] = ("frequency", "latency")
+    default_plot: ClassVar[str] = "onset"
     substitutes: ClassVar[tuple[str, ...]] = ("voltage-steps",)
 
     levels_v: Annotated[
@@ -233,7 +234,7 @@ class OnsetLatency(Protocol):
                 onset.signed[shown],
                 x_axis=SeriesAxis("time", "s", "time since the onset, the sensor's delay removed"),
                 y_axis=SeriesAxis("displacement", "m", "displacement against rest, smoothed"),
-                name="onset",
+                name=self.default_plot,
                 label=f"step to {value:g} V" if kind == STEP else f"sine of {value:g} Hz",
             ),
         )

@@ -37,7 +37,7 @@ from protocols.base import (
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
-from protocols.measurements.response_series import check_response_present, frequency_response_series
+from protocols.measurements.response_series import FREQUENCY_RESPONSE, check_response_present, frequency_response_series
 from protocols.measurements.result_checks import (
     added_mass_checks,
     coherence_check,
@@ -107,6 +107,7 @@ class MassResonance(Protocol):
     title: ClassVar[str] = "Mass resonance"
     point_type: ClassVar[type] = MassPoint
     axes: ClassVar[tuple[str, str]] = ("mass", "frequency")
+    default_plot: ClassVar[str] = FREQUENCY_RESPONSE
     uses_weights: ClassVar[bool] = True
 
     masses_kg: Annotated[

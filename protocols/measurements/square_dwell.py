@@ -26,6 +26,8 @@ from protocols.base import (
     Quality,
     Record,
     Recording,
+    Series,
+    SeriesAxis,
     Settle,
     SettlingResult,
     Step,
@@ -33,7 +35,7 @@ from protocols.base import (
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, sine_point
-from protocols.signals import estimate_max_min, fit_sine, remove_lines
+from protocols.signals import estimate_max_min, fit_frequency, fit_sine, fold, remove_lines
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
 """Relative change between windows that counts as settled under the sine, and how long it is waited for."""
@@ -44,6 +46,10 @@ DRIVE_MARGIN_S = 1.5
 
 MIN_SAMPLES_PER_CYCLE = 20
 DRIVE_TOLERANCE = 0.05
+MAX_PHASES = 128
+"""Values of a period in its series."""
+CLOCK_TOLERANCE = 0.01
+"""By which a period may be shorter than told, as a share of it."""
 SYMMETRIC_DUTY = 0.5
 """Only here the amplifier's two slopes make even harmonics alone."""
 
@@ -188,6 +194,41 @@ class SquareDwell(Protocol):
             drive_peak_to_peak=seen_vpp,
             duty=float(np.mean(square.drive_v > drive.offset_v)),
             quality=point_quality((square,), simulated, detected) | sine.quality,
+        )
+
+    def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
+        """Return drive and displacement over a period from the rising edge on, each the mean of the cycles."""
+        sine, square = recordings[0], recordings[-1]
+        if not isinstance(sine.drive, Sine) or not isinstance(square.drive, SquareWave):
+            raise ValueError(f"{key[0]} Hz: a recording under a sine and one under a square wave are needed")
+        rate, nominal_hz = square.rate_hz, sine.drive.frequency_hz
+        frequency = square.drive.frequency_hz * fit_frequency(sine.drive_v, rate, nominal_hz) / nominal_hz
+        phases = min(MAX_PHASES, int(rate / frequency / 2 * (1 - CLOCK_TOLERANCE)))
+        clean, _ = remove_lines(square.displacement_m, rate, frequency, square.interference)
+        drive_v, moved = (fold(samples, rate, 1 / frequency, phases, 0) for samples in (square.drive_v, clean))
+        first = int(np.argmax(np.diff(drive_v.mean(axis=0), append=drive_v.mean(axis=0)[0])))
+        time = np.arange(phases) / phases / frequency
+        label = f"{float(key[0]):g} Hz"
+        return tuple(
+            Series(
+                time - late_s,
+                np.roll(cycles.mean(axis=0), -first),
+                np.roll((cycles - cycles.mean(axis=1, keepdims=True)).std(axis=0, ddof=1), -first)
+                / math.sqrt(len(cycles)),
+                x_axis=SeriesAxis("time", "s", "time since the rising edge, the sensor's delay removed"),
+                y_axis=axis,
+                name=name,
+                label=label,
+            )
+            for name, cycles, late_s, axis in (
+                ("square wave of the drive", drive_v, 0.0, SeriesAxis("drive", "V", "volts at the amplifier's input")),
+                (
+                    "square wave",
+                    moved,
+                    square.sensor_delay_s,
+                    SeriesAxis("displacement", "m", "displacement, mean of the cycles"),
+                ),
+            )
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -25,7 +25,7 @@ def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str
     entry = file["entry"]
     every = create_group(entry, SERIES_GROUP, "NXcollection")
     for one in series:
-        made = f"{one.name}_{len(every):03d}"
+        made = f"{one.name}_{len(every):03d}".replace("/", " ")
         group = create_group(every, made, "NXdata", signal=one.y_axis.name, axes=[one.x_axis.name])
         group["title"] = one.title
         group.attrs.update({"name": one.name, "label": one.label, "entry": one.entry, "role": str(one.role)})

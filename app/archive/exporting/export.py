@@ -3,15 +3,15 @@
 File names of simulated runs contain SIMULATED.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
-from app.archive.exporting.parts import PARTS, ExportError, Part
-from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
-from protocols.runfile.reader import Run
+from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
+from app.common import NO_PROGRESS, OperationCancelled, Progress, Table, replacing
+from protocols.runfile.reader import Run, translate_read_errors
 
 Format = Literal["csv", "json", "mat", "mat73", "parquet", "xlsx", "uff"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -22,11 +22,10 @@ FORMAT_NAMES: dict[Format, str] = {
     "mat73": "MATLAB 7.3",
     "parquet": "Parquet",
     "xlsx": "Excel workbook",
-    "uff": "Universal File (frequency response)",
+    "uff": "Universal File (series)",
 }
 
-PartWriter = Callable[[Run, Part, Path, Progress], None]
-RunWriter = Callable[[Run, Sequence[Part], Path, Progress], None]
+FileWriter = Callable[[Path, Progress], None]
 
 MAX_SCANS: dict[Format, int] = {"json": 20_000_000, "mat": 20_000_000, "mat73": 200_000_000, "xlsx": 1_000_000}
 """Limit of raw scans of formats that are held in memory whole, and of a worksheet's rows."""
@@ -41,12 +40,13 @@ def export_run(
 ) -> list[Path]:
     """Write `parts` of a run into `folder` and return the files written. Files of the same names are replaced.
 
-    CSV and Parquet make one file for each part, the others one file; a Universal File has the frequency responses
+    CSV and Parquet make one file for each part and each kind of series, the others one file; a Universal File has the series
     whatever the parts. `progress` receives the completed share, 0 to 1. If it is cancelled, the unfinished file is removed.
 
     Raises:
-        ExportError: a file cannot be written, the run is too long for the format or has nothing that the format holds,
-            or the library for the format is not installed.
+        RunReadError: the run is damaged.
+        ExportError: a file cannot be written, the run is too long for the format, has nothing that the format holds or a text
+            that it cannot hold, or the library for the format is not installed.
     """
     most = MAX_SCANS.get(kind)
     if most is not None and "raw" in parts and run.trace.sample_count > most:
@@ -56,8 +56,10 @@ def export_run(
         )
     written: list[Path] = []
     try:
+        with translate_read_errors(run.path):  # only what is read can be damaged: from here on, errors are the format's
+            files = list(_files(run, kind, parts))
         folder.mkdir(parents=True, exist_ok=True)
-        for name, write in _files(run, kind, parts):
+        for name, write in files:
             with replacing(folder / name) as working:
                 write(working, progress)
             written.append(folder / name)
@@ -70,29 +72,29 @@ def export_run(
         ) from None
     except OSError as error:
         raise ExportError(f"{folder} cannot be written to: {error.strerror or error}; choose another folder") from None
+    except (ValueError, TypeError, OverflowError) as error:  # a text that cannot be encoded is a ValueError
+        raise ExportError(
+            f"{kind} cannot hold the contents of {run.path.name}: {error}; take another format"
+        ) from error
     return written
 
 
-def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str, Callable[[Path, Progress], None]]]:
-    """Yield the name of each file and the function that writes it."""
+def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str, FileWriter]]:
+    """Yield the name of each file and the function that writes it, with everything read but the raw samples."""
     stem = run.path.stem + ("_SIMULATED" if run.simulated else "")
-    match kind:
-        case "csv" | "parquet":
-            write_part: PartWriter = _writer("text_files" if kind == "csv" else "parquet", f"write_{kind}")
-            yield from ((f"{stem}_{part}.{kind}", partial(write_part, run, part)) for part in parts)
-        case _:
-            module = {
-                "json": "text_files",
-                "mat": "matlab",
-                "mat73": "matlab",
-                "xlsx": "workbook",
-                "uff": "universal_file",
-            }
-            write_run: RunWriter = _writer(module[kind], f"write_{kind}")
-            yield f"{stem}.{'mat' if kind == 'mat73' else kind}", partial(write_run, run, parts)
+    if kind in ("csv", "parquet"):
+        write = _function("text_files" if kind == "csv" else "parquet", f"write_{kind}")
+        for part in parts:
+            tables: Iterable[Table | None] = (None,) if part == "raw" else part_tables(run, part)
+            for table in tables:
+                yield f"{stem}_{part if table is None else table.name}.{kind}", partial(write, run, table)
+        return
+    modules = {"json": "text_files", "xlsx": "workbook", "uff": "universal_file"}
+    writer: FileWriter = _function(modules.get(kind, "matlab"), f"{kind}_writer")(run, parts)
+    yield f"{stem}.{'mat' if kind == 'mat73' else kind}", writer
 
 
-def _writer(module: str, name: str) -> Callable[..., None]:
-    """Import a writer with the library of its format."""
-    writer: Callable[..., None] = getattr(import_module(f"app.archive.exporting.{module}"), name)
-    return writer
+def _function(module: str, name: str) -> Callable[..., Any]:
+    """Import a function of a format with the format's library."""
+    function: Callable[..., Any] = getattr(import_module(f"app.archive.exporting.{module}"), name)
+    return function

@@ -1,76 +1,102 @@
-"""Export as MAT files."""
+"""Export as MAT files, with identifiers of MATLAB as names of all fields."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
 
-from app.archive.exporting.parts import Part, about_rows, event_records, raw_chunks, raw_columns
+from app.archive.exporting.parts import (
+    Part,
+    about_rows,
+    event_records,
+    identifiers,
+    raw_chunks,
+    raw_columns,
+    series_record,
+)
 from app.common import Progress
+from protocols.base import Series
 from protocols.runfile.reader import Run
 
 MAX_COMPRESSED_SCANS = 1_000_000
 """Most raw scans that are compressed in version 5: the library holds them in memory for that, twice."""
 
 
-def write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
-    """Write a MAT file of version 5, which every version of MATLAB and Octave reads."""
+def mat_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+    """Return the function that writes a MAT file of version 5, which every version of MATLAB and Octave reads."""
+    return partial(_write_mat, run, _record(run, parts), "raw" in parts)
+
+
+def mat73_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+    """Return the function that writes a MAT file of version 7.3, which has no limit of 2 GB for a variable."""
+    return partial(_write_mat73, run, _record(run, parts), "raw" in parts)
+
+
+def _write_mat(run: Run, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
     from scipy.io import savemat
 
-    with _record(run, parts, progress) as record:
+    with _with_raw(run, record, with_raw, progress) as whole:
         savemat(
             str(path),
-            record,
+            whole,
             appendmat=False,
             long_field_names=True,
             oned_as="column",
-            do_compression="raw" not in parts or run.trace.sample_count <= MAX_COMPRESSED_SCANS,
+            do_compression=not with_raw or run.trace.sample_count <= MAX_COMPRESSED_SCANS,
         )
 
 
-def write_mat73(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
-    """Write a MAT file of version 7.3, which has no limit of 2 GB for a variable."""
+def _write_mat73(run: Run, record: dict[str, Any], with_raw: bool, path: Path, progress: Progress) -> None:
     import hdf5storage
 
-    with _record(run, parts, progress) as whole:
-        record = {name: _columns_upright(part) for name, part in whole.items()}
+    with _with_raw(run, record, with_raw, progress) as whole:
         # Texts of this library are vectors, too: only with "row" are they those of MATLAB.
         hdf5storage.savemat(
-            str(path), record, appendmat=False, format="7.3", oned_as="row", store_python_metadata=False
+            str(path),
+            _columns_upright(whole),
+            appendmat=False,
+            format="7.3",
+            oned_as="row",
+            store_python_metadata=False,
         )
 
 
 def _columns_upright(part: Mapping[str, Any]) -> dict[str, Any]:
     """Return a structure whose vectors of numbers are columns, (N, 1): plain arrays, the library knows no other kind."""
-    return {
-        name: np.asarray(value).reshape(-1, 1)
-        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype != object
-        else value
-        for name, value in part.items()
-    }
+    return {name: _upright(value) for name, value in part.items()}
 
 
-@contextmanager
-def _record(run: Run, parts: Sequence[Part], progress: Progress) -> Iterator[dict[str, Any]]:
-    """Yield structures `about`, `points`, `estimates`, `events`, `raw`, each with a `units` of its fields.
+def _upright(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return _columns_upright(value)
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype != object:
+        return np.asarray(value).reshape(-1, 1)
+    return value
 
-    The raw samples are in a temporary file, which is mapped into memory: both libraries copy one column at a time.
-    """
+
+def _record(run: Run, parts: Sequence[Part]) -> dict[str, Any]:
+    """Return structures `about`, `points`, `series`, `estimates`, `events`, each of columns with a `units` of its fields."""
     record: dict[str, Any] = {}
     if "about" in parts:
-        record["about"] = dict(about_rows(run))
+        record["about"] = _legal(dict(about_rows(run)))
     if "points" in parts:
-        record["points"] = {name: np.asarray(column) for name, column in run.points().items()}
-        record["points"]["units"] = run.units()
+        record["points"] = _legal({name: np.asarray(column) for name, column in run.points().items()})
+        record["points"]["units"] = _legal(run.units())
+    if "series" in parts and (series := run.series()):
+        names = identifiers(f"{one.name} {number}" for number, one in enumerate(series, 1))
+        record["series"] = dict(zip(names, map(_series_structure, series), strict=True))
     if "estimates" in parts:
-        record["estimates"] = {
-            e.name.replace(" ", "_"): {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-            for e in run.estimates()
-        }
+        record["estimates"] = _legal(
+            {
+                e.name: {"name": e.name, "value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+                for e in run.estimates()
+            }
+        )
     if "events" in parts:
         events = list(event_records(run))
         record["events"] = {
@@ -79,19 +105,36 @@ def _record(run: Run, parts: Sequence[Part], progress: Progress) -> Iterator[dic
             "fields": np.array([json.dumps(e["fields"], default=str) for e in events], object),
             "units": {"time": "s"},
         }
-    if "raw" in parts:
-        columns = raw_columns(run)
-        with TemporaryFile() as file:
-            samples = run.trace.sample_count
-            mapped = (
-                np.memmap(file, float, "w+", shape=(len(columns), samples)) if samples else np.empty((len(columns), 0))
-            )
-            start = 0
-            for chunk in raw_chunks(run, progress):
-                mapped[:, start : start + chunk[0].size] = chunk
-                start += chunk[0].size
-            names = (name for name, _ in columns)
-            record["raw"] = {**dict(zip(names, mapped, strict=True)), "units": dict(columns)}
-            yield record
-    else:
+    return record
+
+
+def _series_structure(series: Series) -> dict[str, Any]:
+    """Return identity, columns and units of a series; `x` and `y` are the names of the drawn columns."""
+    record = series_record(series)
+    columns, units = record.pop("columns"), record.pop("units")
+    return _legal(record | {"units": _legal(units)} | columns)
+
+
+def _legal(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(zip(identifiers(fields), fields.values(), strict=True))
+
+
+@contextmanager
+def _with_raw(run: Run, record: dict[str, Any], with_raw: bool, progress: Progress) -> Iterator[dict[str, Any]]:
+    """Yield the record with a structure `raw`.
+
+    The raw samples are in a temporary file, which is mapped into memory: both libraries copy one column at a time.
+    """
+    if not with_raw:
         yield record
+        return
+    columns, samples = dict(raw_columns(run)), run.trace.sample_count
+    with TemporaryFile() as file:
+        shape = (len(columns), samples)
+        mapped = np.memmap(file, float, "w+", shape=shape) if samples else np.empty(shape)
+        start = 0
+        for chunk in raw_chunks(run, progress):
+            mapped[:, start : start + chunk[0].size] = chunk
+            start += chunk[0].size
+        raw = _legal(dict(zip(columns, mapped, strict=True)))
+        yield record | {"raw": raw | {"units": _legal(columns)}}

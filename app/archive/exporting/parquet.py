@@ -8,22 +8,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from app.archive.exporting.parts import Part, part_table, raw_chunks, raw_columns
-from app.common import Progress
+from app.archive.exporting.parts import raw_chunks, raw_columns
+from app.common import Progress, Table
 from protocols.runfile.reader import Run
 
 COMPRESSION = "zstd"
 
 
-def write_parquet(run: Run, part: Part, path: Path, progress: Progress) -> None:
-    """Write a part of a run; raw samples are streamed.
+def write_parquet(run: Run, table: Table | None, path: Path, progress: Progress) -> None:
+    """Write a table of a run; without one, the raw samples, which are streamed.
 
     Raises:
         OperationCancelled: `progress` is cancelled.
     """
     about = _file_metadata(run)
-    if part != "raw":
-        table = part_table(run, part)
+    if table is not None:
         columns = [(c.name, c.unit, pa.array(_plain(c.values))) for c in table.columns]
         schema = pa.schema([_field(name, values.type, unit) for name, unit, values in columns], about)
         pq.write_table(pa.table([values for *_, values in columns], schema=schema), path, compression=COMPRESSION)

@@ -1,16 +1,20 @@
-"""Parts of an exported run: metadata, points, estimates, events and raw samples, in SI units."""
+"""Parts of an exported run: metadata, points, series, estimates, events and raw samples, in SI units."""
 
 import json
-from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal, get_args
+from unicodedata import normalize
+
+import numpy as np
 
 from app.common import Column, Progress, Table
 from model import Array
-from protocols.base import Quality
+from protocols.base import Quality, Series, SeriesAxis, usable_mask
 from protocols.runfile.reader import Run
 
-Part = Literal["about", "points", "estimates", "events", "raw"]
-PARTS: tuple[Part, ...] = ("about", "points", "estimates", "events", "raw")
+Part = Literal["about", "points", "series", "estimates", "events", "raw"]
+PARTS: tuple[Part, ...] = get_args(Part)
 
 ROWS_PER_CHUNK = 20_000
 """Rows converted at once; other threads run between two chunks."""
@@ -24,6 +28,38 @@ LEADING_COLUMNS = (
     "phase_errors",
 )
 """Columns of points that come first in a table; the run file has no column order."""
+
+MAX_SHEET_NAME = 31
+"""Characters of the name of a worksheet."""
+MAX_IDENTIFIER = 63
+"""Characters of an identifier of MATLAB."""
+MATLAB_KEYWORDS = frozenset(
+    [
+        "break",
+        "case",
+        "catch",
+        "classdef",
+        "continue",
+        "else",
+        "elseif",
+        "end",
+        "for",
+        "function",
+        "global",
+        "if",
+        "otherwise",
+        "parfor",
+        "persistent",
+        "return",
+        "spmd",
+        "switch",
+        "try",
+        "while",
+    ]
+)
+
+POINTS = "points"
+"""Name of the series of the points."""
 
 RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
 """Raw columns that every run has; further channels follow."""
@@ -53,22 +89,114 @@ def raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, ...]]:
         progress.update(stop / samples)
 
 
-def part_table(run: Run, part: Part) -> Table:
-    """Return a part other than the raw data as a table."""
+def part_tables(run: Run, part: Part) -> Iterator[Table]:
+    """Yield a part other than the raw data as a table; the series are a table for each kind of them."""
     match part:
         case "points":
-            return Table(part, part, tuple(_point_columns(run)))
+            yield Table(part, part, tuple(_point_columns(run)))
+        case "series":
+            yield from _series_tables(run.series())
         case "estimates":
             names = ("name", "value", "standard error", "unit", "source")
             estimates = [(e.name, e.value, e.standard_error, e.unit, str(e.source)) for e in run.estimates()]
-            return Table.of_rows(part, names, estimates)
+            yield Table.of_rows(part, names, estimates)
         case "events":
             events = [
                 (e.time_s, e.row, e.kind, json.dumps(e.fields, default=str, ensure_ascii=False)) for e in run.events()
             ]
-            return Table.of_rows(part, ("time [s]", "row", "kind", "fields"), events)
+            yield Table.of_rows(part, ("time [s]", "row", "kind", "fields"), events)
         case _:
-            return Table.of_rows(part, ("name", "value"), [(name, str(value)) for name, value in about_rows(run)])
+            yield Table.of_rows(part, ("name", "value"), [(name, str(value)) for name, value in about_rows(run)])
+
+
+def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
+    """Yield a table for each kind of series: entry and label of each row, then the columns; a missing one is NaN."""
+    kinds: dict[tuple[str, SeriesAxis, SeriesAxis], list[Series]] = {}
+    for one in series:
+        kinds.setdefault((one.name, one.x_axis, one.y_axis), []).append(one)
+    titles = [name for name, *_ in kinds]
+    names = distinct(
+        (f"series-{re.sub(r'[^a-z0-9]+', '-', title.lower()).strip('-')}" for title in titles), MAX_SHEET_NAME
+    )
+    for name, title, alike in zip(names, titles, kinds.values(), strict=True):
+        rows = [one.x.size for one in alike]
+        columns = [dict(one.columns()) for one in alike]
+        axes = dict.fromkeys(axis for each in columns for axis in each)
+        yield Table(
+            name,
+            title,
+            (
+                Column("entry", None, np.repeat([one.entry for one in alike], rows)),
+                Column(
+                    "label", None, [one.label for one, count in zip(alike, rows, strict=True) for _ in range(count)]
+                ),
+                *(
+                    Column(
+                        axis.name,
+                        axis.unit,
+                        np.concatenate(
+                            [each.get(axis, np.full(count, np.nan)) for each, count in zip(columns, rows, strict=True)]
+                        ),
+                        description=axis.description,
+                    )
+                    for axis in axes
+                ),
+            ),
+        )
+
+
+def points_series(run: Run) -> Series:
+    """Return the usable points over the axes of their protocol; sines, whose phase is known, as displacement over drive."""
+    points, units = run.points(), run.units()
+    x, y = run.axes
+    usable = usable_mask(points["quality"])
+    if {"frequency", "fundamental", "phase", "drive_amplitude"} <= points.keys():
+        x, drive = "frequency", points["drive_amplitude"]
+        values: Any = points["fundamental"] / drive * np.exp(1j * points["phase"])
+        errors: Array | None
+        errors, axis = points["fundamental_errors"] / drive, SeriesAxis("response", "m/V", "displacement of the centre")
+    else:
+        values, errors, axis = points[y], points.get(f"{y}_errors"), SeriesAxis(y, units[y], y.replace("_", " "))
+    whole = Series(
+        points[x], values, errors, x_axis=SeriesAxis(x, units[x], x.replace("_", " ")), y_axis=axis, name=POINTS
+    )
+    rows = np.flatnonzero(usable & np.isfinite(whole.x) & np.isfinite(whole.y))
+    return whole.at(rows[np.argsort(whole.x[rows], kind="stable")] if whole.is_complex else rows)
+
+
+def series_record(series: Series) -> dict[str, Any]:
+    """Return a series as plain values: identity, names of the drawn columns, columns and their units by name."""
+    return {
+        "name": series.name,
+        "label": series.label,
+        "entry": series.entry,
+        "role": str(series.role),
+        "x": series.x_axis.name,
+        "y": series.y_axis.name,
+        "columns": {axis.name: values for axis, values in series.columns()},
+        "units": {axis.name: axis.unit for axis, _ in series.columns()},
+    }
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Return names as identifiers of MATLAB, each once: letters, digits and underscores, first a letter, at most 63."""
+    plain = (normalize("NFKD", name.replace("µ", "u")).encode("ascii", "ignore").decode() for name in names)
+    legal = (re.sub(r"\W+", "_", name).strip("_") for name in plain)
+    return distinct(
+        (name if name[:1].isalpha() and name not in MATLAB_KEYWORDS else f"x_{name}" for name in legal), MAX_IDENTIFIER
+    )
+
+
+def distinct(names: Iterable[str], longest: int) -> list[str]:
+    """Return names of at most `longest` characters; one that is taken gets a number."""
+    taken: dict[str, None] = {}
+    for name in names:
+        one, number = name[:longest], 1
+        while one in taken:
+            number += 1
+            one = f"{name[: longest - len(str(number)) - 1]}_{number}"
+        taken[one] = None
+    return list(taken)
 
 
 def _point_columns(run: Run) -> Iterator[Column]:

@@ -1,27 +1,28 @@
 """Export as CSV and JSON, written in chunks."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from app.archive.description import run_record
-from app.archive.exporting.parts import Part, event_records, part_table, raw_chunks, raw_columns
-from app.common import Progress
+from app.archive.exporting.parts import Part, event_records, raw_chunks, raw_columns, series_record
+from app.common import Progress, Table
 from model import Array
 from protocols.base import to_jsonable
 from protocols.runfile.reader import Run
 
 
-def write_csv(run: Run, part: Part, path: Path, progress: Progress) -> None:
-    """Write a part of a run as a table.
+def write_csv(run: Run, table: Table | None, path: Path, progress: Progress) -> None:
+    """Write a table of a run; without one, the raw samples.
 
     Raises:
         OperationCancelled: `progress` is cancelled.
     """
-    if part != "raw":
-        part_table(run, part).to_csv(path)
+    if table is not None:
+        table.to_csv(path)
         return
     with path.open("wb") as file:
         file.write((",".join(f"{name} [{unit}]" for name, unit in raw_columns(run)) + "\n").encode())
@@ -44,12 +45,8 @@ def _plain_rows(file: BinaryIO, columns: Sequence[Array]) -> None:
     file.write("".join(",".join(map(repr, scan)) + "\n" for scan in rows).encode())
 
 
-def write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
-    """Write the parts of a run as one object.
-
-    Raises:
-        OperationCancelled: `progress` is cancelled.
-    """
+def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+    """Return the function that writes the parts of a run as one object; it raises OperationCancelled."""
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
     record: dict[str, Any] = about | {"configuration": run.configuration} if "about" in parts else {}
@@ -57,12 +54,18 @@ def write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) 
         record |= {"points": whole["points"], "units": whole["units"]}
     if "estimates" in parts:
         record["estimates"] = whole["estimates"]
+    if "series" in parts:
+        record["series"] = [series_record(one) for one in run.series()]
     if "events" in parts:
         record["events"] = list(event_records(run))
+    return partial(_write_json, run, to_jsonable(record), "raw" in parts)
+
+
+def _write_json(run: Run, record: Any, with_raw: bool, path: Path, progress: Progress) -> None:
     with path.open("w", encoding="utf-8") as file:
-        text = json.dumps(to_jsonable(record), ensure_ascii=False, allow_nan=False)
+        text = json.dumps(record, ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
-        if "raw" in parts:
+        if with_raw:
             columns_of_raw = raw_columns(run)
             file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(columns_of_raw)))
             shares = progress.split([1] * len(columns_of_raw))

@@ -1,23 +1,22 @@
-"""Export of frequency responses as a Universal File: data sets 151 (header), 164 (units) and 58 (functions).
+"""Export of series as a Universal File: data sets 151 (header), 164 (units) and 58 (functions).
 
 Format: Structural Dynamics Research Corporation, "Universal Dataset Number 58: Function at Nodal DOF", kept by the University of
 Cincinnati (ceas3.uc.edu/sdrluff); written with pyuff.
 """
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyuff
 
-from app.archive.exporting.parts import ExportError, Part
+from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
 from app.common import Progress, version
 from model import Array
-from protocols.base import usable_mask, visible_text
+from protocols.base import Series, SeriesAxis, visible_text
 from protocols.runfile.reader import Run
 
 ID_CHARACTERS = 80
@@ -25,73 +24,46 @@ ID_CHARACTERS = 80
 SPACING_TOLERANCE = 1e-6
 """Relative differences between steps that the six digits of the increment do not show."""
 
-GENERAL, FREQUENCY_RESPONSE, COHERENCE = 0, 4, 6
-"""Function types of data set 58; type 0 holds the standard uncertainty, for which the format has none."""
-UNKNOWN_QUANTITY, GENERAL_QUANTITY, DISPLACEMENT_QUANTITY, FREQUENCY_QUANTITY = 0, 1, 8, 18
+AXIS_CHARACTERS = 20
+"""Length of the name and of the unit of an axis."""
+GENERAL, TIME_RESPONSE, FREQUENCY_RESPONSE, COHERENCE = 0, 1, 4, 6
+"""Function types of data set 58; type 0 holds standard uncertainty and fit, for which the format has none."""
+UNKNOWN_QUANTITY, GENERAL_QUANTITY, DISPLACEMENT_QUANTITY = 0, 1, 8
 """Specific data types of an axis in data set 58."""
-MIN_FREQUENCIES = 2
-"""What pyuff writes; one frequency is no curve."""
+ABSCISSA_QUANTITIES = {"Hz": 18, "s": 17, "V": GENERAL_QUANTITY, "N": 9, "kg": GENERAL_QUANTITY}
+MIN_VALUES = 2
+"""What pyuff writes; one value is no curve."""
 RESPONSE_NODE, DRIVE_NODE = 1, 2
 """The centre of the tactor, and the amplifier's input."""
 NORMAL_DIRECTION, SCALAR_DIRECTION = 3, 0
 
 
-@dataclass(frozen=True, slots=True)
-class ResponseFunction:
-    """A frequency response, (N,) each: complex displacement over drive (m/V), its standard uncertainty, coherence or None."""
-
-    label: str
-    frequency_hz: Array
-    response: np.ndarray[tuple[int], np.dtype[np.complex128]]
-    response_errors: Array
-    coherence: Array | None = None
-    drive_amplitude_v: float = math.nan
-
-
-def write_uff(run: Run, _parts: Sequence[Part], path: Path, progress: Progress) -> None:
-    """Write every frequency response of a run: its points over frequency, and its response curves.
+def uff_writer(run: Run, _parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+    """Return the function that writes the series of a run and its points over their axis; it raises OperationCancelled.
 
     Raises:
         ExportError: it has none.
-        OperationCancelled: `progress` is cancelled.
     """
-    functions = [each for each in frequency_responses(run) if each.frequency_hz.size >= MIN_FREQUENCIES]
-    if not functions:
-        raise ExportError(
-            f"{run.path.name} has no frequency response of {MIN_FREQUENCIES} or more frequencies, and a Universal File holds nothing else; take csv"
-        )
-    file = pyuff.UFF(str(path))
     sets = [_header(run), _units()]
-    for number, function in enumerate(functions, 1):
-        sets += _function_sets(run, function, number)
+    number = 0
+    for series in (points_series(run), *run.series()):
+        finite = series.at(np.isfinite(series.x) & np.isfinite(series.y))
+        if finite.x.size >= MIN_VALUES:
+            number += 1
+            sets += _function_sets(run, finite, number)
+    if not number:
+        raise ExportError(
+            f"{run.path.name} has no series of {MIN_VALUES} or more values, and a Universal File holds nothing else; take csv"
+        )
+    return partial(_write_sets, sets)
+
+
+def _write_sets(sets: Sequence[dict[str, Any]], path: Path, progress: Progress) -> None:
+    file = pyuff.UFF(str(path))
     for number, each in enumerate(sets):
         progress.raise_if_cancelled()
         file.write_sets(each, "add" if number else "overwrite")
         progress.update((number + 1) / len(sets))
-
-
-def frequency_responses(run: Run) -> Iterator[ResponseFunction]:
-    """Yield the frequency responses of a run; points that are not usable are left out."""
-    points = run.points()
-    if {"frequency", "fundamental", "phase", "drive_amplitude"} <= points.keys():
-        usable = usable_mask(points["quality"])
-        for name in ("fundamental", "phase", "drive_amplitude"):
-            usable &= np.isfinite(points[name])
-        order = np.flatnonzero(usable)[np.argsort(points["frequency"][usable], kind="stable")]
-        if order.size:
-            drive = points["drive_amplitude"][order]
-            phase = points["phase"][order]
-            yield ResponseFunction(
-                "points",
-                points["frequency"][order],
-                points["fundamental"][order] / drive * np.exp(1j * phase),
-                points["fundamental_errors"][order] / drive,
-                drive_amplitude_v=float(np.median(drive)),
-            )
-    for curve in run.series():
-        if curve.is_complex:
-            errors = np.full(curve.x.size, math.nan) if curve.errors is None else curve.errors
-            yield ResponseFunction(curve.title, curve.x, curve.y, errors, curve.coherence)
 
 
 def _header(run: Run) -> dict[str, Any]:
@@ -121,17 +93,17 @@ def _units() -> dict[str, Any]:
     }
 
 
-def _function_sets(run: Run, function: ResponseFunction, number: int) -> Iterator[dict[str, Any]]:
-    drive = f", drive amplitude {function.drive_amplitude_v:.6g} V" if math.isfinite(function.drive_amplitude_v) else ""
-    lines = {
-        "id2": _line(f"{_mark(run)}{run.specimen}, {run.protocol}, {function.label}"),
+def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, Any]]:
+    """Yield a series, its uncertainties, fit and coherence, each as a function."""
+    x, y, axis = series.x, series.y_axis, series.x_axis
+    response = "Frequency response: displacement of the centre / amplifier input voltage"
+    common = {
+        "id2": _line(f"{_mark(run)}{run.specimen}, {run.protocol}, {series.title}"),
         "id3": _line(run.start_time),
         "id4": _line(run.path.name),
-        "id5": _line(f"phase against the recorded drive{drive}"),
-    }
-    frequency_hz = function.frequency_hz
-    common = lines | {
+        "id5": _line(_drive_line(run, series)),
         "type": 58,
+        "func_id": number,
         "binary": 0,
         "load_case_id": 0,
         "rsp_ent_name": "CENTRE",
@@ -140,70 +112,88 @@ def _function_sets(run: Run, function: ResponseFunction, number: int) -> Iterato
         "ref_ent_name": "INPUT",
         "ref_node": DRIVE_NODE,
         "ref_dir": SCALAR_DIRECTION,
-        "x": frequency_hz,
-        "num_pts": frequency_hz.size,
-        "abscissa_spacing": int(_evenly_spaced(frequency_hz)),
-        "abscissa_min": float(frequency_hz[0]),
-        "abscissa_inc": float(frequency_hz[1] - frequency_hz[0]),
-        "abscissa_spec_data_type": FREQUENCY_QUANTITY,
-        "abscissa_axis_lab": "Frequency",
-        "abscissa_axis_units_lab": "Hz",
+        "x": x,
+        "num_pts": x.size,
+        "abscissa_spacing": int(_evenly_spaced(x)),
+        "abscissa_min": float(x[0]),
+        "abscissa_inc": float(x[1] - x[0]),
+        "abscissa_spec_data_type": ABSCISSA_QUANTITIES.get(axis.unit, UNKNOWN_QUANTITY),
+        "abscissa_axis_lab": _line(axis.name.capitalize(), AXIS_CHARACTERS),
+        "abscissa_axis_units_lab": _line(axis.unit, AXIS_CHARACTERS),
     }
-    ratio = {
-        "ordinate_spec_data_type": DISPLACEMENT_QUANTITY,
-        "ordinate_len_unit_exp": 1,
-        "ordinate_axis_lab": "Displacement",
-        "ordinate_axis_units_lab": "m",
-        "orddenom_spec_data_type": GENERAL_QUANTITY,
-        "orddenom_axis_lab": "Drive",
-        "orddenom_axis_units_lab": "V",
-    }
-    yield (
-        common
-        | ratio
-        | {
-            "func_type": FREQUENCY_RESPONSE,
-            "func_id": number,
-            "id1": "Frequency response: displacement of the centre / amplifier input voltage",
-            "data": function.response,
-        }
-    )
-    if np.isfinite(function.response_errors).any():
-        yield (
-            common
-            | ratio
-            | {
-                "func_type": GENERAL,
-                "func_id": number,
-                "id1": "Standard uncertainty (statistical) of the modulus of the frequency response",
-                "data": np.nan_to_num(function.response_errors, nan=0.0),
-            }
-        )
-    if function.coherence is not None:
+    quantity = common | _ordinate(y)
+    name = "modulus of the frequency response" if series.is_complex else y.name.replace("_", " ")
+    kind = FREQUENCY_RESPONSE if series.is_complex else TIME_RESPONSE if axis.unit == "s" else GENERAL
+    title = response if series.is_complex else f"{series.name}: {y.description}"
+    yield quantity | {"func_type": kind, "id1": _line(title), "data": series.y}
+    for label, values in (
+        ("Standard uncertainty (statistical)", series.errors),
+        ("Standard uncertainty (total)", series.total_errors),
+        (f"Fit ({series.fit_description})", series.fit),
+    ):
+        if values is not None and np.isfinite(values).any():
+            filled = np.nan_to_num(values, nan=0.0)
+            yield quantity | {"func_type": GENERAL, "id1": _line(f"{label} of the {name}"), "data": filled}
+    if series.coherence is not None:
         yield common | {
             "func_type": COHERENCE,
-            "func_id": number,
             "id1": "Coherence of displacement and drive",
             "ordinate_spec_data_type": UNKNOWN_QUANTITY,
             "ordinate_axis_lab": "Coherence",
             "orddenom_spec_data_type": UNKNOWN_QUANTITY,
-            "data": function.coherence,
+            "data": series.coherence,
         }
+
+
+def _ordinate(axis: SeriesAxis) -> dict[str, Any]:
+    """Return what a function says of its values: displacement, displacement over drive, or name and unit."""
+    if axis.unit not in ("m", "m/V"):
+        return {
+            "ordinate_spec_data_type": GENERAL_QUANTITY if axis.unit == "V" else UNKNOWN_QUANTITY,
+            "ordinate_axis_lab": _line(axis.name.replace("_", " ").capitalize(), AXIS_CHARACTERS),
+            "ordinate_axis_units_lab": _line(axis.unit, AXIS_CHARACTERS),
+            "orddenom_spec_data_type": UNKNOWN_QUANTITY,
+        }
+    moved = {
+        "ordinate_spec_data_type": DISPLACEMENT_QUANTITY,
+        "ordinate_len_unit_exp": 1,
+        "ordinate_axis_lab": "Displacement",
+        "ordinate_axis_units_lab": "m",
+    }
+    over_drive = {
+        "orddenom_spec_data_type": GENERAL_QUANTITY,
+        "orddenom_axis_lab": "Drive",
+        "orddenom_axis_units_lab": "V",
+    }
+    return moved | (over_drive if axis.unit == "m/V" else {"orddenom_spec_data_type": UNKNOWN_QUANTITY})
+
+
+def _drive_line(run: Run, series: Series) -> str:
+    """Return the reference of the phase of a response, and the drive's amplitude of points."""
+    if not series.is_complex:
+        return "NONE"
+    drive = ""
+    if series.name == POINTS:
+        points = run.points()
+        drive = (
+            f", drive amplitude {np.median(points['drive_amplitude'][np.isin(points['frequency'], series.x)]):.6g} V"
+        )
+    return f"phase against the recorded drive{drive}"
 
 
 def _evenly_spaced(values: Array) -> bool:
     steps = np.diff(values)
-    return bool(np.allclose(steps, steps[0], rtol=SPACING_TOLERANCE, atol=0))
+    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=SPACING_TOLERANCE, atol=0))
 
 
 def _mark(run: Run) -> str:
     return "SIMULATED " if run.simulated else ""
 
 
-def _line(text: str) -> str:
+def _line(text: str, characters: int = ID_CHARACTERS) -> str:
     """Return a line of the header: printable ASCII, as readers take columns by bytes."""
     plain = visible_text(text).encode("ascii", "replace").decode("ascii")
-    return plain[:ID_CHARACTERS] or "NONE"
+    return plain[:characters] or "NONE"
 
 
 def _date_and_time(start_time: str) -> tuple[str, str]:

@@ -1,12 +1,13 @@
 """Export as an Excel workbook with a sheet for each part."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import xlsxwriter
 
-from app.archive.exporting.parts import Part, part_table, raw_chunks, raw_columns
-from app.common import Column, Progress
+from app.archive.exporting.parts import Part, part_tables, raw_chunks, raw_columns
+from app.common import Column, Progress, Table
 from protocols.runfile.reader import Run
 
 MAX_WIDTH = 60
@@ -21,20 +22,24 @@ OPTIONS = {
 }
 
 
-def write_xlsx(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
-    """Write the parts of a run, one sheet each, with names and units in a first row that stays in view.
+def xlsx_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], None]:
+    """Return the function that writes the parts of a run as sheets, with names and units in a first row that stays in view.
 
-    Raises:
-        OperationCancelled: `progress` is cancelled.
+    It raises OperationCancelled.
     """
+    tables = [table for part in parts for table in ((None,) if part == "raw" else part_tables(run, part))]
+    return partial(_write_xlsx, run, tables)
+
+
+def _write_xlsx(run: Run, tables: Sequence[Table | None], path: Path, progress: Progress) -> None:
     with xlsxwriter.Workbook(str(path), {**OPTIONS, "constant_memory": True}) as book:
         heading = book.add_format({"bold": True})
         title = f"{run.specimen} {run.protocol}{' SIMULATED' if run.simulated else ''}"
         book.set_properties({"title": title, "comments": run.path.name})
-        for part in parts:
-            sheet = book.add_worksheet(part)
+        for table in tables:
+            sheet = book.add_worksheet("raw" if table is None else table.name)
             sheet.freeze_panes(1, 0)
-            if part == "raw":
+            if table is None:
                 sheet.write_row(0, 0, [f"{name} [{unit}]" for name, unit in raw_columns(run)], heading)
                 row = 1
                 for chunk in raw_chunks(run, progress):
@@ -42,7 +47,7 @@ def write_xlsx(run: Run, parts: Sequence[Part], path: Path, progress: Progress) 
                         sheet.write_row(row, 0, scan)
                         row += 1
                 continue
-            columns = part_table(run, part).columns
+            columns = table.columns
             for at, column in enumerate(columns):
                 sheet.set_column(at, at, _width(column))
             sheet.write_row(0, 0, [_heading(column) for column in columns], heading)

@@ -161,7 +161,8 @@ class ReviewPane(QWidget):
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
         found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.estimates)
-        self.plots.show_results(kind, run.points, series or run.curves, found, run.simulated)
+        curves = series or run.curves
+        self.plots.show_results(kind, run.points, curves, found, run.simulated, curves_first=bool(series))
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the points."""

@@ -102,7 +102,16 @@ class LivePane(QSplitter):
         self._running = self._feed.running_curve.latest if view.busy else None
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         curves = view.curves if self._running is None else (*view.curves, self._running)
-        self.plots.show_results(kind, view.points, curves, view.outcome, view.simulated, view.entries, view.can_run)
+        self.plots.show_results(
+            kind,
+            view.points,
+            curves,
+            view.outcome,
+            view.simulated,
+            view.entries,
+            view.can_run,
+            curves_first=self._running is not None,
+        )
         self.time_plot.show_simulated(view.simulated)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:

@@ -16,7 +16,7 @@ from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
-from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
 from app.session import describe_point
 from protocols.base import Quality
@@ -102,6 +102,7 @@ class ResponsePlot(PlotBase):
         self.strip_box.currentIndexChanged.connect(self._select_strip)
         self.selection = EntrySelection(self._draw_points, self.repeat_requested.emit)
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
+        self.curves_button = make_choice("Show the curves")
         self._add_head(self._head_row())
         theme.follow(self.apply_theme)
         self.plot.getViewBox().sigResized.connect(lambda *_: self._scale())  # the legend's share of the height
@@ -211,9 +212,10 @@ class ResponsePlot(PlotBase):
         boxes = (*self.series_boxes, curves.band_box)
         for box in boxes:
             box.setAccessibleName(box.text())
+        self.curves_button.hide()
         return row(
             title, *boxes, self.selection.button,
-            (curves.source_label, 3), self.hint_label, self.strip_box, spacing=HEAD_SPACING,
+            (curves.source_label, 3), self.hint_label, self.strip_box, self.curves_button, spacing=HEAD_SPACING,
         )  # fmt: skip
 
     def _on_series_toggled(self) -> None:

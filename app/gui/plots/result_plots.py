@@ -34,8 +34,10 @@ class ResultPlots(QStackedWidget):
         self.response = ResponsePlot(theme)
         self.response.repeat_requested.connect(self.repeat_requested)
         self.addWidget(self.response)
+        self._plot_of_points: ResponsePlot | PointsPlot = self.response
         self._model_curve: OverlayCurve | None = None
-        self._points_selected = False
+        self._points_selected: bool | None = None
+        """None until the operator chooses: what the protocol states."""
 
     @cached_property
     def points(self) -> PointsPlot:
@@ -53,6 +55,7 @@ class ResultPlots(QStackedWidget):
         plot = CurvesPlot(self._theme)
         plot.points_button.clicked.connect(lambda: self._show_points(points=True))
         self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
+        self.response.curves_button.clicked.connect(lambda: self._show_points(points=False))
         self.addWidget(plot)
         if self._model_curve is not None:
             plot.show_model_curve(self._model_curve)
@@ -82,12 +85,13 @@ class ResultPlots(QStackedWidget):
         simulated: bool = False,
         entries: Sequence[int] = (),
         can_run: bool = False,
+        curves_first: bool = False,
     ) -> None:
-        """Show the points, curves and estimates of a run so far."""
-        plot = self.response if is_response_protocol(kind) else self.points
+        """Show the points, curves and estimates of a run so far; `curves_first` also where the protocol states its points."""
+        self._plot_of_points = plot = self.response if is_response_protocol(kind) else self.points
+        plot.curves_button.setVisible(bool(curves))
         if isinstance(plot, PointsPlot):
             plot.set_protocol(kind)
-            plot.curves_button.setVisible(bool(curves))
             self.response.show_points(())  # of the run before
         plot.show_points(points, entries, can_run)
         if curves or "curves" in vars(self):
@@ -99,7 +103,9 @@ class ResultPlots(QStackedWidget):
             self.checks.show_verdict(outcome.verdict)
             self.setCurrentWidget(self.checks)
         else:
-            self.setCurrentWidget(self.curves if curves and not self._points_selected else plot)
+            default = curves_first or any(curve.name == kind.default_plot for curve in curves)
+            shown = default if self._points_selected is None else not self._points_selected
+            self.setCurrentWidget(self.curves if curves and shown else plot)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the results."""
@@ -111,4 +117,4 @@ class ResultPlots(QStackedWidget):
     def _show_points(self, points: bool) -> None:
         """Switch between the points and the curves of a run."""
         self._points_selected = points
-        self.setCurrentWidget(self.points if points else self.curves)
+        self.setCurrentWidget(self._plot_of_points if points else self.curves)

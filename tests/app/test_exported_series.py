@@ -1,0 +1,253 @@
+"""Series of every protocol, exported in every format and read by programs of others."""
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from app.archive import ExportError, export_run
+from app.cli.main import main
+from protocols.base import EstimatedQuantity, RunStatus, Series, SeriesAxis
+from protocols.registry import PROTOCOLS
+from protocols.runfile.reader import Run
+from tests.compare_runs import SEED, SHORT
+from tests.helpers.run_files import begun_run
+
+FORMATS = ("csv", "xlsx", "json", "parquet", "mat", "mat73", "uff")
+IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}\Z")
+TIME, MOVED = SeriesAxis("time", "s", "time"), SeriesAxis("displacement", "m", "displacement")
+
+
+def series_of(path: Path) -> tuple[Series, ...]:
+    with Run(path) as run:
+        return run.series()
+
+
+def exported(path: Path, folder: Path, kind: Any) -> list[Path]:
+    with Run(path) as run:
+        return export_run(run, folder / kind, kind, ("about", "points", "series", "estimates"))
+
+
+def columns_of(series: Series) -> dict[str, np.ndarray]:
+    return {axis.name: values for axis, values in series.columns()}
+
+
+def check_rows(rows: dict[tuple[int, str, str], dict[str, list[Any]]], series: tuple[Series, ...]) -> None:
+    """The columns of each series, by entry, label and name of y, are its values; empty cells are NaN."""
+    assert len(rows) == len(series)
+    for one in series:
+        got = rows[one.entry, one.label, one.y_axis.name]
+        for name, values in columns_of(one).items():
+            cells = [np.nan if cell in (None, "") else float(cell) for cell in got[name]]
+            np.testing.assert_allclose(cells, values, rtol=1e-12, err_msg=f"{one.title}: {name}")
+
+
+def split_rows(head: list[str], rows: list[Any], y: str) -> dict[tuple[int, str, str], dict[str, list[Any]]]:
+    """Rows of a table by entry and label, its columns by name."""
+    found: dict[tuple[int, str, str], dict[str, list[Any]]] = {}
+    for row in rows:
+        cells = dict(zip(head, row, strict=True))
+        key = int(cells["entry"]), str(cells["label"] or ""), y
+        for name, cell in cells.items():
+            found.setdefault(key, {}).setdefault(name, []).append(cell)
+    return found
+
+
+def read_csv(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    found = {}
+    for file in (file for file in files if "_series-" in file.name):
+        with file.open(newline="", encoding="utf-8") as text:
+            head, *rows = csv.reader(text)
+        names = [name.partition(" [")[0] for name in head]
+        assert all("[" in name for name in head[2:])
+        found |= split_rows(names, rows, names[3])
+    return found
+
+
+def read_xlsx(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    from openpyxl import load_workbook
+
+    found = {}
+    for sheet in load_workbook(files[0]):
+        assert len(sheet.title) <= 31
+        if sheet.title.startswith("series-"):
+            head, *rows = sheet.iter_rows(values_only=True)
+            names = [name.partition(" [")[0] for name in head]
+            found |= split_rows(names, rows, names[3])
+    return found
+
+
+def read_parquet(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    import pyarrow.parquet as pq
+
+    found = {}
+    for file in (file for file in files if "_series-" in file.name):
+        table = pq.read_table(file)
+        assert all(field.metadata[b"unit"] for field in list(table.schema)[2:])
+        names = table.column_names
+        found |= split_rows(names, [tuple(row.values()) for row in table.to_pylist()], names[3])
+    return found
+
+
+def read_json(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    record = json.loads(files[0].read_text("utf-8"))
+    return {(one["entry"], one["label"], one["y"]): one["columns"] for one in record["series"]}
+
+
+def structures(of: dict[str, Any], at: str = "") -> Iterator[tuple[str, list[str]]]:
+    """Names of the fields of every structure."""
+    yield at, list(of)
+    for name, value in of.items():
+        if isinstance(value, dict):
+            yield from structures(value, f"{at}/{name}")
+
+
+def read_mat(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    from scipy.io import loadmat
+
+    record = {name: value for name, value in loadmat(files[0], simplify_cells=True).items() if name[:2] != "__"}
+    for place, names in structures(record):
+        assert all(IDENTIFIER.match(name) for name in names), (place, names)
+        assert len({*names}) == len(names), place
+    found = {}
+    for one in record.get("series", {}).values():
+        assert one["units"][one["x"]]
+        found[int(one["entry"]), str(one["label"] if len(one["label"]) else ""), one["y"]] = one
+    return found
+
+
+def read_mat73(files: list[Path]) -> dict[tuple[int, str, str], Any]:
+    found: dict[tuple[int, str, str], Any] = {}
+
+    def text(data: Any) -> str:
+        return "" if data.attrs.get("MATLAB_empty") else "".join(map(chr, data[:].ravel()))
+
+    with h5py.File(files[0]) as file:
+        file.visit(
+            lambda path: [
+                pytest.fail(path) for name in path.split("/") if name[0] != "#" and not IDENTIFIER.match(name)
+            ]
+        )
+        for one in file.get("series", {}).values():
+            cells = {name: data[:].ravel() for name, data in one.items() if isinstance(data, h5py.Dataset)}
+            found[int(one["entry"][()].item()), text(one["label"]), text(one["y"])] = cells
+    return found
+
+
+def check_universal_file(file: Path, series: tuple[Series, ...]) -> None:
+    """Every series is a function of data set 58 with the same abscissa and values."""
+    import pyuff
+
+    assert file.read_bytes().isascii()
+    functions = [each for each in pyuff.UFF(str(file)).read_sets() if each["type"] == 58]
+    for one in series:
+        assert any(
+            each["x"].size == one.x.size
+            and np.allclose(each["x"], one.x, rtol=2e-5, atol=1e-9)
+            and np.allclose(each["data"], one.y, rtol=1e-9, atol=1e-15)
+            for each in functions
+        ), one.title
+
+
+def check_every_format(path: Path, folder: Path) -> None:
+    series = series_of(path)
+    for kind, read in (
+        ("csv", read_csv),
+        ("xlsx", read_xlsx),
+        ("json", read_json),
+        ("parquet", read_parquet),
+        ("mat", read_mat),
+        ("mat73", read_mat73),
+    ):
+        check_rows(read(exported(path, folder, kind)), series)
+    check_universal_file(*exported(path, folder, "uff"), series)
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize("protocol", SHORT)
+def test_series_of_a_protocol_are_in_every_format(protocol: str, tmp_path: Path) -> None:
+    chosen = [part for setting in SHORT[protocol] for part in ("--set", setting)]
+    assert main(["run", protocol, *SEED, "--out", str(tmp_path), "--specimen", "T1 µ", *chosen]) == 0
+    (path,) = tmp_path.glob("*.h5")
+    check_every_format(path, tmp_path)
+    kind = PROTOCOLS[protocol]
+    with h5py.File(path) as file:  # as a NeXus viewer finds its default plot
+        plot = file
+        while "default" in plot.attrs:
+            plot = plot[plot.attrs["default"]]
+        assert plot.attrs["NX_class"] == "NXdata"
+        x, y = plot.attrs["axes"][0], plot.attrs["signal"]
+        assert plot[x].shape == plot[y].shape
+        assert plot.attrs.get("name", "") == kind.default_plot
+        assert {plot[x].attrs["units"], plot[y].attrs["units"]}
+        if protocol in ("sweep", "free-decay", "hysteresis", "mass-resonance", "latency"):
+            assert plot[y].size > 50
+
+
+@pytest.fixture
+def many(tmp_path: Path) -> Path:
+    """A run whose series and estimates have names that formats cannot hold as they are."""
+    file = begun_run(tmp_path, "T7 = Müller's", (100.0,), 5000.0)
+    time = np.linspace(0, 0.1, 40)
+    decay = Series(
+        time, np.exp(-9 * time), x_axis=TIME, y_axis=MOVED, name="décay [µm/V]: a long name for a sheet", label="n° 1"
+    )
+    fitted = Series(
+        time,
+        np.exp(-9 * time),
+        0.1 + time,
+        0.2 + time,
+        fit=time,
+        x_axis=TIME,
+        y_axis=MOVED,
+        name=decay.name,
+        label="2",
+        entry=1,
+    )
+    loop = Series(
+        np.cos(60 * time), np.sin(60 * time), x_axis=SeriesAxis("drive", "V", "drive"), y_axis=MOVED, name=decay.name
+    )
+    names = ("largest max - min, 5 V", "largest max + min, 5 V", "end", "2nd mode", "ζ", "x" * 70, "x" * 69)
+    estimates = [EstimatedQuantity(name, 1.0, 0.1, "1", "fit") for name in names]
+    file.finish(RunStatus.COMPLETED, "", estimates, (decay, fitted, loop))
+    return file.path
+
+
+def test_names_of_any_kind_are_exported(many: Path, tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    check_every_format(many, tmp_path)
+    estimates = loadmat(*exported(many, tmp_path, "mat"), simplify_cells=True)["estimates"]
+    assert [one["name"] for one in estimates.values()] == [each.name for each in estimates_of(many)]
+
+
+def estimates_of(path: Path) -> tuple[EstimatedQuantity, ...]:
+    with Run(path) as run:
+        return run.estimates()
+
+
+def test_a_text_that_a_format_cannot_hold_is_not_damage(
+    many: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Run, "specimen", "T\udce4")
+    with Run(many) as run, pytest.raises(ExportError, match="take another format"):
+        export_run(run, tmp_path / "out", "csv")
+    assert main(["export", str(many), "--format", "csv", "--out", str(tmp_path / "out")]) == 1
+
+
+def test_columns_of_earlier_files_are_series_of_their_own(many: Path) -> None:
+    """Files before this version stored the drive of a time series beside its displacement, without a role."""
+    with h5py.File(many, "r+") as file:
+        group = next(iter(file["entry/curves"].values()))
+        del group.attrs["role"]
+        group.create_dataset("drive", data=np.arange(40.0)).attrs.update({"units": "V", "long_name": "drive (V)"})
+    drive, decay, *_ = series_of(many)
+    assert (drive.y_axis, drive.label) == (SeriesAxis("drive", "V", "drive"), decay.label)
+    np.testing.assert_array_equal(drive.y, np.arange(40.0))
+    np.testing.assert_array_equal(drive.x, decay.x)
