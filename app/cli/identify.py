@@ -111,36 +111,15 @@ class AcceptCommand:
 
     @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
     def execute(self) -> int:
-        if self.method == "chain" and (self.free or self.also or self.fixed or self.priors or self.robust):
-            raise UsageError(
-                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
-            )
-        if self.method == "chain" and (self.profile or self.next is not None):
-            raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
-        if self.plain and self.method == "chain":
-            raise UsageError("--plain is for the joint fit: the chain has no nonidealities")
-        if not 0 < self.coverage < 1:
-            raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
-        free = tuple(name.strip() for name in self.free.split(",") if name.strip())
-        fixed = dict(_parse_fixed(text) for text in self.fixed)
-        priors = dict(_parse_prior(text) for text in self.priors)
-        corrected = _correction(self)
+        self._check()
+        setting, corrected = self._fit_options(), _correction(self)
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
-        setting = FitOptions(
-            free=(*free, *(name for name in priors if name not in free)) if free else None,
-            also=tuple(name.strip() for name in self.also.split(",") if name.strip()),
-            fixed=fixed,
-            priors=priors,
-            loss="cauchy" if self.robust else "linear",
-            amplifier=corrected.amplifier.amplifier_map
-            if corrected and corrected.amplifier
-            else amplifier_of(self.runs),
-        )
+        amplifier = corrected.amplifier if corrected else None
         with ExitStack() as bars:
             found = identify(
                 self.runs,
                 self.method,
-                setting,
+                replace(setting, amplifier=amplifier.amplifier_map if amplifier else amplifier_of(self.runs)),
                 self.shapes,
                 open_run=corrected.open if corrected else Run,
                 track=lambda paths: track(paths, "reducing raw samples again" if corrected else "reading runs"),
@@ -151,13 +130,39 @@ class AcceptCommand:
         result = identification_command_result(found)
         if found.joint_fit is not None:
             result = _add_proposals(result, found, found.joint_fit, self)
-        notes.append(
-            f"fitted with {found.shapes} shape functions"
-            + (SIMULATED_SHAPES_NOTE if found.observations.simulated else "")
-        )
+        simulated = SIMULATED_SHAPES_NOTE if found.observations.simulated else ""
+        notes.append(f"fitted with {found.shapes} shape functions{simulated}")
         if self.accept:
             notes.append(_accept(found, self, corrected))
         return render(replace(result, notes=(*result.notes, *notes)), self.json)
+
+    def _check(self) -> None:
+        """Raise UsageError for options that do not fit the method."""
+        if not 0 < self.coverage < 1:
+            raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
+        if self.method == "joint":
+            return
+        if self.free or self.also or self.fixed or self.priors or self.robust:
+            raise UsageError(
+                "--free, --also, --fix, --prior and --robust are for the joint fit; the chain's steps are the paper's"
+            )
+        if self.profile or self.next is not None:
+            raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
+        if self.plain:
+            raise UsageError("--plain is for the joint fit: the chain has no nonidealities")
+
+    def _fit_options(self) -> FitOptions:
+        free, also = (
+            tuple(name.strip() for name in names.split(",") if name.strip()) for names in (self.free, self.also)
+        )
+        priors = dict(_parse_prior(text) for text in self.priors)
+        return FitOptions(
+            free=(*free, *(name for name in priors if name not in free)) if free else None,
+            also=also,
+            fixed=dict(_parse_fixed(text) for text in self.fixed),
+            priors=priors,
+            loss="cauchy" if self.robust else "linear",
+        )
 
 
 @command("example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'")

@@ -211,88 +211,99 @@ def _format_arms(profile_: ProfileInterval, value: float, error: float) -> str:
 
 def identification_command_result(identification: IdentificationResult) -> CommandResult:
     """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
-    simulated = ", SIMULATED" if identification.observations.simulated else ""
-    method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
-    title = f"Specimen {identification.specimen}: {method}{simulated}"
-    tables = [estimate_table(title, identification.identified, identification.statistical_errors)]
-    tables += budget_tables(identification)
-    if runs := identification.misfits:
-        tables.append(
-            Table(
-                "runs",
-                "How well each run is explained",
-                (
-                    Column("run", "", [r.label for r in runs]),
-                    Column("residuals", "", [len(r.values) for r in runs]),
-                    Column("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
-                    Column("probability", "", [r.p_value for r in runs], format_spec=".2g"),
-                    Column("outliers", "", [len(r.outliers) for r in runs], "beyond 4 errors"),
-                    Column("error_scale", "", [r.error_scale for r in runs], "errors enlarged", format_spec=".3g"),
-                ),
-            )
-        )
-    if curves := identification.validation:
-        tables.append(
-            Table(
-                "validation",
-                "How well each curve is predicted",
-                (
-                    Column("run", "", [v.label for v in curves]),
-                    Column("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
-                    Column("p", "", [v.p for v in curves], format_spec=".2g"),
-                    Column("points", "", [v.points for v in curves]),
-                ),
-            )
-        )
-    tables += nonideality_tables(identification)
-    if identification.first_fit is not None and identification.steps:
-        tables.append(steps_table(identification.first_fit, identification.steps))
     unstated = unstated_errors(identification)
     heading = [
         dimensions_line(identification, f"'tactor-bench specimen new {identification.specimen}' writes one"),
         held_parameters(identification, "--prior gives a value its uncertainty"),
         f"exact for want of a stated uncertainty: {', '.join(unstated)}." if unstated else "",
     ]
-    notes = [
-        *(f"{text}." for text in contradictions(identification)),
-        f"{identification.verdict}.",
-        *(f"not identifiable from these runs: {text}" for text in identification.unidentified),
-    ]
-    more: dict[str, Any] = {}
-    if identification.adequacy is not None:
-        tables += adequacy_tables(identification.adequacy)
-        notes.insert(
-            0,
-            f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.",
-        )
-        more = {
-            "adequate": identification.adequacy.adequate,
-            "adequacy": identification.adequacy.message,
-            "every_finding": [to_jsonable(finding) for finding in identification.adequacy.findings],
-        }
-        if identification.adequacy.diagnosis is not None and identification.adequacy.diagnosis.likeliest:
-            notes += [hint] if (hint := also_hint(identification.adequacy.diagnosis.likeliest)) else []
-        if identification.steps:
-            notes.insert(1, steps_line(identification, also="identify --also", plain="--plain"))
-            more["proposed"] = [step.name for step in identification.steps]
-        notes += [f"{error.words}." for error in identification.adequacy.undecidable]
-    notes += identification.notes
-    fixed = {name: value for name, value in identification.fixed.items() if value is not None}
-    more |= {
-        "method": identification.method,
-        "simulated": identification.observations.simulated,
-        "unidentified": list(identification.unidentified),
-        "covariance_names": [e.name for e in identification.estimates],
-        "covariance": np.asarray(identification.covariance).tolist(),
-        "verdict": identification.verdict,
-        "budget": budget_record(identification.budget),
-        "unstated": list(unstated),
-        "contradictions": list(contradictions(identification)),
-        "dimensions": "" if identification.sheet is None else identification.sheet.description,
-    }
     return CommandResult(
-        "identify", fixed, tuple(tables), tuple(notes), extra=more, heading=tuple(filter(None, heading))
+        "identify",
+        {name: value for name, value in identification.fixed.items() if value is not None},
+        tuple(_identification_tables(identification)),
+        tuple(_identification_notes(identification)),
+        extra={
+            **_adequacy_record(identification),
+            "method": identification.method,
+            "simulated": identification.observations.simulated,
+            "unidentified": list(identification.unidentified),
+            "covariance_names": [e.name for e in identification.estimates],
+            "covariance": np.asarray(identification.covariance).tolist(),
+            "verdict": identification.verdict,
+            "budget": budget_record(identification.budget),
+            "unstated": list(unstated),
+            "contradictions": list(contradictions(identification)),
+            "dimensions": "" if identification.sheet is None else identification.sheet.description,
+        },
+        heading=tuple(filter(None, heading)),
     )
+
+
+def _identification_tables(identification: IdentificationResult) -> Iterator[Table]:
+    """Yield estimates, uncertainty budget, misfits, validation, nonidealities, steps and discrepancies, where there are any."""
+    simulated = ", SIMULATED" if identification.observations.simulated else ""
+    method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
+    title = f"Specimen {identification.specimen}: {method}{simulated}"
+    yield estimate_table(title, identification.identified, identification.statistical_errors)
+    yield from budget_tables(identification)
+    if runs := identification.misfits:
+        yield Table(
+            "runs",
+            "How well each run is explained",
+            (
+                Column("run", "", [r.label for r in runs]),
+                Column("residuals", "", [len(r.values) for r in runs]),
+                Column("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
+                Column("probability", "", [r.p_value for r in runs], format_spec=".2g"),
+                Column("outliers", "", [len(r.outliers) for r in runs], "beyond 4 errors"),
+                Column("error_scale", "", [r.error_scale for r in runs], "errors enlarged", format_spec=".3g"),
+            ),
+        )
+    if curves := identification.validation:
+        yield Table(
+            "validation",
+            "How well each curve is predicted",
+            (
+                Column("run", "", [v.label for v in curves]),
+                Column("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
+                Column("p", "", [v.p for v in curves], format_spec=".2g"),
+                Column("points", "", [v.points for v in curves]),
+            ),
+        )
+    yield from nonideality_tables(identification)
+    if identification.first_fit is not None and identification.steps:
+        yield steps_table(identification.first_fit, identification.steps)
+    if identification.adequacy is not None:
+        yield from adequacy_tables(identification.adequacy)
+
+
+def _identification_notes(identification: IdentificationResult) -> Iterator[str]:
+    adequacy = identification.adequacy
+    if adequacy is not None:
+        yield f"{ADEQUACY_TEXT[adequacy.adequate]}: {adequacy.message}."
+        if identification.steps:
+            yield steps_line(identification, also="identify --also", plain="--plain")
+    yield from (f"{text}." for text in contradictions(identification))
+    yield f"{identification.verdict}."
+    yield from (f"not identifiable from these runs: {text}" for text in identification.unidentified)
+    if adequacy is not None:
+        if adequacy.diagnosis is not None and (likeliest := adequacy.diagnosis.likeliest) and also_hint(likeliest):
+            yield also_hint(likeliest)
+        yield from (f"{error.words}." for error in adequacy.undecidable)
+    yield from identification.notes
+
+
+def _adequacy_record(identification: IdentificationResult) -> dict[str, Any]:
+    """Return the adequacy of a joint fit for JSON; empty where there is none."""
+    adequacy = identification.adequacy
+    if adequacy is None:
+        return {}
+    return {
+        "adequate": adequacy.adequate,
+        "adequacy": adequacy.message,
+        "every_finding": [to_jsonable(finding) for finding in adequacy.findings],
+        **({"proposed": [step.name for step in identification.steps]} if identification.steps else {}),
+    }
 
 
 def estimate_table(title: str, estimates: Sequence[Any], statistical: Mapping[str, float] | None = None) -> Table:

@@ -22,7 +22,6 @@ from app.archive import (
 from app.cli.options import RUN_FILES, argument, command, option
 from app.common import (
     ExitCode,
-    Severity,
     UsageError,
     format_bytes,
     format_duration,
@@ -31,18 +30,12 @@ from app.common import (
     print_message,
     terminal_progress,
 )
+from app.services import SEVERITY_STYLES
 from protocols.base import Outcome, visible_text
 from protocols.runfile.reader import Run, RunReadError
 
 DEFAULT_ROWS = 40
 """Runs that are listed without --all."""
-
-SEVERITY_COLORS = {
-    Severity.INFO: "default",
-    Severity.SUCCESS: "green",
-    Severity.WARNING: "yellow",
-    Severity.ERROR: "bold red",
-}
 
 EXPLAINED = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.UNSAFE)
 """Verdicts whose reasons are printed below the list."""
@@ -164,7 +157,7 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
     shown = summaries if show_all else summaries[:DEFAULT_ROWS]
     for e in shown:
         begun = f"{e.started_at:%Y-%m-%d %H:%M}" if e.started_at else ""
-        verdict = Text(f"{e.symbol} {e.verdict_text}", SEVERITY_COLORS[e.severity])
+        verdict = Text(f"{e.symbol} {e.verdict_text}", SEVERITY_STYLES[e.severity])
         if e.simulated:
             verdict.append(", SIMULATED", "default")
         extent = (str(e.points), format_duration(e.seconds)) if e.readable else ("", "")

@@ -8,32 +8,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common import (
-    format_duration,
-    format_point,
-    format_series,
-    print_message,
-)
-from app.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
+from app.common import Severity, format_duration, format_point, outcome_severity, print_message
+from app.session import BenchOpened, SessionEvent, describe_event
 from model import format_quantity
 from protocols.base import (
-    BenchArmed,
     BlockDiscarded,
     BlockStored,
-    InjectedFaultChanged,
-    LevelExceeded,
-    LogMessage,
-    Outcome,
     PointMeasured,
     ProgressUpdated,
-    PromptAnswered,
     PromptShown,
-    RestMeasured,
     RunEnded,
-    RunPaused,
-    RunResumed,
     RunStarted,
-    SeriesReady,
     ShutdownStarted,
     SpecimenMayBeLive,
     event_record,
@@ -43,7 +28,13 @@ from protocols.base import (
 STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
 """Warning at the end of every run on a real bench."""
 
-OUTCOME_COLORS = {Outcome.GOOD: "green", Outcome.UNSAFE: "bold red", Outcome.DID_NOT_PASS: "bold red"}
+SEVERITY_STYLES = {
+    Severity.INFO: "default",
+    Severity.SUCCESS: "green",
+    Severity.WARNING: "yellow",
+    Severity.ERROR: "bold red",
+}
+"""Styles of texts on a terminal."""
 
 
 class StderrConsole(Console):
@@ -87,6 +78,7 @@ class ConsoleObserver:
         self._progress.stop()
 
     def __call__(self, event: SessionEvent) -> None:
+        self._update_progress(event)
         match event:
             case BenchOpened(name, simulated, identities):
                 self._simulated = simulated
@@ -94,58 +86,35 @@ class ConsoleObserver:
                 for role, identity in identities.items():
                     self._print(f"  {role}: {identity}")
             case RunStarted():
-                self._task = self._progress.add_task("arming", total=event.entries, left="")
                 self._print(f"writing {event.path}" + (f"; {self._key_help}" if self._key_help else ""))
-            case BenchArmed(high_voltage, _, safety):
-                on = (
-                    "high voltage is on, as confirmed by the operator"
-                    if high_voltage
-                    else "high voltage is off and stays off"
-                )
-                self._print(f"rest is measured; {on}")
-                if safety:
-                    self._print(f"safety: {safety}")
             case PromptShown(_, prompt):
                 self._print((f"> {prompt.text}", "bold yellow"))
-            case PromptAnswered(_, text):
-                self._print(f"  {text}")
-            case LevelExceeded():
-                self._print((f"abort level ({event.action})", "bold yellow"), f": {event.words}")
-            case LogMessage(text):
-                self._print(text)
-            case InjectedFaultChanged(fault, text, broken):
-                self._print((f"fault {'injected' if broken else 'cleared'}", "bold yellow"), f": {text} ({fault})")
             case PointMeasured(_, point):
                 self._print(format_point(point))
-            case SeriesReady(curve) if text := format_series(curve):
-                self._print(text)
-            case ProgressUpdated() if self._task is not None:
-                left = f"{format_duration(event.left_s)} left" if event.done < event.entries else ""
-                self._progress.update(self._task, completed=event.done, description=event.label, left=left)
-            case RunPaused(text):
-                self._print(("paused", "bold yellow"), f": {text}")
-            case RunResumed():
-                self._print("resumed")
-            case ShutdownStarted() if self._task is not None:
-                self._progress.update(self._task, description="going to rest", left="")
             case SpecimenMayBeLive():
                 self._print(("DANGER: ", "bold red"), (event.words, "bold"))
-            case RestMeasured(confirmed, _, text):
-                self._print(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), text)
             case RunEnded():
-                self._print_outcome(event)
-            case BenchFailed(text) | RunRejected(text):
-                self._print(("error", "bold red"), f": {text}")
+                for estimate in event.estimates:
+                    value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
+                    self._print(f"{estimate.name}: {value}")
+                if not self._simulated:
+                    self._print((STILL_ON, "bold yellow"))
+                self._print((event.summary, SEVERITY_STYLES[outcome_severity(event.verdict.outcome)]))
+            case _ if message := describe_event(event):
+                severity, text = message
+                self._print((text, SEVERITY_STYLES[severity]))
 
-    def _print_outcome(self, event: RunEnded) -> None:
-        for estimate in event.estimates:
-            value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
-            self._print(f"{estimate.name}: {value}")
-        if self._task is not None:
-            self._progress.update(self._task, description=str(event.verdict.outcome), left="")
-        if not self._simulated:
-            self._print((STILL_ON, "bold yellow"))
-        self._print((event.summary, OUTCOME_COLORS.get(event.verdict.outcome, "yellow")))
+    def _update_progress(self, event: SessionEvent) -> None:
+        if isinstance(event, RunStarted):
+            self._task = self._progress.add_task("arming", total=event.entries, left="")
+        if self._task is None:
+            return
+        if isinstance(event, ProgressUpdated):
+            left = f"{format_duration(event.left_s)} left" if event.done < event.entries else ""
+            self._progress.update(self._task, completed=event.done, description=event.label, left=left)
+        elif isinstance(event, ShutdownStarted | RunEnded):
+            text = str(event.verdict.outcome) if isinstance(event, RunEnded) else "going to rest"
+            self._progress.update(self._task, description=text, left="")
 
     def _print(self, *parts: str | tuple[str, str]) -> None:
         text = Text.assemble(

@@ -408,7 +408,7 @@ def _double_cell(source: str, drive: str, pair: tuple[str, str], folder: Path) -
             if at is not None and at >= began_s - 0.5:
                 told.append(Report("program", what, at - began_s))
         confirmed_s = next(
-            (t for line, t in zip(program.said, program.said_s, strict=True) if "at rest: the card" in line), None
+            (t for line, t in zip(program.said, program.said_s, strict=True) if "At rest: the card" in line), None
         )
         seen.confirmed_wrongly = confirmed_s is not None and not bench.report().ends_at_rest
         if not bench.report().ends_at_rest and not any(r.what in (UNSAFE, COULD_NOT) for r in told):

@@ -75,7 +75,7 @@ def test_watchdog_rests_after_sigstop_and_resumed_program_does_not_drive(tmp_pat
         tactor_bench.process.send_signal(signal.SIGCONT)
         assert tactor_bench.end() == ExitCode.FAILED, tactor_bench.text
         assert "the watchdog took the source over" in tactor_bench.text
-        assert "at rest: the card sees 2.500 V" in tactor_bench.text
+        assert "At rest: the card sees 2.500 V" in tactor_bench.text
         safe(tactor_bench.bench)
 
 

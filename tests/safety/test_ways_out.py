@@ -77,7 +77,7 @@ def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -
         run.wait_for("100.0")
         run.bench.inject("scpi-dropped")
         assert run.end() == ExitCode.FAILED, run.text
-        assert "at rest: the card sees 2.500 V" in run.text
+        assert "At rest: the card sees 2.500 V" in run.text
         assert "cannot be reached" in run.text or "was silent" in run.text
         safe(run.bench)
 

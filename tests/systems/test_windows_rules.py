@@ -73,7 +73,7 @@ def test_files_are_written_replaced_moved_and_listed_under_the_rules_of_windows(
 @pytest.mark.deep
 def test_watchdog_and_simulated_bench_are_processes_under_the_rules_of_windows(tmp_path: Path) -> None:
     said = on_windows(tmp_path, ("run", "wiring-check", "--speed", "5", "--bench", "ideal", "--seed", "3"))
-    assert "at rest: the card sees 2.500 V" in said
+    assert "At rest: the card sees 2.500 V" in said
     assert "the watchdog takes it after 2 s" in said
 
 

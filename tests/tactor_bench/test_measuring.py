@@ -373,7 +373,7 @@ def test_sigint_in_mid_run_is_a_keyboard_interrupt_after_rest(tmp_path: Path) ->
         assert run.end() in (1, 130, -signal.SIGINT), run.text
         assert "KeyboardInterrupt: stopped by the operator after" in run.text
         assert "High voltage may still be on: switch it off at the amplifier before you touch anything." in run.text
-        assert run.text.index("at rest: the card sees 2.500 V") < run.text.index("KeyboardInterrupt")
+        assert run.text.index("At rest: the card sees 2.500 V") < run.text.index("KeyboardInterrupt")
         safe(run.bench)
     assert tb.open_run(run.file).status == "stopped"
 
@@ -394,7 +394,7 @@ def test_sigterm_in_mid_run_ends_the_script_after_rest(tmp_path: Path) -> None:
         live(run)
         run.process.send_signal(signal.SIGTERM)
         assert run.end() == -signal.SIGTERM, run.text
-        assert "at rest: the card sees 2.500 V" in run.text
+        assert "At rest: the card sees 2.500 V" in run.text
         safe(run.bench)
     assert tb.open_run(run.file).status == "stopped"
 

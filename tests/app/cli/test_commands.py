@@ -20,7 +20,7 @@ def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytes
     assert main(sim(tmp_path, "--specimen", "T9", "--seed", "5")) == ExitCode.DONE
     output = capsys.readouterr().err
     assert "SIMULATED" in output
-    assert "at rest: the card sees 2.500 V" in output
+    assert "At rest: the card sees 2.500 V" in output
     (file,) = tmp_path.glob("*_T9_sine-dwell.h5")
     assert main(["show", str(file)]) == ExitCode.DONE
     shown = capsys.readouterr().out

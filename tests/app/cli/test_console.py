@@ -161,8 +161,8 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
     assert kept == ["EntryBegan", "PointMeasured", "EntryBegan", "Paused", "Resumed", "EntryBegan", "PointMeasured"]
     output = capsys.readouterr().err
     assert f".h5; {KEY_HELP}" in output
-    assert "paused: the card sees 2.500 V" in output
-    assert "resumed" in output
+    assert "the card sees 2.500 V" in output
+    assert "continues" in output
 
 
 def test_a_prompt_at_a_terminal_that_is_closed_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +195,7 @@ def test_an_armed_bench_is_told_with_its_high_voltage(needed: bool, says: str) -
     out = io.StringIO()
     with ConsoleObserver(Console(file=out, width=200)) as told:
         told(BenchArmed(needed))
-    assert f"rest is measured; {says}" in out.getvalue()
+    assert says in out.getvalue()
 
 
 def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:
