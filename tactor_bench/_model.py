@@ -1,14 +1,14 @@
 """Frequency response of a tactor on skin or membrane, with the band of a calibration."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from app.identification import ActiveModel
 from model import (
-    NONIDEAL_NAMES,
     AmplifierMap,
     Array,
     Complex,
@@ -19,7 +19,7 @@ from model import (
     Tactor,
     replace_variables,
 )
-from model.identification import Calibration, parse_elongation
+from model.identification import Calibration
 from model.response import (
     PeriodicResponse,
     Waveform,
@@ -118,11 +118,11 @@ def response(
         raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
     if skin is not None and membrane is not None:
         raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
-    known = None if calibration is None else _Known.of(calibration)
+    known = None if calibration is None else _known_model(calibration)
     stretched = membrane is not None or elongation_m is not None or pre_stretch is not None
     if stretched and membrane is None:
         membrane = known.membrane if known else Membrane()
-    own_damping = known.damping_at(elongation_m) if known and elongation_m is not None else None
+    own_damping = known.skin_damping(elongation_m) if known and elongation_m is not None else None
     specimen = Specimen(
         tactor or (known.tactor if known else Tactor()),
         membrane,
@@ -134,7 +134,8 @@ def response(
     if shapes is None and known is None:
         highest_hz = float(np.max(check_frequency(frequencies_hz)))
         shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
-    n = shapes or (known.shapes if known else SHAPES)
+    identified = None if calibration is None or isinstance(calibration, Calibration) else calibration.shapes
+    n = shapes or identified or SHAPES
     amplifier = amplifier or AmplifierMap()
 
     def driven(specimen: Specimen, f: ArrayLike) -> PeriodicResponse:
@@ -145,7 +146,7 @@ def response(
 
     got = driven(specimen, frequencies_hz)
     bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
-    if known is not None and (estimates := known.estimates(specimen)) is not None:
+    if known is not None and (estimates := known.estimates_for(specimen)) is not None:
         bands = _bands(driven, got, specimen, estimates, coverage)
     return Response(
         got.frequency_hz,
@@ -157,49 +158,11 @@ def response(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """Values and errors of one specimen, from a calibration or an identification."""
-
-    tactor: Tactor
-    membrane: Membrane
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-    covariance: Array
-    shapes: int = SHAPES
-
-    @classmethod
-    def of(cls, source: "Calibration | Identification") -> "_Known":
-        if isinstance(source, Calibration):
-            estimates, tactor, membrane, shapes = source.estimates, source.tactor(), source.membrane(), SHAPES
-        else:
-            estimates, tactor, membrane, shapes = source.found.estimates, source.tactor, source.membrane, source.shapes
-        names, values = tuple(e.name for e in estimates), tuple(e.value for e in estimates)
-        return cls(tactor, membrane, names, values, np.asarray(source.covariance, float), shapes)
-
-    def estimates(self, specimen: Specimen) -> EstimateSet | None:
-        """Return those that the specimen's response depends on by name; None where there are none."""
-        kinds = (Tactor,) if specimen.membrane is None else (Tactor, Membrane)
-        wanted = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)
-        at = [i for i, name in enumerate(self.names) if name in wanted]
-        if not at:
-            return None
-        return EstimateSet(
-            tuple(self.names[i] for i in at), tuple(self.values[i] for i in at), self.covariance[np.ix_(at, at)]
-        )
-
-    @property
-    def nonideal(self) -> dict[str, float]:
-        """Hysteresis, creep and flexibility of the clamp, where they were identified."""
-        return {name: v for name, v in zip(self.names, self.values, strict=True) if name in NONIDEAL_NAMES}
-
-    def damping_at(self, elongation_m: float) -> float | None:
-        """Return the skin's damping where it was identified for this elongation by itself."""
-        for name, value in zip(self.names, self.values, strict=True):
-            at = parse_elongation(name) if name.startswith("c_s(") else None
-            if at is not None and np.isclose(at, elongation_m, rtol=1e-5, atol=1e-8):
-                return value
-        return None
+def _known_model(source: "Calibration | Identification") -> ActiveModel:
+    """Return values and errors of one specimen, from a calibration or an identification."""
+    if isinstance(source, Calibration):
+        return ActiveModel.from_estimates(source.tactor(), source.membrane(), source.estimates, source.covariance)
+    return ActiveModel.from_estimates(source.tactor, source.membrane, source.found.estimates, source.covariance)
 
 
 def _bands(

@@ -29,6 +29,7 @@ from model import (
     PRE_STRETCH,
     AmplifierMap,
     Array,
+    Complex,
     Membrane,
     ParameterError,
     ParameterSpec,
@@ -48,6 +49,7 @@ from model.response import (
     UNCOMFORTABLE_SOURCE,
     Latency,
     PerceptionThreshold,
+    PeriodicResponse,
     Waveform,
     amplifier_response,
     exact_response,
@@ -102,19 +104,9 @@ class FrequencyResponseTopic(Topic):
         at = None if self.at is None else read_number(self.at, position)
         beam = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
         response = with_lag(beam, specimen, amplitude, offset, AmplifierMap())
-        twice = 2 * np.abs(response.fundamental)
-        H = receptance(t, f, skin, n, at)
         felt = chosen_threshold(RUNS_FOLDER, self.threshold)
-        head = f"x {1e6 * felt.amplitude_m[0]:g} µm" if len(felt.amplitude_m) == 1 else "x threshold"
-        columns = [
-            Column("frequency", "Hz", f, format_spec=".6g"),
-            Column("peak_to_peak", "m", response.peak_to_peak, "max - min", "µm", ".1f"),
-            Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
-            Column("phase", "rad", np.angle(response.fundamental), "phase", "°", ".1f"),
-            Column("receptance_re", "m/V", H.real, displayed=False),
-            Column("receptance_im", "m/V", H.imag, displayed=False),
-            Column("margin", "", perception_margin(f, response.peak_to_peak, felt), head, format_spec=".2f"),
-        ]
+        columns = _response_columns(response, receptance(t, f, skin, n, at), felt)
+        twice = 2 * np.abs(response.fundamental)
         lines = [FigureCurve("max - min", f, response.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
         if self.exact:
             exact = exact_response(t, f, skin, at)
@@ -197,6 +189,21 @@ class StepTopic(Topic):
             figures=(figure,),
             extra={"shapes": choice.n, "shape_error": choice.error},
         )
+
+
+def _response_columns(response: PeriodicResponse, receptance: Complex, felt: PerceptionThreshold) -> list[Column]:
+    """Return frequency, amplitudes, phase, receptance, and the margin over the perception threshold."""
+    f, peak_to_peak = response.frequency_hz, response.peak_to_peak
+    head = f"x {1e6 * felt.amplitude_m[0]:g} µm" if len(felt.amplitude_m) == 1 else "x threshold"
+    return [
+        Column("frequency", "Hz", f, format_spec=".6g"),
+        Column("peak_to_peak", "m", peak_to_peak, "max - min", "µm", ".1f"),
+        Column("twice_fundamental", "m", 2 * np.abs(response.fundamental), "2 x fundamental", "µm", ".1f"),
+        Column("phase", "rad", np.angle(response.fundamental), "phase", "°", ".1f"),
+        Column("receptance_re", "m/V", receptance.real, displayed=False),
+        Column("receptance_im", "m/V", receptance.imag, displayed=False),
+        Column("margin", "", perception_margin(f, peak_to_peak, felt), head, format_spec=".2f"),
+    ]
 
 
 def _describe_felt_bands(

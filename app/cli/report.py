@@ -81,6 +81,9 @@ class ReportCommand:
             raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
         if self.sign is not None and not self.by.strip():
             raise UsageError("--sign needs the name of who signs: --by NAME")
+        return self._write(self.specimen)
+
+    def _write(self, specimen_name: str) -> int:
         out = self.out
         try:
             limits, laboratory = _read_limits(self), read_laboratory(self.folder)
@@ -91,7 +94,7 @@ class ReportCommand:
             out.mkdir(parents=True, exist_ok=True)
             with terminal_progress("report") as progress:
                 content, specimen, runs = build_report(
-                    self.folder, self.specimen, limits, progress, threshold, self.full, laboratory
+                    self.folder, specimen_name, limits, progress, threshold, self.full, laboratory
                 )
                 content = replace(content, logo=logo, signed_by=self.by.strip())
                 files = write_report(content, specimen, runs if self.full else (), out, progress, threshold)

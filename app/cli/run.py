@@ -20,7 +20,6 @@ from app.cli.options import (
     argument,
     command,
     option,
-    options,
 )
 from app.common import ExitCode, UsageError, print_line, print_message, usage_errors
 
@@ -123,19 +122,17 @@ class ShowCommand:
         return _draw_run(self.run, self.picture) if self.picture else ExitCode.DONE
 
 
-@options
-class _AgainOptions:
-    run: Path = argument("a run file", metavar="RUN")
-    again: str = option("entries by their values, e.g. 155,160 for frequencies; or 'flagged'", metavar="WHICH")
-    file: str = option("the protocol's file, for a run of a lab's own protocol", flag="--protocol", metavar="FILE.py")
-
-
 @command("example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160")
-class ResumeCommand(BenchOptions, _AgainOptions):
+class ResumeCommand(BenchOptions):
     """Resume a run that was stopped, failed or crashed; or, with --again, measure some of its points again. The
     result is a new file that contains the earlier points and links to their raw data.
     """
 
+    run: Path = argument("a run file", metavar="RUN")
+    again: str = option("entries by their values, e.g. 155,160 for frequencies; or 'flagged'", metavar="WHICH")
+    protocol_file: str = option(
+        "the protocol's file, for a run of a lab's own protocol", flag="--protocol", metavar="FILE.py"
+    )
     json: bool = JSON_EVENTS
 
     def execute(self) -> int:
@@ -147,8 +144,8 @@ class ResumeCommand(BenchOptions, _AgainOptions):
 
         bench = select_bench(self)
         load_all_protocols()
-        if self.file:
-            load_protocol_class(self.file, warn)
+        if self.protocol_file:
+            load_protocol_class(self.protocol_file, warn)
         with usage_errors(RunReadError):
             again = find_entries(self.run, [name for name in self.again.split(",") if name]) if self.again else ()
             request = RunRequest.resuming(self.run, self.out or self.run.parent, again)

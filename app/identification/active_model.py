@@ -1,15 +1,16 @@
 """Model parameters of a specimen: its active calibration, or the paper's values if it has none."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.identification import calibrations
-from model import NONIDEAL_NAMES, Membrane, ParameterError, Specimen, Tactor, replace_variables
+from model import NONIDEAL_NAMES, EstimatedQuantity, Membrane, ParameterError, Specimen, Tactor, replace_variables
 from protocols.base import ReferenceModel
 from protocols.runfile.names import sheet_path
 
@@ -47,9 +48,48 @@ class ActiveModel:
         """
         if elongation_m is None:
             return replace_variables(Specimen(self.tactor), self.nonideal)
-        alone = next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
-        stretch = elongation_m / self.membrane.L_m
-        return replace_variables(Specimen(self.tactor, self.membrane, stretch, c_s=alone), self.nonideal)
+        stretch, c_s = elongation_m / self.membrane.L_m, self.skin_damping(elongation_m)
+        return replace_variables(Specimen(self.tactor, self.membrane, stretch, c_s=c_s), self.nonideal)
+
+    def skin_damping(self, elongation_m: float) -> float | None:
+        """Return the skin's damping (kg/(m s)) that was identified at one elongation alone; None where it was not."""
+        return next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
+
+    def estimates_for(self, specimen: Specimen) -> "EstimateSet | None":
+        """Return the estimates that a specimen depends on: those of the tactor, and of its membrane if it is on one."""
+        return self.estimates if specimen.membrane is None else self.membrane_estimates
+
+    @classmethod
+    def from_estimates(
+        cls,
+        tactor: Tactor,
+        membrane: Membrane,
+        estimates: Sequence[EstimatedQuantity],
+        covariance: ArrayLike,
+        description: str = "",
+    ) -> Self:
+        """Return the model of estimates with their covariance, (P, P), in their order."""
+        from model.identification import parse_elongation  # slow to load
+        from model.studies.uncertainty import EstimateSet
+
+        def select(*kinds: type) -> EstimateSet | None:
+            names = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)
+            at = [i for i, each in enumerate(estimates) if each.name in names]
+            if not at:
+                return None
+            kept, part = [estimates[i] for i in at], np.asarray(covariance, float)[np.ix_(at, at)]
+            return EstimateSet(tuple(each.name for each in kept), tuple(each.value for each in kept), part)
+
+        alone = ((parse_elongation(e.name), e.value) for e in estimates if e.name.startswith("c_s("))
+        return cls(
+            tactor,
+            select(Tactor),
+            description,
+            membrane=membrane,
+            membrane_estimates=select(Tactor, Membrane),
+            damping_by_elongation=tuple((at, value) for at, value in alone if at is not None),
+            nonideal={e.name: e.value for e in estimates if e.name in NONIDEAL_NAMES},
+        )
 
 
 PAPER_MODEL = ActiveModel(Tactor(), None, "the paper's values")
@@ -70,27 +110,19 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
     stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
     if previous.stamp == stamp:
         return previous
-    from model.identification import parse_elongation  # slow to load
-
     try:
         known = calibrations.read_calibrations(folder, specimen)
         if not known.active:
             base = _uncalibrated_model(folder, specimen)
             return replace(base, description=f"{base.description}: no calibration of {specimen} is active", stamp=stamp)
         active = known.get()
-        estimates = active.estimate_set()
-        of_tactor, both = _select_estimates(estimates, Tactor), _select_estimates(estimates, Tactor, Membrane)
-        alone = ((parse_elongation(e.name), e.value) for e in active.estimates if e.name.startswith("c_s("))
-        damping = tuple((at, value) for at, value in alone if at is not None)
-        simulated = ", SIMULATED" if active.simulated else ""
-        words = f"calibration {active.version} of {active.specimen}{simulated}"
+        words = f"calibration {active.version} of {active.specimen}{', SIMULATED' if active.simulated else ''}"
         if active.doubt:
             words = f"{words} (accepted although {active.doubt.partition(':')[0]})"
-        trouble = "" if of_tactor else "nothing of it has an error"
-        nonideal = {e.name: e.value for e in active.estimates if e.name in NONIDEAL_NAMES}
-        return ActiveModel(
-            active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping, nonideal
+        model = ActiveModel.from_estimates(
+            active.tactor(), active.membrane(), active.estimates, active.covariance, words
         )
+        return replace(model, problem="" if model.estimates else "nothing of it has an error", stamp=stamp)
     except (calibrations.CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 
@@ -117,18 +149,6 @@ def reference_model(folder: Path, specimen: str) -> ReferenceModel | None:
     if active.estimates is None or active.problem:
         return None
     return ReferenceModel(active.tactor, source=active.description, calibrated=True)
-
-
-def _select_estimates(estimates: "EstimateSet", *kinds: type) -> "EstimateSet | None":
-    """Return the estimates of the fields of some parameter classes; None if there are none."""
-    from model.studies.uncertainty import EstimateSet
-
-    known = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)
-    at = [i for i, name in enumerate(estimates.names) if name in known]
-    if not at:
-        return None
-    names, values = tuple(estimates.names[i] for i in at), tuple(estimates.values[i] for i in at)
-    return EstimateSet(names, values, estimates.covariance[np.ix_(at, at)])
 
 
 def same_elongation(one_m: float, other_m: float) -> bool:

@@ -175,7 +175,7 @@ class Overlay:
         peak_to_peak = np.concatenate([part.peak_to_peak for part in driven])
         motion = np.concatenate([part.fundamental for part in driven])
         fundamental, phase = np.abs(motion), np.unwrap(np.angle(motion))
-        estimates = active_model.estimates if specimen.membrane is None else active_model.membrane_estimates
+        estimates = active_model.estimates_for(specimen)
         band = None
         if estimates is not None:
             reach = self._band_half_width(request, estimates, specimen, frequency)

@@ -36,7 +36,7 @@ class DesignTopic(Topic):
     def compute(self) -> CommandResult:
         active = self._active_model()
         specimen = read_specimen(self, base=active)
-        known = active.estimates if specimen.membrane is None else active.membrane_estimates
+        known = active.estimates_for(specimen)
         estimates = None if known is None else known.without(read_settings(self.settings))
         choice = self.shapes.choose(specimen)
         tables, notes = self.answer(specimen, estimates, choice.n)
