@@ -171,8 +171,7 @@ def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -
     levels = np.concatenate((LEVELS_V, LEVELS_V[-2::-1]))
     rising = np.arange(levels.size) < LEVELS_V.size
     V = AmplifierMap().specimen_v(levels)
-    loop = world.hysteresis * (1 - (V / 1500) ** 2) * 1500 / 2  # Rayleigh: half-width of the loop
-    w = per_volt * (V + np.where(rising, -loop, loop)) * (1 + world.creep)  # read after 1 s, a decade later than 10 Hz
+    w = per_volt * staircase(V, world.hysteresis, world.creep, 0.1)  # read after 1 s, a decade later than 10 Hz
     runs.append(
         VoltageStepsObservation(
             "steps", levels, w, noise.steps * abs(per_volt * V) + noise.floor_m, rising,
@@ -196,6 +195,23 @@ def _perfect_runs(world: World, noise: Noise, amplitudes_v: tuple[float, ...]) -
     hang = np.full(5, sag(m).centre_m)
     runs.append(MembraneSagObservation("sag", hang, noise.sag * hang, shared_errors=(), simulated=True))
     return tuple(runs)
+
+
+def staircase(volts: np.ndarray, hysteresis: float, creep: float, reference_s: float) -> np.ndarray:
+    """Volts that act, (F,), of levels one after the other from rest, a second each, with the creep of every step by itself.
+
+    Hysteresis is that of plays of all widths between -500 and 1500 V, which came to rest from the lower end.
+    """
+    width = np.arange(2000) + 0.5
+    play, loop = np.maximum(-500.0, 0.0 - width), []
+    at_rest = play.sum()
+    for v in volts:
+        play = np.minimum(np.maximum(play, v - width), v)
+        loop.append(play.sum() - at_rest)
+    steps = np.diff(volts + hysteresis * np.array(loop) / 1000, prepend=0.0)
+    read = np.arange(volts.size)
+    ages_s = np.maximum(read[:, None] - read, 0) + 1.0
+    return np.tril(1 + creep * np.log10(ages_s / reference_s)) @ steps
 
 
 def _loop_orders() -> np.ndarray:

@@ -15,6 +15,9 @@ from model.parameter_spec import ParameterError
 MIN_READ_S = 1e-3
 """From reaching a drive to its reading, at least."""
 
+FAR_APART_S = 1e5
+"""Between levels whose times are unknown, each reached from rest: the creep of those before has gone."""
+
 
 @dataclass(frozen=True, eq=False)
 class DriveHistory:
@@ -53,6 +56,28 @@ class DriveHistory:
         if np.any(np.diff(t) < 0) or np.any(read_s < start_s + MIN_READ_S):
             return None
         return cls(t, drive.ravel(), start_s, read_s, zero_s)
+
+    @classmethod
+    def of_levels(cls, levels: Array, rest: float, held_s: Array, staircase: bool) -> "DriveHistory":
+        """Return the history of levels in the order of their points, of whose times only `held_s`, until the reading, is known.
+
+        In a staircase each level follows the one before and the only zero is that before the first; otherwise each is reached from
+        rest, where its zero is, long after the one before.
+        """
+        levels = np.where(np.isfinite(levels), levels, rest)
+        held_s = np.asarray(np.maximum(held_s, MIN_READ_S), float)
+        if staircase:
+            start_s: Array = np.cumsum(held_s + MIN_READ_S) - held_s  # the next level comes after the reading
+            before = np.concatenate(([rest], levels[:-1]))
+            zero_s = np.full((levels.size, 1), -1.0)
+            stairs = np.stack((before, levels), axis=1).ravel()
+            return cls(np.repeat(start_s, 2), stairs, start_s, start_s + held_s, zero_s)
+        start_s = FAR_APART_S * np.arange(levels.size, dtype=float)
+        end_s = start_s + 2 * held_s
+        away = np.full(levels.size, rest)
+        time_s = np.stack((start_s, start_s, end_s, end_s), axis=1)
+        drive = np.stack((away, levels, levels, away), axis=1)
+        return cls(time_s.ravel(), drive.ravel(), start_s, start_s + held_s, start_s[:, None] - 1.0)
 
     def take(self, rows: Any) -> "DriveHistory":
         """Return the history with these of its readings."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from model import AmplifierMap
@@ -202,7 +203,7 @@ def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
         for field in fields(point_type):
-            value = columns[field.name][row]
+            value = np.asarray(columns[field.name][row] if field.name in columns else math.nan)  # an older file
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])

@@ -192,7 +192,7 @@ class ForwardModel:
         self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
         self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
-        self._nonideal = NonidealResponse(observations, amplifier)
+        self.nonideal = NonidealResponse(observations, amplifier)
         self._responses = observations.of_type(FrequencyResponseObservation)
         self._drives = {
             r.label: 1j * specimen_harmonic(r, amplifier) for r in self._responses if r.fundamental_m is not None
@@ -226,14 +226,14 @@ class ForwardModel:
                 )
                 errors = differences.input_error(run, "load", load) + np.reshape(v["load_gain"], (-1, 1))
                 acting = load * (1 + errors) + np.reshape(v["load_offset"], (-1, 1))
-                y = per_newton[:, None] * acting * self._nonideal.factor(run, v) + self._nonideal.drift(run, v)
+                y = per_newton[:, None] * acting * self.nonideal.factor(run, v) + self.nonideal.drift(run, v)
             case VoltageStepsObservation():
                 per_volt = voltage_gain(beam) * gain * (1 + differences.shared_error(run, "volts"))
                 level = run.input_v[good]
                 slope = self._amplifier.slope_at(level)
                 volts = self._amplifier.specimen_v(level) + slope * differences.input_error(run, "level", level)
-                volts = self._nonideal.volts(run, v, volts)
-                y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts * self._nonideal.factor(run, v)
+                volts = self.nonideal.volts(run, v, volts)
+                y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts * self.nonideal.factor(run, v)
                 y = y + differences.rest_drift(run)
             case MembraneSagObservation():
                 return self._sag(run, differences, gain)
@@ -259,7 +259,7 @@ class ForwardModel:
             strip = Membrane(L_m, b_m, h_m, E_m, 0.0, 0.0)
             centres.append(sag(strip, run.load_per_length(strip), run.delta).centre_m)
         y = np.multiply.outer(np.array(centres)[where.ravel()] * gain, np.ones(int(run.usable.sum())))
-        y = y * self._nonideal.factor(run, differences.values)
+        y = y * self.nonideal.factor(run, differences.values)
         return Prediction(y[0], differences.derivatives(y))
 
     def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
@@ -330,7 +330,7 @@ class ForwardModel:
         d_omega = 2 * np.pi * np.concatenate([differences.derivatives(e) for e in errors_hz], axis=1)  # (P, rows)
         rows, dK = stacked.take_rows(of), slopes.K[:, of]
         if np.any(v["stiffening"]):
-            gain = np.concatenate([self._nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
+            gain = np.concatenate([self.nonideal.stiffness_gain(r, v, differences.set_count) for r in runs], axis=1)
             dK[:, :, 3:] *= 1 + gain[0][:, None]
             dK[:, :, 3:] += differences.derivatives(gain)[:, :, None] * rows.K[:, 3:]
             rows.K[:, 3:] *= 1 + gain[0][:, None]
@@ -358,7 +358,7 @@ class ForwardModel:
             y = A * moment[0] * H[here]
             dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
             dy = dy - 1j * (np.multiply.outer(differences.derivatives(late), w) + late[0] * d_omega[:, here]) * y
-            factor = self._nonideal.factor(run, v)
+            factor = self.nonideal.factor(run, v)
             if np.ndim(factor):
                 factor = np.broadcast_to(factor, (differences.set_count, size))
                 dy = dy * factor[0] + y * differences.derivatives(factor)
@@ -394,7 +394,7 @@ class ForwardModel:
         drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
         V = np.array([fourier_series("sine", a, o, self._amplifier, k.size - 1) for a, o in drives])
         width = np.stack([peak_to_peak(rows * V) for rows in H])
-        width = width * np.abs(self._nonideal.factor(run, v))
+        width = width * np.abs(self.nonideal.factor(run, v))
         return np.asarray(width * (gain * (1 + differences.shared_error(run, "volts")))[:, None])
 
 

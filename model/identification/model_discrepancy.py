@@ -98,7 +98,9 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                     )
                     yield "bend", message, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
             case VoltageStepsObservation():
-                yield from _voltage_step_discrepancies(run, p, others)
+                yield from _voltage_step_discrepancies(
+                    run, p, others, fit.problem.forward_model.nonideal.loop_share(run)
+                )
             case DecayPoleObservation():
                 yield "gain", f"{run.label} rings {{}} % <higher|lower> than {others}", {run.label: p}
                 damped = f"{run.label} is damped by {{}} % of the critical damping <more|less> than {others}"
@@ -117,7 +119,9 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                 pass
 
 
-def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array, others: str) -> Iterator[DiscrepancyParts]:
+def _voltage_step_discrepancies(
+    run: VoltageStepsObservation, p: Array, others: str, loop: Array
+) -> Iterator[DiscrepancyParts]:
     yield "gain", f"{run.label} deflect {{}} % <more|less> than {others}", {run.label: p}
     share = np.abs(p) / np.abs(p).max() if np.any(p) else np.zeros_like(p)
     if np.ptp(share) > 0:
@@ -126,10 +130,8 @@ def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array, others: 
         )
         yield "bend", message, {run.label: p * share}
     if run.rising is not None and 0 < run.rising[run.usable].sum() < run.usable.sum():
-        # half above, half below, closing at the largest deflection
-        width = np.abs(p).max() * (1 - share**2) * np.where(run.rising[run.usable], -0.5, 0.5)
-        message = f"{run.label} lie {{}} % of the largest deflection <higher|lower> falling than rising: hysteresis"
-        yield "loop", message, {run.label: width}
+        message = f"{run.label}: {{}} % of the deflection at full drive comes <late|early>: hysteresis"
+        yield "loop", message, {run.label: np.abs(p).max() * loop}
     if run.time_s is not None and np.ptp(run.time_s[run.usable]) > 0:
         decades = np.log10(np.maximum(run.time_s[run.usable], 1e-6))
         yield (

@@ -112,6 +112,8 @@ class NonidealResponse:
         self._amplifier = amplifier
         orders = [r.order for r in observations.of_type(FrequencyResponseObservation) if r.order is not None]
         self._first, self._last = (min(orders), max(orders)) if orders else (0.0, 0.0)
+        steps = observations.of_type(VoltageStepsObservation)
+        self._histories = {run.label: run.history or _usual_history(run, amplifier) for run in steps}
 
     def factor(self, run: Observation, v: Values) -> Any:
         """Return the factor of the predictions at a run's usable points, (S, F) or what broadcasts to it."""
@@ -131,10 +133,7 @@ class NonidealResponse:
                     decades = (run.history.crept(loads, lag.REFERENCE_S) / run.history.steps(loads))[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
             case VoltageStepsObservation():
-                time = np.full(1, STEP_TIME_S) if run.time_s is None else run.time_s[run.usable]
-                decades = np.log10(np.maximum(time, 1e-6) / lag.REFERENCE_S)
-                if run.history is not None:
-                    decades = run.history.decades(lag.REFERENCE_S)[run.usable]
+                decades = self._histories[run.label].decades(lag.REFERENCE_S)[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
         return 1.0
 
@@ -174,28 +173,25 @@ class NonidealResponse:
         return np.array([_share_below(self._amplifier, *drive) for drive in different.tolist()])[where.ravel()]
 
     def volts(self, run: VoltageStepsObservation, v: Values, volts: Array) -> Array:
-        """Return the volts on the specimen that act, (S, F), of those by the amplifier's map."""
+        """Return the volts on the specimen that act, (S, F), of those by the amplifier's map, with what was before each reading."""
         if np.any(v["gain_below_rest"]) or np.any(v["gain_above_rest"]):
             below, above = _column(v["gain_below_rest"]), _column(v["gain_above_rest"])
             volts = volts * (1 + np.where(volts < 0, below, above))
-        if run.history is not None:
-            return self._remembered(run, run.history, v, volts)
-        if np.any(v["hysteresis"]) and run.rising is not None:
-            full = float(self._amplifier.specimen_v(self._amplifier.high_v))
-            half_width = _column(v["hysteresis"]) * (1 - (volts / full) ** 2) * full / 2
-            volts = volts + np.where(run.rising[run.usable], -half_width, half_width)
-        return volts
-
-    def _remembered(self, run: VoltageStepsObservation, history: DriveHistory, v: Values, volts: Array) -> Array:
-        """Return the volts that act, (S, F), with what levels and rests before each reading have left."""
         if not np.any(v["hysteresis"]) and not np.any(v["creep"]):
             return volts
+        history = self._histories[run.label]
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
         decades = history.decades(lag.REFERENCE_S)
         loop, left, late = _memory(history, self._amplifier)
         volts = volts + hysteresis * loop[run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
         return np.asarray(volts)
+
+    def loop_share(self, run: VoltageStepsObservation) -> Array:
+        """Return what a `hysteresis` of 1 adds to the volts of each usable point, as a share of the largest, (F,)."""
+        loop, _, _ = _memory(self._histories[run.label], self._amplifier)
+        volts = np.abs(self._amplifier.specimen_v(run.input_v[run.usable]))
+        return np.asarray(loop[run.usable] / (volts.max() or 1.0))
 
     def drift(self, run: StaticLoadingObservation, v: Values) -> Any:
         """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
@@ -216,6 +212,12 @@ def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -
     low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
     below, both = (fourier_series("sine", amplitude_v, offset_v, each, 1)[1] for each in (low, amplifier))
     return float((below / both).real)
+
+
+def _usual_history(run: VoltageStepsObservation, amplifier: AmplifierMap) -> DriveHistory:
+    """Return the history of levels whose times are unknown: a staircase where they rise and fall, otherwise each from rest."""
+    held_s = np.full(run.input_v.size, STEP_TIME_S) if run.time_s is None else np.nan_to_num(run.time_s)
+    return DriveHistory.of_levels(run.input_v, amplifier.rest_v, held_s, staircase=run.rising is not None)
 
 
 @lru_cache(maxsize=16)

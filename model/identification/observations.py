@@ -173,7 +173,7 @@ class VoltageStepsObservation(_ObservationBase):
     time_s: Array | None = None
     """Time from reaching each level to its reading."""
     history: DriveHistory | None = None
-    """Levels and rests in time; None if unknown."""
+    """Levels and rests in time; None: in the order of the points, as a staircase where `rising` is known, otherwise each from rest."""
 
     def __post_init__(self) -> None:
         self._validate_columns(

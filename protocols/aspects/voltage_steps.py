@@ -14,6 +14,9 @@ from protocols.measurements.voltage_steps import ZERO_GUARD_S, VoltageSteps
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 """Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""
 
+DEFAULT_READ_S = 1.0
+"""From reaching a level to its reading, where a table does not state it."""
+
 LEVEL_COLUMNS = ("level", "drive", "specimen_voltage")
 MAX_BEYOND_V = 0.05
 """How far an imported level may lie beyond the amplifier's input range."""
@@ -72,6 +75,9 @@ class VoltageStepsAspects(Aspects):
         history = history_of_levels(points)
         if history is not None:
             common["shared_errors"] += _rest_errors(points.label, columns["zero"][points.good])
+        elif np.isfinite(columns["drive_step"]).any():  # against rest before each level
+            held_s = np.where(np.isfinite(time), time, DEFAULT_READ_S)
+            history = DriveHistory.of_levels(input_v, points.run.amplifier_map.rest_v, held_s, staircase=False)
         yield VoltageStepsObservation(
             points.label,
             input_v,
@@ -86,19 +92,22 @@ class VoltageStepsAspects(Aspects):
 
 
 def history_of_levels(points: RunPoints) -> DriveHistory | None:
-    """Return levels and rests in time; None where the file does not have them all, as in an import.
+    """Return levels and rests in time; None where the points do not have them all, as in most imported tables.
 
     A recording begins at rest and ends `hold_s` after the ramp; the way back takes as long as the ramp did.
     """
-    recordings = points.recording_times(1)
     ramp, level = points.columns["ramp_time"], points.columns["drive"]
-    if recordings is None or not (np.isfinite(ramp) & np.isfinite(level)).all():
+    if points.run.resumed_from is not None or not (np.isfinite(ramp) & np.isfinite(level)).all():
         return None
     protocol = points.read_protocol()
     assert isinstance(protocol, VoltageSteps)
-    end = recordings[:, 0, 1]
-    reached = end - protocol.hold_s
-    begun = reached - ramp
+    reached = points.columns.get("reached")
+    if reached is None:  # a file of an earlier version
+        recordings = points.recording_times(1)
+        reached = None if recordings is None else recordings[:, 0, 1] - protocol.hold_s
+    if reached is None or not np.isfinite(reached).all():
+        return None
+    begun, end = reached - ramp, reached + protocol.hold_s
     rest = np.full(ramp.size, points.run.amplifier_map.rest_v)
     return DriveHistory.of_points(
         np.stack((begun, reached, end, end + ramp), axis=1),

@@ -91,6 +91,8 @@ class Recording:
     """The entry of the plan it belongs to."""
     interference: tuple[InterferenceLine, ...] = ()
     """Lines of the displacement as measured at rest before the first drive."""
+    start_s: float = 0.0
+    """Time of the first sample since the stream of samples began."""
 
     def parts(self, longest: int = PART_SCANS) -> "tuple[Recording, ...]":
         """Return the recording in parts of about the same length, of `longest` scans at most."""

@@ -145,6 +145,7 @@ class StepPoint:
     creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
     zero: Annotated[float, Unit("m"), "displacement at rest just before, as the sensor tells it"]
     drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
+    reached: Annotated[float, Unit("s"), "when the level was reached, since the first sample of the run"]
     quality: QualityFlags
 
     @property
@@ -244,6 +245,7 @@ class VoltageSteps(Protocol):
             creep_errors=creep_errors,
             zero=seen.before.value,
             drift=seen.before.drift_per_s,
+            reached=recording.start_s + moved.size / rate - self.hold_s,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 

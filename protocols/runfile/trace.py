@@ -245,6 +245,7 @@ class RunTrace:
             "sensor_delay_s": delay_s,
             "entry": int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
             "interference": self.interference,
+            "start_s": float(self.times_of_rows(rows[0])),
         }
         if rows[1] - rows[0] > MAX_RECORDING_SCANS:
             return StreamedRecording(

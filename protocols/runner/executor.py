@@ -228,6 +228,7 @@ class StepExecutor:
             "sensor_delay_s": self._bench.sensor.delay_s - channel_skew_s(armed.scales),
             "entry": entry,
             "interference": self._interference,
+            "start_s": buffer.first_scan / armed.rate_hz,
         }
         if samples:
             recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.campaigns import staircase
 from model.identification.observations import (
     DecayPoleObservation,
     FrequencyResponseObservation,
@@ -301,9 +302,9 @@ def _volts(lab: Laboratory, level: np.ndarray) -> np.ndarray:
 def _steps(lab: Laboratory, scale: float, rng: np.random.Generator) -> VoltageStepsObservation:
     V = _volts(lab, LEVELS_V)
     rising = np.arange(LEVELS_V.size) < LEVELS_V.size // 2 + 1
-    loop = lab.hysteresis * (1 - (V / 1500) ** 2) * 1500 / 2
+    acting = staircase(V, lab.hysteresis, lab.creep, 1 / (200 * np.pi))
     per_volt = lab.response(np.zeros(1))[0].real
-    w = lab.static(per_volt * (V + np.where(rising, -loop, loop))) * lab.crept(1.0) * scale * (1 + lab.steps_gain)
+    w = lab.static(per_volt * acting) * scale * (1 + lab.steps_gain)
     errors = 0.005 * abs(per_volt * V) + 2e-7
     return VoltageStepsObservation(
         "steps", LEVELS_V, w + errors * rng.standard_normal(w.size), errors, rising, np.ones(w.size),

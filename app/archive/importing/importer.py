@@ -1,5 +1,7 @@
 """Imports tables and time series (CSV, MATLAB, TDMS, Universal File) as run files."""
 
+import ast
+import csv
 import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,6 +37,8 @@ from protocols.runfile.schema import HDF5_SIGNATURE
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
 MAX_FILE_BYTES = 400_000_000
+POINTS_SUFFIX, ABOUT_SUFFIX = "_points.csv", "_about.csv"
+"""Ends of the names of tables that an export writes side by side."""
 
 
 def import_files(
@@ -93,7 +97,24 @@ def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
         )
     with ThreadPoolExecutor(1) as pool:  # hashing takes a third of the time of reading, and no interpreter
         digest = pool.submit(hashlib.sha256, data)
-        return replace(_read_content(path, data, progress), sha256=digest.result().hexdigest())
+        table = replace(_read_content(path, data, progress), sha256=digest.result().hexdigest())
+    return table if table.metadata else replace(table, metadata=_exported_metadata(path))
+
+
+def _exported_metadata(path: Path) -> dict[str, Any]:
+    """Return the run's metadata from the table beside an exported table of points; empty for any other table."""
+    about = path.with_name(path.name.removesuffix(POINTS_SUFFIX) + ABOUT_SUFFIX)
+    if not path.name.endswith(POINTS_SUFFIX) or not about.is_file():
+        return {}
+    with about.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.reader(file) if len(row) == 2]
+    metadata: dict[str, Any] = {}
+    for name, text in rows:
+        try:
+            metadata[name] = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            metadata[name] = text
+    return metadata
 
 
 def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:

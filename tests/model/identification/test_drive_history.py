@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.campaigns import staircase
 from drivers import PeriodicSweep
 from model import AmplifierMap, ParameterError
 from model.drive_history import DriveHistory, rayleigh_loop, rayleigh_response
@@ -96,3 +97,22 @@ def test_the_loops_of_a_sweep_are_those_of_many_plays() -> None:
     found = loop_share(volts, lines, amplifier)
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
     assert np.abs(found - found.mean()).max() > 0.05 * np.abs(found.mean())  # a sine's would be alike at all lines
+
+
+@pytest.mark.parametrize("stairs", [True, False])
+def test_levels_without_times_are_a_staircase_or_each_from_rest(stairs: bool) -> None:
+    """Against plays of all widths, whose every step creeps by itself."""
+    levels = np.array([0.5, 1.5, 3.5, 5.0, 3.5, 1.5, 0.5])
+    volts = AmplifierMap().specimen_v
+    history = DriveHistory.of_levels(levels, 2.5, np.ones(7), stairs)
+    loop = history.steps(rayleigh_response(volts(history.drive), -500.0, 1500.0)) / 1000
+    crept = history.crept(volts(history.drive), REFERENCE_S)
+    path = volts(levels)
+    rows = slice(None)
+    if not stairs:
+        path, rows = np.column_stack((path, np.zeros(7))).ravel(), slice(0, None, 2)
+    plays = staircase(path, 1.0, 0.0, REFERENCE_S) - path
+    at_zeros = np.concatenate(([0.0], plays[1:-1:2])) if not stairs else 0.0
+    np.testing.assert_allclose(loop, plays[rows] - at_zeros, atol=0.1)
+    creep = staircase(path, 0.0, 1.0, REFERENCE_S) - path if stairs else volts(levels) * np.log10(1 / REFERENCE_S)
+    np.testing.assert_allclose(crept, np.asarray(creep), atol=0.5)
