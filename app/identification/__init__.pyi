@@ -14,6 +14,7 @@ from .calibrations import calibrations_path as calibrations_path
 from .calibrations import describe_correction as describe_correction
 from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of
+from .observations import points_of_run as points_of_run
 from .observations import run_observations as run_observations
 from .observations import shape_count_of_run as shape_count_of_run
 from .perception_threshold import chosen_threshold as chosen_threshold

@@ -109,11 +109,14 @@ def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observati
         run: an open run.
         duplicate: points that another run has, too, which are not usable; see `DuplicateFinder`.
     """
+    points = points_of_run(run, duplicate)
+    return tuple(aspects_of(run.protocol).observations(points)) if points.good.size else ()
+
+
+def points_of_run(run: Run, duplicate: Mask | None = None) -> RunPoints:
+    """Return the points of an open run as the aspects of its protocol take them; the arguments are those of `run_observations`."""
     columns = run.points()
-    if not len(columns["entry"]):
-        return ()
     good = usable_mask(columns["quality"])
-    points = RunPoints(
+    return RunPoints(
         run, columns, good if duplicate is None else good & ~duplicate, lambda: protocol_of_run(run, run.path.name)
     )
-    return tuple(aspects_of(run.protocol).observations(points))

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from app.identification import points_of_run
 from app.plotting.panels import draw_measured, draw_reference, new_figure
 from app.plotting.threshold_line import threshold_line
-from model import AmplifierMap, Array, Specimen, format_estimate, shown_unit
+from model import AmplifierMap, Array, SeriesAxis, Specimen, format_estimate, shown_unit
 from model.response import (
     ABDOMEN_THRESHOLD,
     PerceptionThreshold,
@@ -20,11 +21,14 @@ from model.response import (
     lag_factor,
 )
 from protocols import usable_mask
+from protocols.base import Figure, ModelState
+from protocols.registry import aspects_of
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
 
 RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
 """Columns that are drawn on the model's curve."""
+POINT_COLORS = ("tab:red", "tab:blue", "tab:green", "tab:orange", "tab:purple")
 
 
 def draw_run(
@@ -65,14 +69,15 @@ def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[An
     if points.keys() >= RESPONSE_COLUMNS:
         return [(partial(_draw_response, threshold=threshold), 3)]
     panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
-    if points.keys() >= {"latency", "threshold_speed"}:
-        return [(_draw_onsets, 3), (_draw_latencies, 3)]
+    figures = [*aspects_of(run.protocol).figures(points_of_run(run))]
+    if any(figure.lines for figure in figures):
+        return [(partial(_draw_figure, figure=figure), 3) for figure in figures]
     if curves := run.series():
         panels.append((_draw_curves, 3))
         if all(curve.coherence is not None for curve in curves):
             panels.append((_draw_coherence, 0.8))
     if not curves or len(points[run.axes[0]]) > 1:
-        panels.append((_draw_points, 2))
+        panels += [(partial(_draw_figure, figure=figure), 2) for figure in figures]
     return panels
 
 
@@ -181,41 +186,6 @@ def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
         axes.set_ylim(0, None)
 
 
-def _draw_onsets(axes: Any, run: Run, _specimen: Specimen) -> None:
-    """Draw the responses after an onset, with the threshold to either side."""
-    curves = run.series()
-    for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
-        axes.plot(1e3 * curve.x, 1e6 * curve.plotted, "-", color=colour, lw=1.2, label=curve.label)
-    threshold_um = 1e6 * float(run.parameters["threshold_m"])
-    for level in (-threshold_um, threshold_um):
-        axes.axhline(level, color="tab:green", lw=0.8)
-    axes.set(xlabel="time since the onset (ms)", ylabel="displacement (µm)")
-    axes.legend(fontsize=8, loc="upper right")
-
-
-def _draw_latencies(axes: Any, run: Run, _specimen: Specimen) -> None:
-    """Draw the time to the threshold and the rise against the frequency, a step at 0, beside those of other actuators."""
-    from model.response import PUBLISHED_LATENCIES
-
-    points = run.points()
-    good = usable_mask(points["quality"])
-    threshold = f"{1e6 * float(run.parameters['threshold_m']):g} µm"
-    for name, label, marker, color in (
-        ("latency", f"time to {threshold}", "o", "tab:red"),
-        ("rise", "rise: step 10 to 90 %, sine to 90 %", "s", "tab:blue"),
-    ):
-        y, errors = 1e3 * points[name], 1e3 * points[f"{name}_errors"]
-        draw_measured(
-            axes, points["frequency"], y, errors, good, label, face=color, fmt=marker, ms=5, mec=color, ecolor=color
-        )
-    for published, color in zip(PUBLISHED_LATENCIES, _curve_colors(len(PUBLISHED_LATENCIES)), strict=True):
-        low, high = (1e3 * max(value, 1e-4) for value in (published.low_s, published.high_s))
-        axes.axhspan(0.97 * low, 1.03 * high, color=color, alpha=0.15, lw=0)
-        axes.text(0.99, (low * high) ** 0.5, f"{published.actuator}: {published.meaning}", fontsize=7, ha="right", va="center", transform=axes.get_yaxis_transform())  # fmt: skip
-    axes.set(xlabel="frequency of the sine (Hz), a step at 0", ylabel="time (ms)", yscale="log", ylim=(0.1, 300))
-    axes.legend(fontsize=8, loc="upper left")
-
-
 def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
     curves = run.series()
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
@@ -224,26 +194,42 @@ def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
     axes.ticklabel_format(useOffset=False)
 
 
-def _draw_points(axes: Any, run: Run, specimen: Specimen) -> None:
-    """Draw the points of any protocol over its axes in display units; points that no fit may use are hollow."""
-    points, units, (x, y) = run.points(), run.units(), run.axes
-    (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
-    good = usable_mask(points["quality"])
-    errors = points.get(f"{y}_errors", np.zeros(len(good)))
-    draw_measured(
-        axes, over * points[x], factor * points[y], factor * errors, good, "measured", fmt="o", color="tab:red"
-    )
-    if (x, y) == ("mass", "frequency"):
-        _draw_peaks(axes, points["mass"], specimen)
-    axes.set(xlabel=_axis_label(x, over_unit), ylabel=_axis_label(y, unit))
-    axes.legend(fontsize=9)
+def _draw_figure(axes: Any, run: Run, specimen: Specimen, figure: Figure) -> None:
+    """Draw a figure of the run's protocol in display units; points that no fit may use are hollow."""
+    x_axis, y_axis = (figure.points or figure.lines)[0].x_axis, (figure.points or figure.lines)[0].y_axis
+    (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
+    for color, line in zip(_curve_colors(len(figure.lines)), figure.lines, strict=True):
+        axes.plot(over * line.x, factor * line.plotted, "-", color=color, lw=1.2, label=line.label)
+    for at, series in enumerate(figure.points):
+        color, marker = POINT_COLORS[at % len(POINT_COLORS)], figure.markers.get(series.label, "os^Dv"[at % 5])
+        assert series.errors is not None
+        assert series.usable is not None
+        draw_measured(
+            axes, over * series.x, factor * series.plotted, factor * series.errors, series.usable,
+            series.label or "measured", face=color, fmt=marker, color=color,
+        )  # fmt: skip
+    _draw_model(axes, run, specimen, figure, over, factor)
+    for level in figure.levels:
+        axes.axhline(factor * level, color="tab:green", lw=0.8)
+    for span, color in zip(figure.spans, _curve_colors(len(figure.spans)), strict=True):
+        low, high = (factor * max(value, 1e-4) for value in span[:2])
+        axes.axhspan(0.97 * low, 1.03 * high, color=color, alpha=0.15, lw=0)
+        axes.text(0.99, (low * high) ** 0.5, span.label, fontsize=7, ha="right", va="center", transform=axes.get_yaxis_transform())  # fmt: skip
+    axes.set(xlabel=_axis_label(x_axis, x_unit), ylabel=_axis_label(y_axis, y_unit))
+    if figure.log_limits:
+        axes.set(yscale="log", ylim=tuple(factor * limit for limit in figure.log_limits))
+    axes.legend(fontsize=8 if figure.lines or figure.spans else 9)
 
 
-def _draw_peaks(axes: Any, masses: Any, specimen: Specimen) -> None:
-    """Draw the model's peak frequency against mass."""
-    grid, f = np.linspace(min(masses), max(masses), 30), np.linspace(60.0, 600.0, 2161)
-    peaks = [f[np.abs(frequency_response(replace(specimen.acting_tactor, m_add=float(m)), f)).argmax()] for m in grid]
-    axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")
+def _draw_model(axes: Any, run: Run, specimen: Specimen, figure: Figure, over: float, factor: float) -> None:
+    """Draw the model's curve of a figure, where it has one and the specimen can be computed."""
+    x = np.concatenate([series.x for series in figure.points]) if figure.points else np.empty(0)
+    if figure.model is None or not x.size:
+        return
+    grid = figure.model_grid(x)
+    y = figure.model(ModelState(specimen, run.amplifier_map), grid)
+    if y is not None:
+        axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
 
 
 def _curve_colors(count: int) -> Any:
@@ -252,8 +238,9 @@ def _curve_colors(count: int) -> Any:
     return colormaps["viridis"](np.linspace(0.0, 0.85, count))
 
 
-def _axis_label(column: str, unit: str) -> str:
-    return column.replace("_", " ") + (f" ({unit})" if unit else "")
+def _axis_label(axis: SeriesAxis, unit: str) -> str:
+    name = axis.description or axis.name.replace("_", " ")
+    return f"{name} ({unit})" if unit else name
 
 
 def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:

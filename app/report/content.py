@@ -14,7 +14,7 @@ from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
-from app.report.plots import TITLE, paper_plots, response_figure, threshold_caption
+from app.report.plots import TITLE, response_figure, specimen_plots, threshold_caption
 from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
@@ -71,7 +71,7 @@ def build_report(
             ).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
     progress.update(0.0, "figures")
-    drawn = [] if known.observations is None else _plots(known.specimen, known.observations, threshold, whole)
+    drawn = _plots(known.specimen, known.observations, runs, threshold, whole)
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
     report = Report(
@@ -92,11 +92,15 @@ def build_report(
 
 
 def _plots(
-    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold, whole: bool
+    specimen: SpecimenModel,
+    observations: ObservationSet | None,
+    runs: Sequence[ReportRun],
+    threshold: PerceptionThreshold,
+    whole: bool,
 ) -> list[ReportPlot]:
     """Return the plots of a report: without a section of them that of the first page only, as each needs a band."""
-    first = None if whole else response_figure(specimen, observations, threshold, 1)
-    return paper_plots(specimen, observations, threshold) if first is None else [first]
+    first = None if whole or observations is None else response_figure(specimen, observations, threshold, 1)
+    return specimen_plots(specimen, observations, runs, threshold) if first is None else [first]
 
 
 def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:

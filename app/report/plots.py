@@ -1,38 +1,22 @@
-"""Report plots: the paper's Figs. 4, 5, 6, 8 and 9 of a specimen, with model bands, residuals and agreement.
+"""Report plots: the figures of the paper and of the protocols from one specimen, with model bands, residuals and agreement.
 
 Agreement is given as Pearson's r and p as in the paper, R^2 and residuals.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
 from app.plotting.threshold_line import threshold_line
-from app.report.specimen import GRID_HZ, Effects, SpecimenModel, acting_tactor
-from model import COVERAGE_FACTOR_95, Array, Mask
-from model.identification import (
-    LOADING_TIME_S,
-    STEP_TIME_S,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-    resonance_frequencies,
-)
-from model.response import (
-    ABDOMEN_THRESHOLD,
-    REFERENCE_S,
-    UNCOMFORTABLE_SOURCE,
-    PerceptionThreshold,
-    load_compliance,
-    voltage_gain,
-)
+from app.report.runs import ReportRun
+from app.report.specimen import GRID_HZ, SpecimenModel
+from model import COVERAGE_FACTOR_95, Array, Series, SeriesAxis, shown_unit
+from model.identification import FrequencyResponseObservation, ObservationSet
+from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_SOURCE, PerceptionThreshold
 from model.studies.uncertainty import UncertaintyBand
+from protocols.base import Figure, ModelCurve
 
 TITLE = "Fig. 9: frequency response"
 ERROR_BARS_NOTE = (
@@ -152,158 +136,69 @@ def start_time_label(label: str) -> str:
     return f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}" + (f", {which}" if which else "")
 
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
-
-def paper_plots(
-    specimen: SpecimenModel, observations: ObservationSet, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+def specimen_plots(
+    specimen: SpecimenModel,
+    observations: ObservationSet | None,
+    runs: Sequence[ReportRun],
+    threshold: PerceptionThreshold = ABDOMEN_THRESHOLD,
 ) -> list[ReportPlot]:
-    """Return the figures of the paper for which these runs have points, in the paper's order."""
-    drawn = (
-        loading_plot(specimen, observations.of_type(StaticLoadingObservation)),
-        resonance_plot(specimen, observations.of_type(MassResonanceObservation)),
-        steps_plot(specimen, observations.of_type(VoltageStepsObservation)),
-        damping_plot(specimen),
-        response_figure(specimen, observations, threshold),
-    )
-    return [plot for plot in drawn if plot is not None]
+    """Return the figures of the paper and of the protocols for which these runs have points, by their titles."""
+    by_title: dict[str, list[tuple[str, Figure]]] = {}
+    for run in runs:
+        for figure in run.figures:
+            by_title.setdefault(figure.title, []).append((start_time_label(run.path.stem), figure))
+    drawn = [protocol_plot(specimen, figures) for figures in by_title.values()]
+    response = None if observations is None else response_figure(specimen, observations, threshold)
+    plots = [*drawn, damping_plot(specimen), response]
+    # Figures of other protocols come behind the paper's.
+    return sorted((plot for plot in plots if plot is not None), key=lambda plot: (plot.title[:4] != "Fig.", plot.title))
 
 
-def loading_plot(specimen: SpecimenModel, runs: Sequence[StaticLoadingObservation]) -> ReportPlot | None:
-    """Plot Fig. 4: deflection under a load for each side; the model has one stiffness for both."""
-    if not runs:
-        return None
-    load = np.linspace(0, 1.05 * max(float(run.load_n.max()) for run in runs), 40)
-    band = specimen.curve_with_band(
-        lambda t, _, effects: load_compliance(acting_tactor(t, effects)) * load * crept(effects, LOADING_TIME_S)
-    )
-    per_newton = load_compliance(acting_tactor(specimen.tactor, specimen.effects)) * crept(
-        specimen.effects, LOADING_TIME_S
-    )
-    looks = {"mfc": ("o", "MFC side"), "aluminium": ("s", "aluminium side"), "both": ("D", "both sides")}
-    dots = tuple(
-        MeasuredPoints(
-            looks[side][1],
-            *_join_rows(
-                (r.load_n, 1e6 * r.deflection_m, 1e6 * COVERAGE_FACTOR_95 * r.errors_m) for r in runs if r.side == side
-            ),
-            _concatenate(r.usable for r in runs if r.side == side),
-            looks[side][0],
-            1e6 * per_newton * _concatenate(r.load_n for r in runs if r.side == side),
-        )
-        for side in looks
-        if any(r.side == side for r in runs)
-    )
-    panel = PlotPanel(
-        "",
-        "load at the centre (N)",
-        "deflection (µm)",
-        (model_line(specimen, load, band, 1e6),),
-        dots,
-        unit="µm",
-    )
-    caption = (
-        f"Static loading, electrodes shorted; positive in the direction of the push; every reading. {ERROR_BARS_NOTE}"
-    )
-    return ReportPlot("Fig. 4: deflection under a load", (panel,), caption)
-
-
-def resonance_plot(specimen: SpecimenModel, runs: Sequence[MassResonanceObservation]) -> ReportPlot | None:
-    """Plot Fig. 5: resonance frequency against added mass, with the peak of the model's response."""
-    if not runs:
-        return None
-    masses = np.concatenate([run.mass_kg for run in runs])
-    grid = np.linspace(masses.min(), masses.max(), 40) if np.ptp(masses) else masses[:1] * np.array([0.95, 1, 1.05])
-    damped = {run.label: np.full(run.mass_kg.size, run.meaning == "peak") for run in runs}
-    peaks = np.full(grid.size, runs[0].meaning == "peak")
-    band = specimen.curve_with_band(
-        lambda t, _, effects: resonance_frequencies(
-            acting_tactor(t, effects), acting(effects, grid), peaks, specimen.n
-        )[0]
-    )
-    dots = tuple(
-        MeasuredPoints(
-            "measured" if len(runs) == 1 else start_time_label(run.label),
-            1e3 * run.mass_kg,
-            run.frequency_hz,
-            COVERAGE_FACTOR_95 * run.errors_hz,
-            run.usable,
-            "os^Dv"[i % 5],
-            resonance_frequencies(
-                acting_tactor(specimen.tactor, specimen.effects),
-                acting(specimen.effects, run.mass_kg),
-                damped[run.label],
-                specimen.n,
-            )[0],
-        )
-        for i, run in enumerate(runs)
-    )
-    panel = PlotPanel(
-        "",
-        "added mass (g)",
-        "resonance (Hz)",
-        (model_line(specimen, 1e3 * grid, band),),
-        dots,
-        from_zero=False,
-        unit="Hz",
-    )
-    what = "peak of the displacement's spectrum" if runs[0].meaning == "peak" else "natural frequency"
-    return ReportPlot("Fig. 5: resonance against added mass", (panel,), f"Frequency of the {what}. {ERROR_BARS_NOTE}")
-
-
-def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation]) -> ReportPlot | None:
-    """Fig. 6: deflection under a held voltage, against rest."""
-    if not runs:
-        return None
-    map_ = specimen.amplifier
-    volts = np.linspace(map_.low_v, map_.high_v, 51)
-    band = specimen.curve_with_band(
-        lambda t, _, effects: (
-            voltage_gain(acting_tactor(t, effects)) * map_.specimen_v(volts) * crept(effects, STEP_TIME_S)
-        )
-    )
-
-    def chosen(pick: Callable[[VoltageStepsObservation], Mask], label: str, marker: str) -> Iterable[MeasuredPoints]:
-        at = [pick(run) for run in runs]
-        if any(each.any() for each in at):
-            x, y, half = _join_rows(
-                (r.input_v[a], 1e6 * r.deflection_m[a], 1e6 * COVERAGE_FACTOR_95 * r.errors_m[a])
-                for r, a in zip(runs, at, strict=True)
+def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]) -> ReportPlot:
+    """Plot the figures of one title, each with the name of its run: one panel with the model's curve and band."""
+    first = figures[0][1]
+    groups: dict[str, list[tuple[Series, ModelCurve | None]]] = {}
+    for run, figure in figures:
+        for series in figure.points:
+            label = series.label or ("measured" if len(figures) == 1 else run)
+            groups.setdefault(label, []).append((series, figure.model))
+    x_axis, y_axis = first.points[0].x_axis, first.points[0].y_axis
+    (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
+    dots = []
+    for i, (label, parts) in enumerate(groups.items()):
+        x, y, errors, usable, model = (
+            np.concatenate(column)
+            for column in zip(
+                *((s.x, s.plotted, s.errors, s.usable, _model_values(specimen, m, s.x)) for s, m in parts), strict=True
             )
-            model = (
-                1e6
-                * voltage_gain(acting_tactor(specimen.tactor, specimen.effects))
-                * map_.specimen_v(x)
-                * crept(specimen.effects, STEP_TIME_S)
+        )
+        dots.append(
+            MeasuredPoints(
+                label, over * x, factor * y, factor * COVERAGE_FACTOR_95 * errors, usable,
+                first.markers.get(label, "os^Dv"[i % 5]), None if np.isnan(model).all() else factor * model,
             )
-            yield MeasuredPoints(
-                label, x, y, half, _concatenate(r.usable[a] for r, a in zip(runs, at, strict=True)), marker, model
-            )
-
-    def none(run: VoltageStepsObservation) -> Mask:
-        return np.full(run.input_v.size, run.rising is None)
-
-    def rising(run: VoltageStepsObservation) -> Mask:
-        return ~none(run) if run.rising is None else run.rising & ~none(run)
-
-    def falling(run: VoltageStepsObservation) -> Mask:
-        return np.zeros(run.input_v.size, bool) if run.rising is None else ~run.rising
-
-    dots = (*chosen(none, "measured", "o"), *chosen(rising, "rising", "^"), *chosen(falling, "falling", "v"))
+        )  # fmt: skip
+    grid = first.model_grid(np.concatenate([series.x for parts in groups.values() for series, _ in parts]))
+    lines: tuple[PlotLine, ...] = ()
+    if first.model is not None and np.isfinite(_model_values(specimen, first.model, grid)).any():
+        band = specimen.curve_with_band(specimen.figure_curve(first.model, grid))
+        lines = (model_line(specimen, over * grid, band, factor),)
     panel = PlotPanel(
-        "",
-        "voltage at the amplifier's input (V)",
-        "deflection (µm)",
-        (model_line(specimen, volts, band, 1e6),),
-        dots,
-        from_zero=False,
-        unit="µm",
-    )
-    caption = (
-        f"Deflection against rest at {map_.rest_v:g} V (0 V on the specimen). The kink is the amplifier's: "
-        f"{map_.slope_below:g} V/V below rest, {map_.slope_above:g} V/V above. {ERROR_BARS_NOTE}"
-    )
-    return ReportPlot("Fig. 6: deflection under a voltage", (panel,), caption)
+        "", _axis_label(x_axis, x_unit), _axis_label(y_axis, y_unit), lines, tuple(dots),
+        from_zero=first.from_zero, unit=y_unit,
+    )  # fmt: skip
+    return ReportPlot(first.title, (panel,), f"{first.caption} {ERROR_BARS_NOTE}".strip())
+
+
+def _model_values(specimen: SpecimenModel, curve: ModelCurve | None, x: Array) -> Array:
+    """Return y over x by the model, (N,); NaN where it has none."""
+    values = None if curve is None else specimen.curve_values(specimen.figure_curve(curve, x))
+    return np.full(x.size, np.nan) if values is None else values
+
+
+def _axis_label(axis: SeriesAxis, unit: str) -> str:
+    name = axis.description or axis.name.replace("_", " ")
+    return f"{name} ({unit})" if unit else name
 
 
 def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
@@ -332,25 +227,6 @@ def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
         "intercept is free here, fixed in the paper. Bars and band: 95 %."
     )
     return ReportPlot("Fig. 8: damping by the skin", (panel,), caption)
-
-
-def crept(effects: Effects, time_s: float) -> float:
-    """Return the factor of a deflection that creeps for so long after its step."""
-    return 1 + effects["creep"] * float(np.log10(time_s / REFERENCE_S))
-
-
-def acting(effects: Effects, mass_kg: Array) -> Array:
-    """Return the masses that act at the centre, of those put in the cylinder, (F,)."""
-    return effects["mass_fraction"] * mass_kg + effects["mass_offset"]
-
-
-def _concatenate(parts: Iterable[NDArray[Scalar]]) -> NDArray[Scalar]:
-    return np.concatenate(list(parts))
-
-
-def _join_rows(rows: Iterable[tuple[Array, Array, Array]]) -> tuple[Array, Array, Array]:
-    x, y, half = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return x, y, half
 
 
 @dataclass(frozen=True, slots=True)

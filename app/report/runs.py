@@ -8,11 +8,12 @@ from pathlib import Path
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary, run_result
 from app.common import NO_PROGRESS, Progress, ResultSummary
-from app.identification import run_observations, shape_count_of_run
+from app.identification import points_of_run, run_observations, shape_count_of_run
 from model import AmplifierMap, ParameterError
 from model.identification import FitOptions, Observation
 from protocols import Quality
-from protocols.base import Outcome
+from protocols.base import Figure, Outcome
+from protocols.registry import aspects_of
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
@@ -45,6 +46,8 @@ class ReportRun:
     software: str = ""
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     observations: tuple[Observation, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    """Of its protocol, with a title."""
     result: ResultSummary | None = None
     """What the result card shows of it; None if its file could not be used."""
     continues: Path | None = None
@@ -116,7 +119,15 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
             return "its amplifier was configured differently from that of the newest run"
         return ""
 
-    return tuple(replace(run, exclusion_reason=exclusion_reason(run)) if run.observations else run for run in runs)
+    reasons = [exclusion_reason(run) for run in runs]
+    return tuple(
+        replace(
+            run,
+            exclusion_reason=reason if run.observations else run.exclusion_reason,
+            figures=() if reason else run.figures,
+        )
+        for run, reason in zip(runs, reasons, strict=True)
+    )
 
 
 def _read_report_run(file: Path, summary: RunSummary) -> ReportRun:
@@ -142,6 +153,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         observations = tuple(each for each in run_observations(run) if each.usable.any())
     except ParameterError as error:
         exclusion_reason = str(error)
+    figures = () if exclusion_reason else aspects_of(run.protocol).figures(points_of_run(run))
     return ReportRun(
         path=run.path,
         summary=summary,
@@ -152,6 +164,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         software=", ".join(f"{name} {version}" for name, version in run.software.items()),
         amplifier=run.amplifier_map,
         observations=observations,
+        figures=tuple(figure for figure in figures if figure.title and figure.has_usable_points),
         result=run_result(run),
         continues=run.resumed_from and run.resumed_from.resolve(),
         exclusion_reason=exclusion_reason,

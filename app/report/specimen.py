@@ -35,6 +35,7 @@ from model.identification import (
 )
 from model.response import driven_amplitudes, lag_factor
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
+from protocols.base import ModelCurve, ModelState
 
 Effects = Mapping[str, float]
 """What the beam model leaves out, by name."""
@@ -150,6 +151,17 @@ class SpecimenModel:
             return linear_band(rows, estimates)
         except ParameterError:
             return None
+
+    def figure_curve(self, curve: ModelCurve, x: Array) -> CurveFunction:
+        """Return a protocol's model curve over x as a function of the parameters; NaN where it has none."""
+
+        def values(tactor: Tactor, _: Membrane, effects: Effects) -> Array:
+            specimen = replace_variables(Specimen(tactor), {name: effects[name] for name in NONIDEAL_NAMES})
+            state = ModelState(specimen, self.amplifier, self.n, effects["mass_fraction"], effects["mass_offset"])
+            y = curve(state, x)
+            return np.full(x.size, np.nan) if y is None else y
+
+        return values
 
     def response(
         self, amplitude_v: float, elongation_m: float | None, peak_to_peak: bool = True

@@ -3,8 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from model import quantity_label
-from protocols.base import Aspects, ResultTable, RunFigure
+from model import SeriesAxis, quantity_label
+from protocols.aspects.run_points import RunPoints
+from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
 from protocols.runfile.overview import RunOverview
 
 FELT = "latency"
@@ -38,6 +39,23 @@ class OnsetLatencyAspects(Aspects):
             timed = name.startswith(FELT) and speeds.get(onset, 0.0) > 0
             moved_s = sensor.gain_relative_uncertainty * threshold_m / speeds[onset] if timed else 0.0
             yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
+
+    def figures(self, points: RunPoints) -> Iterator[Figure]:
+        """Yield the responses after an onset, and the times against the frequency beside those of other actuators."""
+        from model.response import PUBLISHED_LATENCIES  # slow to import
+
+        threshold_m = float(points.run.parameters["threshold_m"])
+        yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
+        x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
+        columns = (
+            ("latency", f"time to {1e6 * threshold_m:g} µm"),
+            ("rise", "rise: step 10 to 90 %, sine to 90 %"),
+        )
+        times = tuple(points.series(x, SeriesAxis(name, "s", "time"), label) for name, label in columns)
+        spans = (
+            ReferenceSpan(each.low_s, each.high_s, f"{each.actuator}: {each.meaning}") for each in PUBLISHED_LATENCIES
+        )
+        yield Figure(times, spans=tuple(spans), log_limits=(1e-4, 0.3))
 
     def remarks(self, figures: Iterator[RunFigure]) -> Iterator[tuple[str, RunFigure | None]]:
         """Yield the latencies with their total uncertainty, and the published ones of other actuators."""

@@ -1,13 +1,15 @@
 """Aspects of the protocol `mass-resonance`."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
-from model.identification import MassResonanceObservation, Observation
+from model import Array, SeriesAxis
+from model.identification import MassResonanceObservation, Observation, resonance_frequencies
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
-from protocols.base import ImportColumn, ImportForm
+from protocols.base import Figure, ImportColumn, ImportForm, ModelState
 
 
 class MassResonanceAspects(RunningSweepAspects):
@@ -26,11 +28,21 @@ class MassResonanceAspects(RunningSweepAspects):
 
     short_name = "resonance"
 
+    def model_curve(self, state: ModelState, x: Array) -> Array:
+        """Return the frequency of the largest response to a sine for each added mass."""
+        return _resonance(state, x, peak=True)
+
+    def figures(self, points: RunPoints) -> Iterator[Figure]:
+        """Yield the resonance frequency against the added mass, with the peak of the model's response."""
+        name = _frequency_column(points)
+        x, y = SeriesAxis("mass", "kg", "added mass"), SeriesAxis(name, "Hz", "resonance")
+        meaning = "peak of the displacement's spectrum" if name == "frequency" else "natural frequency"
+        model = partial(_resonance, peak=name == "frequency")
+        title = "Fig. 5: resonance against added mass"
+        yield Figure((points.series(x, y),), title, f"Frequency of the {meaning}.", model)
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
-        columns = points.columns
-        peak = (
-            "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"
-        )  # a table may have the latter only
+        columns, peak = points.columns, _frequency_column(points)
         frequency, errors = columns[peak], columns[f"{peak}_errors"]
         good = points.good & (errors > 0) & np.isfinite(frequency)
         yield MassResonanceObservation(
@@ -43,6 +55,16 @@ class MassResonanceAspects(RunningSweepAspects):
             shared_errors=points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg"),
             simulated=points.run.simulated,
         )
+
+
+def _frequency_column(points: RunPoints) -> str:
+    """Return the column of the largest response; that of the fitted mode where a table has only this."""
+    return "frequency" if np.isfinite(points.columns["frequency"]).any() else "resonance"
+
+
+def _resonance(state: ModelState, mass_kg: Array, peak: bool) -> Array:
+    acting, damped = state.acting_mass(mass_kg), np.full(mass_kg.size, peak)
+    return resonance_frequencies(state.specimen.acting_tactor, acting, damped, state.shape_count)[0]
 
 
 ASPECTS = MassResonanceAspects()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from model import Array, Mask, ParameterError
+from model import Array, Mask, ParameterError, Series, SeriesAxis
 from model.identification import ErrorTarget, SharedError
 from protocols.base import Protocol
 from protocols.runfile.reader import Run
@@ -45,6 +45,39 @@ class RunPoints:
         return replace(
             self, columns={name: column[rows] for name, column in self.columns.items()}, good=self.good[rows]
         )
+
+    def series(
+        self,
+        x: SeriesAxis | str,
+        y: SeriesAxis | str,
+        label: str = "",
+        rows: Mask | None = None,
+        values: Array | None = None,
+    ) -> Series:
+        """Return columns of the points over each other with the standard errors of y, for a figure.
+
+        Args:
+            x: column, as an axis with a description or by name.
+            y: column, in the same form.
+            label: of the series.
+            rows: points that belong to it; None: all.
+            values: of y, (F,), if they are not the column's.
+        """
+        units = self.run.units()
+        x_axis, y_axis = (SeriesAxis(axis, units[axis]) if isinstance(axis, str) else axis for axis in (x, y))
+        y_values = self.columns[y_axis.name] if values is None else values
+        errors = self.columns.get(f"{y_axis.name}_errors")
+        errors = np.full(y_values.size, np.nan) if errors is None else errors
+        whole = Series(
+            self.columns[x_axis.name],
+            y_values,
+            errors,
+            usable=self.good & ~(errors <= 0),
+            x_axis=x_axis,
+            y_axis=y_axis,
+            label=label,
+        )
+        return whole if rows is None else whole.at(rows)
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
         """Return the errors of sensor and amplifier that act on these targets, and whether the run is simulated."""

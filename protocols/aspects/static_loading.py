@@ -5,11 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from model import GRAVITY, Mask
+from model import GRAVITY, Array, Mask, SeriesAxis
 from model.drive_history import DriveHistory
-from model.identification import Observation, SharedError, Side, StaticLoadingObservation
+from model.identification import LOADING_TIME_S, Observation, SharedError, Side, StaticLoadingObservation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import DISPLACEMENT_RANGE_M, REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
+from protocols.base import (
+    DISPLACEMENT_RANGE_M,
+    REPEAT_ALIASES,
+    Aspects,
+    Figure,
+    ImportColumn,
+    ImportedTable,
+    ImportForm,
+    ModelState,
+)
 from protocols.measurements.static_loading import StaticLoading
 
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
@@ -17,6 +26,7 @@ SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 """Texts of the column `side`, besides 1 and -1."""
 
 SEEN = "seen by the laser"
+SIDE_LABELS: dict[Side, str] = {"mfc": "MFC side", "aluminium": "aluminium side", "both": "both sides"}
 MAX_ANSWER_S = 0.5
 """From the answer to a prompt to the recording that follows it, at most."""
 
@@ -58,30 +68,51 @@ class StaticLoadingAspects(Aspects):
 
     short_name = "loading"
 
+    def figures(self, points: RunPoints) -> Iterator[Figure]:
+        """Yield the deflection under a load for each side; the model has one stiffness for both."""
+        x, y = SeriesAxis("load", "N", "load at the centre"), SeriesAxis("deflection", "m")
+        sides = tuple(
+            points.series(x, y, SIDE_LABELS[name], at, deflection) for name, at, deflection in _pushed_sides(points)
+        )
+        grid = np.linspace(0, 1.05 * float(points.columns["load"].max(initial=0.0)), 40)
+        caption = "Static loading, electrodes shorted; positive in the direction of the push; every reading."
+        markers = {SIDE_LABELS["mfc"]: "o", SIDE_LABELS["aluminium"]: "s", SIDE_LABELS["both"]: "D"}
+        title = "Fig. 4: deflection under a load"
+        yield Figure(sides, title, caption, _deflection, grid, from_zero=True, markers=markers)
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
         columns, good = points.columns, points.good
         history = history_of_loads(points)
-        sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
-        for side, name in sides:
-            at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
-            if not good[at].any():
-                continue
-            deflection = columns["deflection"][at]
-            down = np.sign(np.median(deflection[good[at]])) or 1.0
+        for name, at, deflection in _pushed_sides(points):
             errors = columns["deflection_errors"][at]
             common = points.common_arguments("displacement")
             common["shared_errors"] += _weight_errors(points, good & at)
             yield StaticLoadingObservation(
                 f"{points.label} {name}",
                 columns["load"][at],
-                down * deflection,
+                deflection[at],
                 errors,
                 side=name,
                 history=None if history is None else history.take(at),
                 good=good[at] & (errors > 0),
                 **common,
             )
+
+
+def _pushed_sides(points: RunPoints) -> Iterator[tuple[Side, Mask, Array]]:
+    """Yield each side with usable points: its name, its points, and the deflections of all points, positive in the direction of the push."""
+    side, deflection = points.columns["side"], points.columns["deflection"]
+    names: tuple[tuple[Side, Mask], ...] = (("mfc", side == 1), ("aluminium", side == -1), ("both", np.isnan(side)))
+    for name, at in names:
+        if (points.good & at).any():
+            yield name, at, (np.sign(np.median(deflection[points.good & at])) or 1.0) * deflection
+
+
+def _deflection(state: ModelState, load_n: Array) -> Array:
+    from model.response import load_compliance  # slow to import
+
+    return np.asarray(load_compliance(state.specimen.acting_tactor) * load_n * state.crept(LOADING_TIME_S))
 
 
 def _weight_errors(points: RunPoints, good: Mask) -> tuple[SharedError, ...]:

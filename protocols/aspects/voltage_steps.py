@@ -1,14 +1,24 @@
 """Aspects of the protocol `voltage-steps`."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from model import Array
+from model import Array, Mask, SeriesAxis
 from model.drive_history import DriveHistory
-from model.identification import Observation, SharedError, VoltageStepsObservation
+from model.identification import STEP_TIME_S, Observation, SharedError, VoltageStepsObservation
 from protocols.aspects.run_points import RunPoints
-from protocols.base import DISPLACEMENT_RANGE_M, REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
+from protocols.base import (
+    DISPLACEMENT_RANGE_M,
+    REPEAT_ALIASES,
+    Aspects,
+    Figure,
+    ImportColumn,
+    ImportedTable,
+    ImportForm,
+    ModelState,
+)
 from protocols.measurements.voltage_steps import ZERO_GUARD_S, VoltageSteps
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
@@ -63,12 +73,33 @@ class VoltageStepsAspects(Aspects):
 
     short_name = "steps"
 
+    def model_curve(self, state: ModelState, x: Array) -> Array:
+        """Return the deflection under volts at the amplifier's input, against rest."""
+        from model.response import voltage_gain  # slow to import
+
+        gain = voltage_gain(state.specimen.acting_tactor)
+        return np.asarray(gain * state.amplifier.specimen_v(x) * state.crept(STEP_TIME_S))
+
+    def figures(self, points: RunPoints) -> Iterator[Figure]:
+        """Yield the deflection under a held voltage, against rest: levels reached from below and from above."""
+        amplifier, rising = points.run.amplifier_map, _rising(points)
+        x = SeriesAxis("level", "V", "voltage at the amplifier's input")
+        measured = replace(points.series(x, SeriesAxis("deflection", "m")), x=_input_v(points))
+        ways = () if rising is None else (("rising", rising), ("falling", ~rising))
+        series = tuple(replace(measured.at(rows), label=label) for label, rows in ways if rows.any())
+        caption = (
+            f"Deflection against rest at {amplifier.rest_v:g} V (0 V on the specimen). The kink is the amplifier's: "
+            f"{amplifier.slope_below:g} V/V below rest, {amplifier.slope_above:g} V/V above."
+        )
+        grid, markers = np.linspace(amplifier.low_v, amplifier.high_v, 51), {"rising": "^", "falling": "v"}
+        title = "Fig. 6: deflection under a voltage"
+        yield Figure(series or (measured,), title, caption, self.model_curve, grid, markers=markers)
+
     def observations(self, points: RunPoints) -> Iterator[Observation]:
         columns = points.columns
         good = points.good & (columns["deflection_errors"] > 0)
-        direction = np.nan_to_num(columns["direction"])
         time = columns["read_time"]
-        input_v = np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"])
+        input_v = _input_v(points)
         common = points.common_arguments("displacement", "volts")
         name = f"{points.label}, level of {{}} V"
         common["shared_errors"] += points.input_errors("level", "level", good, name, input_v)
@@ -83,12 +114,24 @@ class VoltageStepsAspects(Aspects):
             input_v,
             columns["deflection"],
             columns["deflection_errors"],
-            rising=direction > 0 if (direction != 0).all() else None,
+            rising=_rising(points),
             time_s=time if np.isfinite(time).all() else None,
             history=history,
             good=good,
             **common,
         )
+
+
+def _input_v(points: RunPoints) -> Array:
+    """Return the volts at the amplifier's input: as recorded, or as commanded where a table has only this."""
+    drive = points.columns["drive"]
+    return np.where(np.isfinite(drive), drive, points.columns["level"])
+
+
+def _rising(points: RunPoints) -> Mask | None:
+    """Return whether each level was reached from below; None if that is not known of all."""
+    direction = np.nan_to_num(points.columns["direction"])
+    return direction > 0 if (direction != 0).all() else None
 
 
 def history_of_levels(points: RunPoints) -> DriveHistory | None:

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drivers import Drive
+from model import Array
+from protocols.base.figures import Figure, ModelState
 from protocols.base.importing import ImportedSamples, ImportedTable, ImportForm, RunOfSamples
 from protocols.base.records import Recording, Series
 from protocols.base.run_figures import ResultTable, RunFigure
@@ -59,6 +61,17 @@ class Aspects:
             ImportRefusedError: a series does not suffice.
         """
         raise NotImplementedError
+
+    def model_curve(self, state: ModelState, x: Array) -> Array | None:
+        """Return the second of the protocol's axes over the first by the model, (N,), SI; None without a model."""
+        return None
+
+    figure_title: str = ""
+    """Of the points over the protocol's axes, as a figure of the report; empty: the report has no figure of them."""
+
+    def figures(self, points: "RunPoints") -> Iterable[Figure]:
+        """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
+        yield Figure((points.series(*points.run.axes),), self.figure_title, model=self.model_curve)
 
     live_drives: tuple[type[Drive], ...] = ()
     """Drives from whose samples `live_curve` makes a curve while they are played; none: curves are drawn when an entry is finished."""

@@ -30,9 +30,7 @@ class BenchList(QWidget):
         )
         new = make_button("New bench", self.new_pressed.emit, tip="Begin the file of another bench", name="bench.new")
         browse = make_button("Open a file …", self._browse, tip="A bench file from elsewhere", name="bench.browse")
-        column(
-            make_label("Benches", "heading", wrap=False), (self.list, 1), new, browse, parent=self, margins=(0, 0, 0, 0)
-        )
+        column(make_label("Benches", "heading", wrap=False), (self.list, 1), new, browse, parent=self)
         self.list.currentItemChanged.connect(self._on_current)
 
     def show_benches(self, files: Sequence[Path], current: str, open_bench: str) -> None:

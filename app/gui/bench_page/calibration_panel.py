@@ -233,7 +233,7 @@ class CalibrationPanel(QWidget):
             margins=(10, 8, 10, 8),
             spacing=6,
         )
-        column(panel, parent=self, margins=(0, 0, 0, 0))
+        column(panel, parent=self)
 
 
 def _describe(found: SensorCalibration, count: int) -> str:

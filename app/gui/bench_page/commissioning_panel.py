@@ -88,7 +88,7 @@ class CommissioningPanel(QWidget):
             margins=(10, 8, 10, 8),
             spacing=6,
         )
-        column(panel, parent=self, margins=(0, 0, 0, 0))
+        column(panel, parent=self)
         for widget in (self.progress_bar, self.prompt, self.stop_button, self.table, self.picture_label):
             widget.hide()
 

@@ -82,7 +82,6 @@ class BenchEditor(QWidget):
             self.further,
             self.simulation,
             parent=self,
-            margins=(0, 0, 0, 0),
             spacing=6,
         )
         self.name_edit.textEdited.connect(lambda _: self._on_edited())

@@ -48,7 +48,7 @@ class FurtherTables(QWidget):
         self.channels: list[TableForm] = []
         self.meters: list[tuple[QLineEdit, TableForm]] = []
         self._content, self._list = QWidget(), QWidget()
-        self._rows = column(parent=self._list, margins=(0, 0, 0, 0), spacing=6)
+        self._rows = column(parent=self._list, spacing=6)
         column(
             *(
                 make_panel(
@@ -63,10 +63,9 @@ class FurtherTables(QWidget):
                 STRETCH,
             ),
             parent=self._content,
-            margins=(0, 0, 0, 0),
             spacing=6,
         )
-        column(self.open_button, self._content, parent=self, margins=(0, 0, 0, 0), spacing=6)
+        column(self.open_button, self._content, parent=self, spacing=6)
         self._content.hide()
         self.open_button.toggled.connect(self._content.setVisible)
         for form in self.single.values():

@@ -63,7 +63,7 @@ class LivePanel(QWidget):
         self.tone_button = make_button("Play tone", self._play, name="bench.hand.play")
         self.message_label = configure(StatusLine(), "bench.hand.message")
         self._place = QWidget()
-        self._place_layout = column(parent=self._place, margins=(0, 0, 0, 0))
+        self._place_layout = column(parent=self._place)
         self._place.setMinimumHeight(240)
         panel = make_panel(
             make_label("Live view", "heading", wrap=False),
@@ -94,7 +94,7 @@ class LivePanel(QWidget):
             margins=(10, 8, 10, 8),
             spacing=6,
         )
-        column(panel, parent=self, margins=(0, 0, 0, 0))
+        column(panel, parent=self)
 
     def set_enabled(self, enabled: bool) -> None:
         """Allow a run by hand, or not."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QHideEvent
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtWidgets import QSplitter
 
 from app.config import BenchConfig, BenchDraft, bench_files
 from app.gui.bench_page.bench_list import BenchList
@@ -20,11 +20,11 @@ from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
     WindowTheme,
-    column,
     configure,
     make_button,
     make_choice,
     make_label,
+    make_pane,
     make_scroll_area,
     row,
 )
@@ -279,7 +279,6 @@ class BenchPage(QSplitter):
 
     def _build(self) -> None:
         configure(self, "bench/columns", childrenCollapsible=False)
-        content, area = QWidget(), make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
         head = row(
             self.connect_button,
             self.save_button,
@@ -288,7 +287,7 @@ class BenchPage(QSplitter):
             (self.file_label, 1),
             margins=(6, 0, 6, 0),
         )
-        column(
+        self._area = make_scroll_area(
             self.editor,
             self.live_button,
             self.live,
@@ -296,18 +295,13 @@ class BenchPage(QSplitter):
             self.commissioning,
             self.wiring,
             STRETCH,
-            parent=content,
             margins=(6, 0, 6, 6),
             spacing=6,
+            focusPolicy=Qt.FocusPolicy.NoFocus,
         )
-        self._area = area
-        area.setWidget(content)
-        content.setAutoFillBackground(False)
-        area.setMinimumSize(300, 200)
+        self._area.setMinimumSize(300, 200)
         self.benches.setMinimumWidth(150)
-        bench = QWidget()
-        column(head, (area, 1), parent=bench, margins=(0, 0, 0, 0), spacing=6)
-        for part, stretch in ((self.benches, 0), (bench, 1)):
+        for part, stretch in ((self.benches, 0), (make_pane(head, (self._area, 1), spacing=6), 1)):
             self.addWidget(part)
             self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([200, 1000])

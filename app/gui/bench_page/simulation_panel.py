@@ -69,7 +69,6 @@ class SimulationPanel(QWidget):
                 spacing=6,
             ),
             parent=self,
-            margins=(0, 0, 0, 0),
         )
 
     @property
@@ -109,7 +108,7 @@ class SimulationPanel(QWidget):
             panels.append(
                 make_panel(make_label(TITLES[keys], "caption"), form, STRETCH, margins=(10, 8, 10, 8), spacing=4)
             )
-        column(TileGrid(panels), parent=self._content, margins=(0, 0, 0, 0))
+        column(TileGrid(panels), parent=self._content)
 
     def _record(self, keys: tuple[str, ...]) -> SimulationTable:
         return simulation_tables()[keys].from_record(table_at(self._simulation or {}, keys))

@@ -46,12 +46,12 @@ class TableForm(QWidget):
         self.more_button.setObjectName(f"bench.{table}.more")
         self._others = QWidget()
         top = QWidget()
-        _fill(grid(parent=top, margins=(0, 0, 0, 0), spacing=(8, 2), stretch={1: 1}), [self.rows[n] for n in shown])
+        _fill(grid(parent=top, spacing=(8, 2), stretch={1: 1}), [self.rows[n] for n in shown])
         _fill(
-            grid(parent=self._others, margins=(0, 0, 0, 0), spacing=(8, 2), stretch={1: 1}),
+            grid(parent=self._others, spacing=(8, 2), stretch={1: 1}),
             [self.rows[n] for n in others],
         )
-        column(top, self.more_button, self._others, parent=self, margins=(0, 0, 0, 0), spacing=4)
+        column(top, self.more_button, self._others, parent=self, spacing=4)
         self.more_button.setVisible(bool(others))
         self._others.hide()
         self.more_button.toggled.connect(self._others.setVisible)

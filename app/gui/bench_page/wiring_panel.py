@@ -35,7 +35,7 @@ class WiringPanel(QWidget):
             margins=(10, 8, 10, 8),
             spacing=6,
         )
-        column(panel, parent=self, margins=(0, 0, 0, 0))
+        column(panel, parent=self)
 
     def set_state(self, view: WindowState, enabled: bool) -> None:
         """Show the state of the check, if it is or was the last run."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QWidget
 
 from app.common import UnitError
 from app.gui.widgets import (
@@ -18,6 +18,7 @@ from app.gui.widgets import (
     configure,
     grid,
     make_button,
+    make_combo,
     make_label,
     make_panel,
     make_scroll_area,
@@ -51,33 +52,28 @@ class AddItemPane(QWidget):
         super().__init__()
         self._names: tuple[str, ...] = ()
         self.form: ProtocolForm | None = None
-        self.protocol_box = configure(QComboBox(), "add.protocol", accessibleName="protocol")
-        for name in PROTOCOLS:
-            self.protocol_box.addItem(PROTOCOLS.title(name), name)
-        self.varied_box = configure(QComboBox(), "add.varied", accessibleName="repeat over")
+        protocols = [(PROTOCOLS.title(name), name) for name in PROTOCOLS]
+        self.protocol_box = make_combo("add.protocol", "protocol", protocols)
+        self.varied_box = make_combo("add.varied", "repeat over")
         self.values_edit = configure(
             QLineEdit(), "add.values", accessibleName="values", placeholderText="100…200 step 5, or 1, 2, 3"
         )
         self.unit_label, self.values_label = make_label(wrap=False), make_label(kind="note", name="add.values-read")
         self.name_edit = configure(QLineEdit(), "add.name", accessibleName="name")
-        self.after_box = configure(
-            QComboBox(),
-            "add.after",
-            accessibleName="after",
-            toolTip="A measurement that must be done before; its accepted results are used",
+        self.after_box = make_combo(
+            "add.after", "after", toolTip="A measurement that must be done before; its accepted results are used"
         )
         self.message_label = configure(StatusLine(), "add.message")
         self.add_button = make_button("Add   (Enter)", self._request, "go", name="add.add")
         cancel = make_button("Cancel   (Esc)", self.closed.emit, name="add.cancel")
+        self._form_place = column()
         form_area = make_scroll_area(
+            self._form_place,
+            STRETCH,
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
             minimumHeight=MIN_FORM_HEIGHT,
         )
-        content, self._form_place = QWidget(), column(margins=(0, 0, 0, 0))
-        column(self._form_place, STRETCH, parent=content, margins=(0, 0, 0, 0))
-        form_area.setWidget(content)
-        content.setAutoFillBackground(False)
         fields = grid(spacing=(8, 6), stretch={1: 1})
         editors = (self.protocol_box, self.varied_box, self.values_edit, self.name_edit, self.after_box)
         for at, editor in enumerate(editors):

@@ -137,7 +137,7 @@ class CampaignHeader(QWidget):
             *buttons,
             spacing=8,
         )
-        column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
+        column(line, self.message_label, parent=self, spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
         """Show the progress of the campaign and the present run."""

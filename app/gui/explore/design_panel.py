@@ -59,9 +59,7 @@ class DesignPanel(QWidget):
             caption_label("Design"), QLabel("of"), self.source_box, QLabel("which added mass for"), self.resonance,
             QLabel("which drive for"), self.amplitude, QLabel("at"), self.frequency, spacing=6,
         )  # fmt: skip
-        column(
-            fields, self.mass_label, self.drive_label, self.source_label, parent=self, margins=(0, 0, 0, 0), spacing=2
-        )
+        column(fields, self.mass_label, self.drive_label, self.source_label, parent=self, spacing=2)
         self._answered.connect(self._show)
         self.hide()
 

@@ -35,6 +35,7 @@ from app.gui.widgets import (
     add_actions,
     choose_files,
     column,
+    make_pane,
     make_scroll_area,
     make_splitter,
 )
@@ -243,35 +244,34 @@ class ExplorePage(QSplitter):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.viewport().setAutoFillBackground(False)
         self.sliders.setAutoFillBackground(False)
-        left = QWidget()
-        column(
+        left = make_pane(
             self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
-            parent=left, margins=(0, 2, 4, 0), spacing=6,
+            margins=(0, 2, 4, 0), spacing=6,
         )  # fmt: skip
         left.setMinimumWidth(LEFT_WIDTH)
         return left
 
     def _right_column(self) -> QWidget:
-        below, right = QWidget(), WrappingPane()
+        right = WrappingPane()
         self.plot.setMinimumSize(180, 150)
         self.shape_plot.setMinimumSize(180, 90)
-        column(self.toolbar.motion_row, (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
+        below = make_pane(self.toolbar.motion_row, (self.shape_plot, 1), spacing=2)
         rows = make_splitter(
             "explore/rows", (self.plot, 0), (below, 0), orientation=Qt.Orientation.Vertical, sizes=[400, 210]
         )
         self._card_area = make_scroll_area(
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff, minimumWidth=CARD_WIDTH
+            self.card,
+            STRETCH,
+            margins=(4, 0, 4, 0),
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumWidth=CARD_WIDTH,
+            accessibleName="result of the chosen run",
         )
-        self._card_area.setAccessibleName("result of the chosen run")
-        result = QWidget()
-        column(self.card, STRETCH, parent=result, margins=(4, 0, 4, 0))
-        result.setAutoFillBackground(False)
-        self._card_area.setWidget(result)
         self._card_area.hide()
         columns = make_splitter("explore/result", (rows, 1), (self._card_area, 0), sizes=[600, CARD_WIDTH])
         column(
             self.toolbar.series_row, self.toolbar.overlay_row, self.toolbar.runs_row, self.design, (columns, 1),
-            parent=right, margins=(0, 0, 0, 0), spacing=4,
+            parent=right, spacing=4,
         )  # fmt: skip
         return right
 

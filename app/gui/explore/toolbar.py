@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QLineEdit, QPushButton
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import LABORATORY_SITE, ExploreSetting
 from app.gui.plots import SERIES, caption_label
-from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, row, tooltip
+from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, make_combo, make_pane, row, tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
 SITE_NAMES = ("abdomen", "thenar", "forearm")
@@ -39,10 +39,8 @@ class ExploreToolbar(QObject):
 
     def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.preset_box = configure(QComboBox(), accessibleName="begin from")
-        self.preset_box.addItem("Begin from …")
-        for name, title in presets.items():
-            self.preset_box.addItem(title, name)
+        choices = [("Begin from …", None), *((title, name) for name, title in presets.items())]
+        self.preset_box = make_combo("", "begin from", choices)
         self.preset_box.activated.connect(self._on_preset)
         self.free_button, self.skin_button = (
             make_choice("Free", "The tactor vibrates freely", checkable=True),
@@ -71,10 +69,8 @@ class ExploreToolbar(QObject):
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.site_box = configure(
-            QComboBox(), "explore.site", accessibleName="body site of the perception threshold", toolTip=SITE_TIP
-        )
-        self.site_box.addItems(SITE_NAMES)
+        sites = ((name, name) for name in SITE_NAMES)
+        self.site_box = make_combo("explore.site", "body site of the perception threshold", sites, toolTip=SITE_TIP)
         self.site_box.currentTextChanged.connect(self.site_chosen)
         self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
@@ -103,10 +99,8 @@ class ExploreToolbar(QObject):
         self.export_row = row(
             self.copy_json_button, self.copy_toml_button, self.study_button, self.sheet_button, None, spacing=6
         )
-        ranges = QWidget()
-        row(QLabel("up to"), *self.ranges, QLabel("Hz"), parent=ranges, margins=(0, 0, 0, 0), spacing=6)
-        felt = QWidget()
-        row(QLabel("felt on"), self.site_box, parent=felt, margins=(0, 0, 0, 0), spacing=6)
+        ranges = make_pane(row(QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6))
+        felt = make_pane(row(QLabel("felt on"), self.site_box, spacing=6))
         self.series_row = WrappedRow(caption_label("Response"), *self.series, ranges, felt, spacing=8)
         self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
         self.overlay_row = WrappedRow(
@@ -158,9 +152,7 @@ class ExploreToolbar(QObject):
             removing = make_choice("✕", f"Take {run.label} away")
             removing.setAccessibleName(f"take {run.label} away")
             removing.clicked.connect(lambda _=False, run=run: self.run_removed.emit(run))
-            pair = QWidget()
-            row(chip, removing, parent=pair, margins=(0, 0, 0, 0), spacing=0)
-            self.runs_row.addWidget(pair)
+            self.runs_row.addWidget(make_pane(row(chip, removing, spacing=0)))
             self.run_chips[run.path], self.remove_buttons[run.path] = chip, removing
         if chosen is not None and chosen not in self.run_chips:
             self.run_chosen.emit(None)

@@ -57,10 +57,8 @@ class SettingsPage(QWidget):
                 spacing=4,
             )
             self._frames.append((f"{setting.name} {setting.description}".casefold(), frame))
-        content, area = QWidget(), make_scroll_area(accessibleName="settings")
-        column(*(frame for _, frame in self._frames), STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=8)
-        area.setWidget(content)
-        content.setAutoFillBackground(False)
+        frames = (frame for _, frame in self._frames)
+        area = make_scroll_area(*frames, STRETCH, margins=(0, 0, 8, 0), spacing=8, accessibleName="settings")
         top = row(make_label("Settings", "heading", wrap=False), (self.search, 1), close, spacing=14)
         column(top, (area, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
 

@@ -74,12 +74,12 @@ class ShortcutSheet(QWidget):
         if not frames and not explained:
             frames = [QLabel("Neither a key nor a word of the help.")]
         content = QWidget(autoFillBackground=False)
-        column(*map(_side_by_side, filter(None, (explained, frames))), STRETCH, parent=content, margins=(0, 0, 0, 0))
+        column(*map(_side_by_side, filter(None, (explained, frames))), STRETCH, parent=content)
         self._scroll.setWidget(content)  # deletes the previous content
 
 
 def _side_by_side(frames: Sequence[QWidget]) -> QHBoxLayout:
-    columns = row(*((frame, 1, Qt.AlignmentFlag.AlignTop) for frame in frames), margins=(0, 0, 0, 0), spacing=28)
+    columns = row(*((frame, 1, Qt.AlignmentFlag.AlignTop) for frame in frames), spacing=28)
     columns.addStretch(max(2 - columns.count(), 0))  # one group alone is as wide as one of two
     return columns
 

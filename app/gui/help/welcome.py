@@ -80,19 +80,16 @@ class WelcomePage(QWidget):
             STRETCH,
         )
         top = Qt.AlignmentFlag.AlignTop
-        content, area = QWidget(), make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
-        column(
+        area = make_scroll_area(
             make_label("Welcome to Tactor Bench", "welcome", wrap=False),
             row((left, 1, top), (right, 1, top), spacing=18),
             row((make_label(PAGES_TEXT, "note-size"), 1), close),
             STRETCH,
-            parent=content,
             margins=(40, 16, 40, 16),
             spacing=14,
+            focusPolicy=Qt.FocusPolicy.NoFocus,
         )
-        area.setWidget(content)
-        content.setAutoFillBackground(False)
-        column(area, parent=self, margins=(0, 0, 0, 0))
+        column(area, parent=self)
 
     def show_page(self, folder: str) -> None:
         """Show where runs are stored, and focus the demo button."""

@@ -64,7 +64,6 @@ class AuditPane(QWidget):
             (self.table, 1000),
             STRETCH,
             parent=self,
-            margins=(0, 0, 0, 0),
             spacing=4,
         )
 

@@ -30,7 +30,6 @@ class CertificatesPane(QWidget):
             (self.table, 1),
             make_label(NOTE, "note"),
             parent=self,
-            margins=(0, 0, 0, 0),
             spacing=4,
         )
 

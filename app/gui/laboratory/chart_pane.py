@@ -3,25 +3,24 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QSpinBox, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import QSpinBox
 
-from app.common import typeset
+from app.common import Table, typeset
 from app.fleet.control_chart import BASELINE, MIN_BASELINE
 from app.fleet.drift import DriftCause
 from app.fleet.values import Fleet
 from app.fleet.view import ChartView, golden_candidates, view_charts
 from app.gui.laboratory.chart_plot import ControlChartPlot
-from app.gui.laboratory.value_table import ValueTable, write_csv
+from app.gui.laboratory.value_table import ValueTable
+from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.widgets import (
     BackgroundWorker,
-    Mode,
     WindowTheme,
     WrappedRow,
-    choose_files,
     column,
     configure,
-    make_button,
+    fill_combo,
     make_label,
     make_splitter,
     set_style_kind,
@@ -36,31 +35,21 @@ BASELINE_TEXT = (
 )
 
 
-class ChartPane(QWidget):
+class ChartPane(ViewPane):
     """Charts a golden specimen of the folder that was read.
 
     Args:
         theme: first theme.
-        worker: computes what is shown, in the background.
+        worker: computes the charts, in the background.
         say: shows a message; the second argument marks an error.
     """
 
-    run_open_requested = Signal(str)
-    """Path of a run, from the folder."""
+    view: ChartView | None
 
     def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__()
-        self._worker, self._say = worker, say
-        self._fleet: Fleet | None = None
-        self._folder = Path()
-        self.view: ChartView | None = None
+        super().__init__(worker, say, "control_chart", "the values of the control charts", "laboratory.chart.export")
         self.golden, self.quantity, self.sensor = (
-            configure(
-                QComboBox(),
-                f"laboratory.chart.{name}",
-                accessibleName=name,
-                sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
-            )
+            make_filter_combo(f"laboratory.chart.{name}", name)
             for name in ("golden specimen", "quantity of the chart", "sensor")
         )
         self.baseline = configure(
@@ -74,9 +63,6 @@ class ChartPane(QWidget):
         )
         self.baseline.setRange(MIN_BASELINE, MAX_BASELINE)
         self.baseline.setValue(BASELINE)
-        self.export_button = make_button(
-            "Export …", self._choose_export, "choice", "The values of the charts as CSV, SI, every digit"
-        )
         self.verdict_label = make_label(kind="caption", name="laboratory.chart.verdict")
         self.notes_label = make_label(kind="note", name="laboratory.chart.notes")
         self.plot = ControlChartPlot(theme)
@@ -91,7 +77,7 @@ class ChartPane(QWidget):
             spacing=6,
         )
         parts = make_splitter("laboratory/chart", (self.plot, 4), (self.broken, 1), orientation=Qt.Orientation.Vertical)
-        column(bar, self.verdict_label, self.notes_label, (parts, 1), parent=self, margins=(0, 0, 0, 0), spacing=4)
+        column(bar, self.verdict_label, self.notes_label, (parts, 1), parent=self, spacing=4)
         for combo in (self.golden, self.quantity):
             combo.currentIndexChanged.connect(lambda _: self.update_view())
         self.baseline.valueChanged.connect(lambda _: self.update_view())
@@ -104,9 +90,8 @@ class ChartPane(QWidget):
         if fleet is None:
             self._show_view(None)
             return
-        candidates = golden_candidates(fleet)
-        _fill(self.golden, candidates, golden)
-        _fill(self.quantity, fleet.names, DEFAULT_QUANTITY)
+        fill_combo(self.golden, [(typeset(name), name) for name in golden_candidates(fleet)], golden)
+        fill_combo(self.quantity, [(typeset(quantity_label(name)), name) for name in fleet.names], DEFAULT_QUANTITY)
         self.update_view()
 
     def update_view(self) -> None:
@@ -122,11 +107,10 @@ class ChartPane(QWidget):
             latest_only="charts",
         )
 
-    def export(self, path: Path) -> None:
-        """Write the values of the charts as CSV in the background."""
-        if self.view is None:
-            return
-        write_csv(self._worker, self.view.points, path, self._say)
+    @property
+    def exported_table(self) -> Table:
+        assert self.view is not None
+        return self.view.points
 
     def _show_view(self, view: ChartView | None) -> None:
         self.view = view
@@ -178,25 +162,3 @@ class ChartPane(QWidget):
         if self.view is not None and (at := self.sensor.currentData()) is not None:
             number = self.view.broken[at].columns[0].values[row]
             self.run_open_requested.emit(self.view.charts[at].values[number - 1].path)
-
-    def _choose_export(self) -> None:
-        mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
-        choose_files(
-            self,
-            "Export the values of the control charts",
-            lambda paths: self.export(paths[0]),
-            "CSV (*.csv)",
-            str(self._folder / f"control_chart{mark}.csv"),
-            Mode.AnyFile,
-        )
-
-
-def _fill(combo: QComboBox, names: tuple[str, ...], preferred: str) -> None:
-    """Offer names; what was chosen stays, or else the preferred one is chosen."""
-    chosen = combo.currentData()
-    with QSignalBlocker(combo):
-        combo.clear()
-        for name in names:
-            combo.addItem(typeset(quantity_label(name)), name)
-        at = combo.findData(chosen) if chosen else -1
-        combo.setCurrentIndex(at if at >= 0 else max(combo.findData(preferred), 0))

@@ -3,25 +3,25 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QLineEdit
 
 from app.common import Table, typeset
 from app.fleet.tables import Bounds
 from app.fleet.values import CALIBRATION, GROUPS, Fleet
 from app.fleet.view import FleetQuery, FleetView, view_fleet
 from app.gui.laboratory.fleet_plot import FleetPlot
-from app.gui.laboratory.value_table import ValueTable, write_csv
+from app.gui.laboratory.value_table import ValueTable
+from app.gui.laboratory.view_pane import ViewPane, make_filter_combo
 from app.gui.widgets import (
     BackgroundWorker,
-    Mode,
     WindowTheme,
     WrappedRow,
-    choose_files,
     column,
     configure,
-    make_button,
+    fill_combo,
     make_label,
+    make_pane,
     make_splitter,
 )
 from model import quantity_label
@@ -30,39 +30,24 @@ SINCE = (("any time", ""), ("30 days", "30d"), ("90 days", "90d"), ("a year", "3
 SEARCH_DELAY_MS = 150
 
 
-class FleetPane(QWidget):
+class FleetPane(ViewPane):
     """Compares the specimens of the folder that was read.
 
     Args:
         theme: first theme.
-        worker: computes what is shown, in the background.
+        worker: computes the view, in the background.
         say: shows a message; the second argument marks an error.
     """
 
-    run_open_requested = Signal(str)
-    """Path of a run, from the folder."""
+    view: FleetView | None
 
     def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__()
-        self._worker, self._say = worker, say
-        self._fleet: Fleet | None = None
+        super().__init__(worker, say, "specimens", "the table of the specimens", "laboratory.export")
         self._limits: Mapping[str, Bounds] = {}
-        self._folder = Path()
-        self.view: FleetView | None = None
-        self.quantity, self.batch, self.since, self.group_by = (
-            configure(
-                QComboBox(),
-                f"laboratory.{name}",
-                accessibleName=name,
-                sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
-            )
-            for name in ("quantity", "batch", "since", "group by")
-        )
-        self.batch.addItem("any batch", "")
-        for text, since in SINCE:
-            self.since.addItem(text, since)
-        for name in GROUPS:
-            self.group_by.addItem(f"by {name}", name)
+        self.quantity = make_filter_combo("laboratory.quantity", "quantity")
+        self.batch = make_filter_combo("laboratory.batch", "batch", ("any batch", ""))
+        self.since = make_filter_combo("laboratory.since", "since", *SINCE)
+        self.group_by = make_filter_combo("laboratory.group by", "group by", *((f"by {name}", name) for name in GROUPS))
         self.search_edit = configure(
             QLineEdit(),
             "laboratory.search",
@@ -70,13 +55,6 @@ class FleetPane(QWidget):
             accessibleName="search",
             clearButtonEnabled=True,
             minimumWidth=170,
-        )
-        self.export_button = make_button(
-            "Export …",
-            self._choose_export,
-            "choice",
-            "The table of the specimens as CSV, SI, every digit",
-            "laboratory.export",
         )
         self.plot = FleetPlot(theme)
         self.summary = ValueTable(theme, "laboratory.summary", "statistics of the quantity", sortable=False)
@@ -90,13 +68,12 @@ class FleetPane(QWidget):
             "laboratory/tables", (self.summary, 3), (self.groups, 2), orientation=Qt.Orientation.Vertical
         )
         upper = make_splitter("laboratory/columns", (self.plot, 3), (tables, 2), sizes=[560, 330])
-        lower = QWidget()
-        column((self.specimens, 1), self.outlier_label, parent=lower, margins=(0, 0, 0, 0), spacing=2)
+        lower = make_pane((self.specimens, 1), self.outlier_label, spacing=2)
         rows = make_splitter("laboratory/rows", (upper, 3), (lower, 2), orientation=Qt.Orientation.Vertical)
         bar = WrappedRow(
             self.quantity, self.batch, self.since, self.group_by, self.search_edit, self.export_button, spacing=6
         )
-        column(bar, (rows, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)
+        column(bar, (rows, 1), parent=self, spacing=6)
         self._search_timer = QTimer(self, singleShot=True, interval=SEARCH_DELAY_MS)
         self._search_timer.timeout.connect(self.update_view)
         self.search_edit.textChanged.connect(lambda _: self._search_timer.start())
@@ -111,8 +88,9 @@ class FleetPane(QWidget):
         if fleet is None:
             self._show_view(None)
             return
-        self._fill(self.quantity, fleet.names)
-        self._fill(self.batch, sorted({v.batch for v in fleet.values}), "any batch")
+        fill_combo(self.quantity, [(typeset(quantity_label(name)), name) for name in fleet.names])
+        batches = sorted({v.batch for v in fleet.values})
+        fill_combo(self.batch, [("any batch", ""), *((typeset(name), name) for name in batches)])
         self.update_view()
 
     def update_view(self) -> None:
@@ -131,11 +109,10 @@ class FleetPane(QWidget):
             lambda: view_fleet(fleet, query, limits), self._show_view, self._on_error, latest_only="fleet view"
         )
 
-    def export(self, path: Path) -> None:
-        """Write the table of the specimens as CSV in the background."""
-        if self.view is None:
-            return
-        write_csv(self._worker, self.view.specimens, path, self._say)
+    @property
+    def exported_table(self) -> Table:
+        assert self.view is not None
+        return self.view.specimens
 
     def _show_view(self, view: FleetView | None) -> None:
         self.view = view
@@ -152,16 +129,6 @@ class FleetPane(QWidget):
         self._show_view(None)
         self._say(str(error), True)
 
-    def _fill(self, combo: QComboBox, names: "tuple[str, ...] | list[str]", first: str = "") -> None:
-        chosen = combo.currentData()
-        with QSignalBlocker(combo):
-            combo.clear()
-            if first:
-                combo.addItem(first, "")
-            for name in names:
-                combo.addItem(typeset(quantity_label(name)), name)
-            combo.setCurrentIndex(max(combo.findData(chosen), 0))
-
     def _specimen_at(self, row: int) -> str:
         return "" if row < 0 or self.view is None else str(self.view.specimens.columns[0].values[row])
 
@@ -171,14 +138,3 @@ class FleetPane(QWidget):
         measured = [v for v in runs if v.protocol != CALIBRATION]
         if measured:
             self.run_open_requested.emit(measured[-1].path)
-
-    def _choose_export(self) -> None:
-        mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
-        choose_files(
-            self,
-            "Export the table of the specimens",
-            lambda paths: self.export(paths[0]),
-            "CSV (*.csv)",
-            str(self._folder / f"specimens{mark}.csv"),
-            Mode.AnyFile,
-        )

@@ -173,9 +173,9 @@ class LaboratoryPage(QWidget):
         top = row(
             *choices, STRETCH, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
         )
-        contents, none = _Contents(), (0, 0, 0, 0)
-        column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, margins=none, spacing=6)
-        column(contents, parent=self, margins=none)
+        contents = _Contents()
+        column(top, self.progress_row, self.message_label, (self.stack, 1), parent=contents, spacing=6)
+        column(contents, parent=self)
         self.buttons.idClicked.connect(lambda _: self.show_view(self.view))
         self.kind_button.clicked.connect(lambda _: self.reload())
 

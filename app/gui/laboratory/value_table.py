@@ -1,8 +1,7 @@
 """Table widget of the Laboratory page: shows an `app.common.Table`, sortable by its values, thousands of rows without a delay."""
 
 import math
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
@@ -11,7 +10,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.common import Column, Severity, Table, typeset
 from app.common.tables import CellValue
-from app.gui.widgets import BackgroundWorker, WindowTheme, configure
+from app.gui.widgets import WindowTheme, configure
 
 Index = QModelIndex | QPersistentModelIndex
 AS_TEXT = " as text"
@@ -100,15 +99,6 @@ class ValueTableModel(QAbstractTableModel):
         missing = [row for row in self.order if keys[row] is None]
         if missing:  # last in either direction
             self.order = [row for row in self.order if keys[row] is not None] + missing
-
-
-def write_csv(worker: BackgroundWorker, table: Table, path: Path, say: Callable[[str, bool], object]) -> None:
-    """Write a table as CSV in the background; `say` receives the result as text, and whether it is a problem."""
-    worker.submit(
-        lambda: table.to_csv(path),
-        lambda _: say(f"Written: {path}", False),
-        lambda error: say(f"{path} cannot be written: {error}", True),
-    )
 
 
 def share_width(wanted: Sequence[int], free: int) -> list[int]:

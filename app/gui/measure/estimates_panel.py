@@ -74,7 +74,6 @@ class EstimatesPanel(QWidget):
             *((widget, at, column) for at, row in enumerate(self.rows, 1) for column, widget in enumerate(row)),
             (self.note, MAX_ROWS + 1, 0, 1, 3),
             parent=self,
-            margins=(0, 0, 0, 0),
             spacing=(8, 1),
             stretch={2: 1},
         )

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolButton, QWidget
+from PySide6.QtWidgets import QComboBox, QFileDialog, QLineEdit, QToolButton, QWidget
 
 from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
@@ -18,9 +18,10 @@ from app.gui.widgets import (
     WindowTheme,
     column,
     configure,
-    grid,
     make_button,
     make_label,
+    make_labelled_grid,
+    make_pane,
     make_scroll_area,
     row,
     set_style_kind,
@@ -113,7 +114,7 @@ class RunPanel(QWidget):
         )
         self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
-        self._form_place = column(margins=(0, 0, 0, 0))
+        self._form_place = column()
         self._content_area = make_scroll_area(
             focusPolicy=Qt.FocusPolicy.NoFocus,
             horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
@@ -264,16 +265,11 @@ class RunPanel(QWidget):
             self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
-        where = grid(spacing=(8, 4))
-        for at, editor in enumerate((self.specimen_edit, self.folder_edit, self.operator_edit)):
-            label = QLabel(editor.accessibleName())
-            label.setBuddy(editor)
-            where.addWidget(label, at, 0)
-            where.addWidget(editor, at, 1)
+        editors = (self.specimen_edit, self.folder_edit, self.operator_edit)
+        where = make_labelled_grid({editor.accessibleName(): editor for editor in editors}, (8, 4))
         where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)
-        content = QWidget()
-        column(
+        content = make_pane(
             self._form_place,
             where,
             self.rehearsal_label,
@@ -281,7 +277,6 @@ class RunPanel(QWidget):
             self.estimates_panel,
             self.result_card,
             STRETCH,
-            parent=content,
             margins=(0, 0, 8, 0),
             spacing=8,
         )

@@ -327,7 +327,7 @@ class PlotBase(QWidget):
         self.corner_labels = [CornerLabel(plot, "", self.font(), right=False) for plot in self._plots]
         self.simulated = True
         """Whether data are marked as simulated, in the plot and in copied tables."""
-        self._layout = column(parent=self, margins=(0, 0, 0, 0), spacing=2)
+        self._layout = column(parent=self, spacing=2)
 
     @property
     def simulated_label(self) -> "CornerLabel":

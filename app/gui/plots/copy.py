@@ -42,7 +42,7 @@ class PlotCopyButtons(QWidget):
             ]
             for button in buttons:
                 button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            row(*buttons, parent=self, margins=(0, 0, 0, 0), spacing=4)
+            row(*buttons, parent=self, spacing=4)
         self.show()
         self._place_buttons()
 

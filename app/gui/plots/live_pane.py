@@ -34,7 +34,7 @@ class LivePane(QSplitter):
         self._places = []
         for share in (5, 4):
             place = QWidget()
-            self._places.append(column(parent=place, margins=(0, 0, 0, 0)))
+            self._places.append(column(parent=place))
             self.add_widget(place, share)
         self.setChildrenCollapsible(False)
         self._state: tuple[WindowState, type[Protocol]] | None = None

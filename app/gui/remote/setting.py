@@ -5,10 +5,10 @@ import io
 import segno
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap
-from PySide6.QtWidgets import QComboBox, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.remote.controller import MODES, NETWORK, RemoteController
-from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_label
+from app.gui.widgets import SELECTABLE, column, configure, make_choice, make_combo, make_label
 
 MODULE_PIXELS = 5
 DESCRIPTION = (
@@ -23,9 +23,7 @@ class RemoteSetting(QWidget):
     def __init__(self, remote: RemoteController) -> None:
         super().__init__()
         self._remote = remote
-        self.mode = configure(QComboBox(), "settings.remote.mode", accessibleName="web page")
-        for name, text in MODES.items():
-            self.mode.addItem(text, name)
+        self.mode = make_combo("settings.remote.mode", "web page", ((text, name) for name, text in MODES.items()))
         self.mode.setCurrentIndex(self.mode.findData(remote.mode))
         self.address = make_label(name="settings.remote.address", textInteractionFlags=SELECTABLE)
         self.code = configure(QLabel(), "settings.remote.code", accessibleName="address of the web page as a QR code")
@@ -33,7 +31,7 @@ class RemoteSetting(QWidget):
         self.renew_button = configure(
             make_choice("New token", "Addresses with the present token are no longer valid"), "settings.remote.renew"
         )
-        column(self.mode, self.address, self.code, self.renew_button, parent=self, margins=(0, 0, 0, 0), spacing=6)
+        column(self.mode, self.address, self.code, self.renew_button, parent=self, spacing=6)
         self.mode.currentIndexChanged.connect(lambda _: remote.set_mode(self.mode.currentData()))
         self.renew_button.clicked.connect(lambda _=False: remote.renew_token())
         remote.changed.connect(self._show)

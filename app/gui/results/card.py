@@ -98,7 +98,7 @@ class ResultCard(QFrame):
         if compact:
             row(
                 self.verdict_label, self.simulated_label, *self.buttons.values(), STRETCH,
-                parent=self, margins=(0, 0, 0, 0), spacing=14,
+                parent=self, spacing=14,
             )  # fmt: skip
             return
         values = (label for pair in self.value_labels for label in pair)

@@ -126,24 +126,19 @@ class RunDetailsPane(QWidget):
         buttons = row(
             self.open_button, self.continue_button, self.explore_button, STRETCH, self.export_button, spacing=6
         )
-        content = QWidget()
-        column(
+        area = make_scroll_area(
             (self.plot, 1),
             (self.result_plots, 1),
             (self.empty_label, 1),
             self.facts_label,
             self.card,
             fields,
-            parent=content,
-            margins=(0, 0, 0, 0),
             spacing=6,
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
         )
-        area = make_scroll_area(
-            focusPolicy=Qt.FocusPolicy.NoFocus, horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff
-        )
-        area.setWidget(content)
-        content.setAutoFillBackground(False)
-        self._content_layout = content.layout()
+        content = area.widget()
+        self._content_layout = None if content is None else content.layout()
         column(
             self.heading,
             (area, 1),

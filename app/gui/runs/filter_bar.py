@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive import RunFilter, RunSummary, ScanResult, read_since
-from app.gui.widgets import Item, configure, make_button, make_label, row
+from app.gui.widgets import Item, configure, fill_combo, make_button, make_combo, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
@@ -43,20 +43,16 @@ class RunFilterBar(QWidget):
             clearButtonEnabled=True,
         )
         self.specimen, self.protocol, self.verdict = (
-            configure(
-                QComboBox(),
+            make_combo(
                 f"runs.{name}",
-                accessibleName=name,
+                name,
+                [(f"any {name}", "")],
                 sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
             )
             for name in ("specimen", "protocol", "verdict")
         )
-        self.since = configure(QComboBox(), "runs.since", accessibleName="begun")
+        self.since = make_combo("runs.since", "begun", SINCE)
         self._combos = (self.specimen, self.protocol, self.verdict, self.since)
-        for combo in self._combos[:-1]:
-            combo.addItem(f"any {combo.accessibleName()}", "")
-        for label, since in SINCE:
-            self.since.addItem(label, since)
         self.count_label = make_label(kind="note", wrap=False, name="runs.count")
         self.stop_button = make_button(
             "Stop reading", self.stop_pressed.emit, "choice", name="runs.stop-reading", visible=False
@@ -103,13 +99,8 @@ class RunFilterBar(QWidget):
             (self.protocol, {e.protocol for e in summaries}),
             (self.verdict, {word for e in summaries for word in e.verdict_text.split(", ")}),
         ):
-            with QSignalBlocker(combo):
-                chosen = combo.currentData()
-                while combo.count() > 1:
-                    combo.removeItem(combo.count() - 1)
-                for value in sorted(values - {""}, key=str.casefold):
-                    combo.addItem(value, value)
-                combo.setCurrentIndex(max(combo.findData(chosen), 0))
+            offered = ((value, value) for value in sorted(values - {""}, key=str.casefold))
+            fill_combo(combo, [(f"any {combo.accessibleName()}", ""), *offered])
 
     def show_count(self, shown: int, total: int) -> None:
         """Show the number of listed runs and the total."""

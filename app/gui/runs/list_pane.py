@@ -30,7 +30,7 @@ class RunListPane(QWidget):
         self.table, self.filter_bar, self.details = RunTableView(self.model), RunFilterBar(), RunDetailsPane(theme)
         columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
         self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
-        column(self.filter_bar, (columns, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)
+        column(self.filter_bar, (columns, 1), parent=self, spacing=6)
         self.filter_bar.changed.connect(self._update_table)
         self.filter_bar.stop_pressed.connect(self.folder_model.cancel)
         self.filter_bar.list_requested.connect(self.table.setFocus)

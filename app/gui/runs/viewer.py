@@ -46,12 +46,16 @@ class RunViewer(QWidget):
         parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
         self.plots.setMinimumWidth(MIN_PLOT_WIDTH)
         rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
-        result, area = QWidget(), make_scroll_area(horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setAccessibleName("result of the run")
-        column(self.card, self.facts_label, STRETCH, parent=result, margins=(4, 0, 4, 0), spacing=6)
-        result.setAutoFillBackground(False)
-        area.setWidget(result)
-        area.setMinimumWidth(CARD_WIDTH)
+        area = make_scroll_area(
+            self.card,
+            self.facts_label,
+            STRETCH,
+            margins=(4, 0, 4, 0),
+            spacing=6,
+            accessibleName="result of the run",
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumWidth=CARD_WIDTH,
+        )
         columns = make_splitter("runs/run", (rows, 1), (area, 0), sizes=[900, CARD_WIDTH])
         head = row(self.back_button, (self.heading, 1), self.explore_button)
         column(head, (columns, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)

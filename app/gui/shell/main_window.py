@@ -335,7 +335,7 @@ class MainWindow(QMainWindow):
             self.tabs.setCornerWidget(panel.corner)
         pages = Overlaid(self.central, self.notices.unsafe)
         parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (pages, 1))
-        column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
+        column(*parts, parent=centre, spacing=6)
         self.setCentralWidget(centre)
         self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)

@@ -51,7 +51,7 @@ class PageHost(QTabWidget):
         """Add a tab whose page is made when it is first needed."""
         place = QWidget()
         self._factories.append(make)
-        self._layouts.append(column(parent=place, margins=(0, 0, 0, 0)))
+        self._layouts.append(column(parent=place))
         with QSignalBlocker(self):  # the first tab is selected when it is added
             index = self.addTab(place, title)
         self.setTabToolTip(index, ACTIONS[f"page.{title.lower()}"].shortcut)

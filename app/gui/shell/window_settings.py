@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
+from PySide6.QtWidgets import QCheckBox, QLineEdit
 
 from app.gui.remote.controller import RemoteController
 from app.gui.status.notifier import NOTICE_KEY, SOUND_KEY, Notifier
-from app.gui.widgets import APPEARANCES, configure
+from app.gui.widgets import APPEARANCES, configure, make_combo
 
 if TYPE_CHECKING:
     from app.gui.help.settings_page import Setting
@@ -42,9 +42,8 @@ def make_settings(
     from app.gui.help.settings_page import Setting
     from app.gui.remote.setting import DESCRIPTION, RemoteSetting
 
-    appearance = configure(QComboBox(), "settings.appearance")
-    for name, text in APPEARANCES.items():
-        appearance.addItem(text, name)
+    choices = ((text, name) for name, text in APPEARANCES.items())
+    appearance = make_combo("settings.appearance", "", choices)
     appearance.setCurrentIndex(max(appearance.findData(appearance_name), 0))
     appearance.currentIndexChanged.connect(lambda _: set_appearance(appearance.currentData()))
     fields = []

@@ -21,6 +21,7 @@ from app.gui.widgets import (
     make_button,
     make_choice,
     make_label,
+    make_pane,
     make_panel,
     make_read_only_table,
     make_scroll_area,
@@ -104,7 +105,7 @@ class IdentificationPage(QWidget):
         self.budget_title = make_label("Uncertainty budget: shares of the squared total", "caption", wrap=False)
         self.budget_plot = BudgetPlot(theme)
         self.proposals = QWidget()
-        self._proposal_rows: QVBoxLayout = column(parent=self.proposals, margins=(0, 0, 0, 0), spacing=6)
+        self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
             configure(QLineEdit(), f"identification.{name}", accessibleName=label, placeholderText=label)
             for name, label in (
@@ -330,15 +331,8 @@ class IdentificationPage(QWidget):
                 "choice",
                 name="identification.without",
             )
-            line = QWidget()
-            row(
-                make_label(f"Free in addition: {', '.join(self._also)}.", wrap=False),
-                without,
-                None,
-                parent=line,
-                margins=(0, 0, 0, 0),
-            )
-            self._proposal_rows.addWidget(line)
+            note = make_label(f"Free in addition: {', '.join(self._also)}.", wrap=False)
+            self._proposal_rows.addWidget(make_pane(row(note, without, None)))
         self._proposal_rows.addWidget(self._make_choice_of_model())
 
     def _make_choice_of_model(self) -> QWidget:
@@ -348,9 +342,7 @@ class IdentificationPage(QWidget):
             "fitted, each within its usual size" if self._plain else "held at none, and no cause is added"
         )
         button = make_button(text, lambda: self.identify((), not self._plain), "choice", tip, "identification.plain")
-        line = QWidget()
-        row(button, None, parent=line, margins=(0, 0, 0, 0))
-        return line
+        return make_pane(row(button, None))
 
     def _make_proposal(self, explanation: Explanation) -> QWidget:
         name, fit = explanation.cause.name, explanation.fit
@@ -363,8 +355,7 @@ class IdentificationPage(QWidget):
             f"May be the cause: {explanation.cause_words}. {chi}." + (f" It moves {moved}." if moved else "")
         )
         assert fit is not None
-        panel = QWidget()
-        parts: list[QWidget] = [text]
+        parts: list[QWidget] = []
         if explanation.cause.kind == "parameter" and name not in self._also:
             parts.append(
                 make_button(
@@ -375,9 +366,7 @@ class IdentificationPage(QWidget):
                     f"identification.also.{name}",
                 )
             )
-        layout = row((parts[0], 1), *parts[1:], parent=panel, margins=(0, 0, 0, 0), spacing=10)
-        assert layout is not None
-        return panel
+        return make_pane(row((text, 1), *parts, spacing=10))
 
     def _clear(self) -> None:
         self.result = None
@@ -395,13 +384,12 @@ class IdentificationPage(QWidget):
         self.run_list.setFixedHeight(7 * (self.fontMetrics().height() + 6))
         self.run_list.hide()
         self.runs_button.toggled.connect(self.run_list.setVisible)
-        self._content = QWidget()
         labels = []
         for text, edit in (("by", self.by_edit), ("note", self.note_edit)):
             label = QLabel(text)
             label.setBuddy(edit)
             labels.append(label)
-        column(
+        self._content = make_pane(
             self.verdict_label,
             self.finding_label,
             self.proposals,
@@ -418,13 +406,10 @@ class IdentificationPage(QWidget):
                 spacing=6,
             ),
             None,
-            parent=self._content,
             margins=(0, 0, 8, 0),
             spacing=8,
         )
-        area = make_scroll_area(focusPolicy=Qt.FocusPolicy.NoFocus)
-        area.setWidget(self._content)
-        self._content.setAutoFillBackground(False)
+        area = make_scroll_area(self._content, focusPolicy=Qt.FocusPolicy.NoFocus)
         close = make_button(shortcut_label("Close", "identification"), self.closed.emit, name="identification.close")
         column(
             row(self.heading, self.simulated_label, None, self.runs_button, self.identify_button, close, spacing=8),

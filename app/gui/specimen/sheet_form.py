@@ -4,12 +4,22 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QWidget
 
 from app.gui.specimen.entry_row import FIELD_LABELS, EntryRow
-from app.gui.widgets import column, configure, grid, make_button, make_label, make_panel, row
+from app.gui.widgets import (
+    column,
+    configure,
+    fill_combo,
+    grid,
+    make_button,
+    make_label,
+    make_labelled_grid,
+    make_panel,
+    row,
+)
 from app.identification import (
     DIMENSIONS,
     GROUPS,
@@ -126,16 +136,10 @@ class SheetForm(QWidget):
             self.edited.emit(draft, "text")
 
     def _make_general(self) -> QWidget:
-        fields = grid(spacing=(8, 4), stretch={1: 1})
-        for at, (name, edit) in enumerate(self.text_edits.items()):
-            label = QLabel(TEXT_LABELS[name])
-            label.setBuddy(edit)
-            fields.addWidget(label, at, 0)
-            fields.addWidget(edit, at, 1)
+        editors = {TEXT_LABELS[name]: edit for name, edit in self.text_edits.items()}
+        fields = make_labelled_grid(editors, (8, 4), stretch={1: 1})
         fields.addWidget(self.browse_button, list(self.text_edits).index("photograph"), 2)
-        content = QWidget()
-        row((fields, 1), self.picture_label, parent=content, margins=(0, 0, 0, 0), spacing=10)
-        return make_panel(content, margins=(12, 8, 12, 8), spacing=4)
+        return make_panel(row((fields, 1), self.picture_label, spacing=10), margins=(12, 8, 12, 8), spacing=4)
 
     def _make_panel(self, group: str) -> QWidget:
         layout = grid(spacing=(8, 2), stretch={0: 5, 1: 3, 2: 3, 4: 4, 5: 2})
@@ -166,11 +170,8 @@ class SheetForm(QWidget):
         names = [name for name in SPECIMEN_PARAMETERS if name not in self.rows]
         if [self.more_box.itemData(at) for at in range(1, self.more_box.count())] == names:
             return
-        with QSignalBlocker(self.more_box):
-            self.more_box.clear()
-            self.more_box.addItem("Another value …")
-            for name in names:
-                self.more_box.addItem(f"{name}: {SPECIMEN_PARAMETERS[name].description}", name)
+        described = ((f"{name}: {SPECIMEN_PARAMETERS[name].description}", name) for name in names)
+        fill_combo(self.more_box, [("Another value …", None), *described])
 
     def _add_chosen(self) -> None:
         if name := self.more_box.currentData():

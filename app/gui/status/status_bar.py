@@ -10,7 +10,7 @@ from app.common import OUTCOME_SYMBOLS, format_duration, outcome_severity
 from app.gui.status.session_controller import SessionController
 from app.gui.status.status_sign import StatusSign
 from app.gui.status.symbols import SYMBOLS
-from app.gui.widgets import LIGHT, Theme, WindowTheme, column, configure, grid, make_button, make_progress_bar, row
+from app.gui.widgets import LIGHT, Theme, WindowTheme, configure, grid, make_button, make_pane, make_progress_bar, row
 from app.session import BenchState, InstrumentStatus, Lamp, WindowState, real_duration_s
 from protocols.base import Outcome
 
@@ -163,8 +163,7 @@ class BenchStatusBar(QWidget):
         )
         self.lamps: list[InstrumentLamp] = []
         self._lamp_grid = grid(spacing=(10, 2))
-        self._run = QWidget()
-        column((self.task_sign, 1), self.progress_bar, parent=self._run, margins=(0, 0, 0, 0), spacing=2)
+        self._run = make_pane((self.task_sign, 1), self.progress_bar, spacing=2)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         row(
             (self.state_sign, 9),

@@ -26,10 +26,14 @@ from .layouts import STRETCH as STRETCH
 from .layouts import Item as Item
 from .layouts import column as column
 from .layouts import configure as configure
+from .layouts import fill_combo as fill_combo
 from .layouts import grid as grid
 from .layouts import make_button as make_button
 from .layouts import make_choice as make_choice
+from .layouts import make_combo as make_combo
 from .layouts import make_label as make_label
+from .layouts import make_labelled_grid as make_labelled_grid
+from .layouts import make_pane as make_pane
 from .layouts import make_panel as make_panel
 from .layouts import make_progress_bar as make_progress_bar
 from .layouts import make_scroll_area as make_scroll_area

@@ -1,11 +1,12 @@
 """Declarative layouts, labels, buttons and other configured widgets."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QBoxLayout,
+    QComboBox,
     QFrame,
     QGridLayout,
     QHBoxLayout,
@@ -30,6 +31,7 @@ Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | N
 
 Margins = tuple[int, int, int, int]
 """Left, top, right and bottom in pixels."""
+NO_MARGINS: Margins = (0, 0, 0, 0)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 
@@ -44,14 +46,14 @@ def configure(widget: W, name: str = "", **properties: object) -> W:
 
 
 def column(
-    *items: Item, parent: QWidget | None = None, margins: Margins | None = None, spacing: int | None = None
+    *items: Item, parent: QWidget | None = None, margins: Margins = NO_MARGINS, spacing: int | None = None
 ) -> QVBoxLayout:
     """Return a vertical layout of items."""
     return _fill(_set_margins(QVBoxLayout(parent) if parent else QVBoxLayout(), margins), items, spacing)
 
 
 def row(
-    *items: Item, parent: QWidget | None = None, margins: Margins | None = None, spacing: int | None = None
+    *items: Item, parent: QWidget | None = None, margins: Margins = NO_MARGINS, spacing: int | None = None
 ) -> QHBoxLayout:
     """Return a horizontal layout of items."""
     return _fill(_set_margins(QHBoxLayout(parent) if parent else QHBoxLayout(), margins), items, spacing)
@@ -60,7 +62,7 @@ def row(
 def grid(
     *cells: tuple[QWidget, int, int] | tuple[QWidget, int, int, int, int] | tuple[QWidget, int, int, Qt.AlignmentFlag],
     parent: QWidget | None = None,
-    margins: Margins | None = None,
+    margins: Margins = NO_MARGINS,
     spacing: tuple[int, int] = (-1, -1),
     stretch: Mapping[int, int] | None = None,
 ) -> QGridLayout:
@@ -113,11 +115,58 @@ def make_progress_bar(steps: int, height: int, name: str = "") -> QProgressBar:
     return configure(QProgressBar(), name, maximum=steps, textVisible=False, minimumHeight=height, maximumHeight=height)
 
 
-def make_scroll_area(**properties: object) -> QScrollArea:
-    """Return a transparent scroll area without a frame, whose content is as wide as the area."""
+def make_pane(*items: Item, margins: Margins = NO_MARGINS, spacing: int | None = None) -> QWidget:
+    """Return a widget with a column of items."""
+    pane = QWidget()
+    column(*items, parent=pane, margins=margins, spacing=spacing)
+    return pane
+
+
+def make_scroll_area(
+    *items: Item, margins: Margins = NO_MARGINS, spacing: int | None = None, **properties: object
+) -> QScrollArea:
+    """Return a transparent scroll area without a frame, whose content, a column of items, is as wide as the area."""
     area = configure(QScrollArea(), "", widgetResizable=True, frameShape=QFrame.Shape.NoFrame, **properties)
     area.viewport().setAutoFillBackground(False)
+    if items:
+        content = make_pane(*items, margins=margins, spacing=spacing)
+        area.setWidget(content)
+        content.setAutoFillBackground(False)
     return area
+
+
+def make_combo(
+    name: str, accessible_name: str, choices: Iterable[tuple[str, object]] = (), **properties: object
+) -> QComboBox:
+    """Return a combo box of choices: texts with their data."""
+    combo = configure(QComboBox(), name, accessibleName=accessible_name, **properties)
+    for text, data in choices:
+        combo.addItem(text, data)
+    return combo
+
+
+def fill_combo(combo: QComboBox, choices: Iterable[tuple[str, object]], preferred: object = None) -> None:
+    """Replace the choices without a signal; the chosen data stay chosen, else the preferred, else the first."""
+    chosen = combo.currentData()
+    with QSignalBlocker(combo):
+        combo.clear()
+        for text, data in choices:
+            combo.addItem(text, data)
+        places = (combo.findData(each) for each in (chosen, preferred) if each is not None)
+        combo.setCurrentIndex(next((at for at in places if at >= 0), 0))
+
+
+def make_labelled_grid(
+    editors: Mapping[str, QWidget], spacing: tuple[int, int], stretch: Mapping[int, int] | None = None
+) -> QGridLayout:
+    """Return a grid of editors in the second column, each with its label, from top to bottom."""
+    fields = grid(spacing=spacing, stretch=stretch)
+    for at, (text, editor) in enumerate(editors.items()):
+        label = QLabel(text)
+        label.setBuddy(editor)
+        fields.addWidget(label, at, 0)
+        fields.addWidget(editor, at, 1)
+    return fields
 
 
 def make_splitter(
@@ -141,9 +190,8 @@ def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButto
     return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
 
 
-def _set_margins(layout: L, margins: Margins | None) -> L:
-    if margins is not None:
-        layout.setContentsMargins(*margins)
+def _set_margins(layout: L, margins: Margins) -> L:
+    layout.setContentsMargins(*margins)
     return layout
 
 

@@ -63,7 +63,7 @@ class ProgressRow(QWidget):
         self._show_timer = QTimer(self, singleShot=True, interval=SHOW_DELAY_MS)
         self._show_timer.timeout.connect(self.show)
         self._fraction_changed.connect(self._show_fraction)
-        row(self.label, (self.bar, 1), self.cancel_button, parent=self, margins=(0, 0, 0, 0), spacing=8)
+        row(self.label, (self.bar, 1), self.cancel_button, parent=self, spacing=8)
         self.hide()
 
     def start(self, text: str) -> None:

@@ -1,0 +1,74 @@
+"""Base of the panes that compute a view of the fleet in the background and export a table of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QWidget
+
+from app.common import Table
+from app.fleet.values import Fleet
+from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, make_combo
+
+
+class ViewPane(QWidget):
+    """Shows a view of the folder that was read.
+
+    Args:
+        worker: computes the view, in the background.
+        say: shows a message; the second argument marks an error.
+        file_stem: proposed name of an exported file.
+        exported: noun phrase of the exported table.
+        name: object name of the button.
+    """
+
+    run_open_requested = Signal(str)
+    """Path of a run, from the folder."""
+
+    def __init__(
+        self, worker: BackgroundWorker, say: Callable[[str, bool], object], file_stem: str, exported: str, name: str
+    ) -> None:
+        super().__init__()
+        self._worker, self._say, self._file_stem, self._exported = worker, say, file_stem, exported
+        self._fleet: Fleet | None = None
+        self._folder = Path()
+        self.view: Any = None
+        self.export_button = make_button(
+            "Export …",
+            self._choose_export,
+            "choice",
+            f"{exported[:1].upper()}{exported[1:]} as CSV, SI, every digit",
+            name,
+        )
+
+    @property
+    def exported_table(self) -> Table:
+        """The table of the view that is exported."""
+        raise NotImplementedError
+
+    def export(self, path: Path) -> None:
+        """Write the table of the view as CSV in the background."""
+        if self.view is not None:
+            table = self.exported_table
+            self._worker.submit(
+                lambda: table.to_csv(path),
+                lambda _: self._say(f"Written: {path}", False),
+                lambda error: self._say(f"{path} cannot be written: {error}", True),
+            )
+
+    def _choose_export(self) -> None:
+        mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
+        choose_files(
+            self,
+            f"Export {self._exported}",
+            lambda paths: self.export(paths[0]),
+            "CSV (*.csv)",
+            str(self._folder / f"{self._file_stem}{mark}.csv"),
+            Mode.AnyFile,
+        )
+
+
+def make_filter_combo(name: str, accessible_name: str, *choices: tuple[str, object]) -> QComboBox:
+    """Return a combo box as wide as its longest choice."""
+    return make_combo(name, accessible_name, choices, sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents)
