@@ -1,8 +1,9 @@
 """Overlay of the model's curve with its error band under measured points, computed in a background thread and cached."""
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,8 @@ from app.identification import PAPER_MODEL, ActiveModel, load_active_model, same
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import CurveCache, ModelCurve
 from model import AmplifierMap, Array, ParameterError, replace_variables
-from protocols.base import Protocol
+from protocols.base import ModelState, Protocol
+from protocols.registry import aspects_of
 
 if TYPE_CHECKING:
     from model import Specimen
@@ -42,6 +44,8 @@ class CurveRequest:
     specimen: str = ""
     elongations_m: tuple[float, ...] = ()
     """Elongations of the membrane for which curves are computed besides the free tactor's."""
+    protocol: str = ""
+    """Name of the protocol whose axes have a model curve of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +61,8 @@ def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: 
     frequencies = getattr(protocol, "frequencies_hz", (getattr(protocol, "stop_hz", 250.0),))
     top_hz = 25.0 * math.ceil(1.04 * max(frequencies, default=250.0) / 25.0)
     elongations = tuple(sorted(set(getattr(protocol, "elongations_m", ()))))
-    return CurveRequest(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2, folder, specimen, elongations)
+    amplitude_v = getattr(protocol, "peak_to_peak_v", 5.0) / 2
+    return CurveRequest(top_hz, amplitude_v, folder, specimen, elongations, protocol.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,9 @@ class OverlayCurve(ModelCurve):
     """Elongation of the membrane under the tactor; None for the free tactor."""
     on_membrane: tuple["OverlayCurve", ...] = ()
     """The curves on the membrane at the requested elongations; those that the model cannot compute are left out."""
+
+    over_axes: Callable[[Array], Array | None] | None = field(default=None, compare=False)
+    """Returns the second axis of the request's protocol over the first, SI; None without a model."""
 
     def at_elongation(self, elongation_m: float | None) -> "OverlayCurve | None":
         """Return the curve at an elongation, None or NaN for the free tactor; None if there is no such curve."""
@@ -129,7 +137,15 @@ class Overlay:
     def compute(self, request: CurveRequest) -> OverlayCurve:
         """Compute a curve in the calling thread, or return it from the cache."""
         self._active_model = of = load_active_model(request.folder, request.specimen, self._active_model)
-        name = (request.max_hz, request.amplitude_v, request.elongations_m, of.stamp, of.description, of.problem)
+        name = (
+            request.max_hz,
+            request.amplitude_v,
+            request.elongations_m,
+            request.protocol,
+            of.stamp,
+            of.description,
+            of.problem,
+        )
         return self.cache.get(name, lambda: self._compute_all(request, of))
 
     def close(self) -> None:
@@ -151,7 +167,9 @@ class Overlay:
                 on.append(replace(self._compute_curve(request, active_model, pressed), elongation_m=elongation_m))
             except ParameterError:  # for example a damping below zero: no curve at this elongation
                 continue
-        return replace(free, on_membrane=tuple(on))
+        state = ModelState(active_model.specimen(), self.amplifier)
+        over_axes = partial(aspects_of(request.protocol).model_curve, state)  # loaded here, in the background
+        return replace(free, on_membrane=tuple(on), over_axes=over_axes)
 
     def _compute_curve(self, request: CurveRequest, active_model: ActiveModel, specimen: "Specimen") -> OverlayCurve:
         from model.response import amplifier_response, with_lag  # lazily: scipy.linalg loads in 0.25 s

@@ -16,7 +16,7 @@ from model import COVERAGE_FACTOR_95, Array, Series, SeriesAxis, shown_unit
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_SOURCE, PerceptionThreshold
 from model.studies.uncertainty import UncertaintyBand
-from protocols.base import Figure, ModelCurve
+from protocols.base import Figure, ModelFunction
 
 TITLE = "Fig. 9: frequency response"
 ERROR_BARS_NOTE = (
@@ -157,7 +157,7 @@ def specimen_plots(
 def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]) -> ReportPlot:
     """Plot the figures of one title, each with the name of its run: one panel with the model's curve and band."""
     first = figures[0][1]
-    groups: dict[str, list[tuple[Series, ModelCurve | None]]] = {}
+    groups: dict[str, list[tuple[Series, ModelFunction | None]]] = {}
     for run, figure in figures:
         for series in figure.points:
             label = series.label or ("measured" if len(figures) == 1 else run)
@@ -190,7 +190,7 @@ def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]
     return ReportPlot(first.title, (panel,), f"{first.caption} {ERROR_BARS_NOTE}".strip())
 
 
-def _model_values(specimen: SpecimenModel, curve: ModelCurve | None, x: Array) -> Array:
+def _model_values(specimen: SpecimenModel, curve: ModelFunction | None, x: Array) -> Array:
     """Return y over x by the model, (N,); NaN where it has none."""
     values = None if curve is None else specimen.curve_values(specimen.figure_curve(curve, x))
     return np.full(x.size, np.nan) if values is None else values

@@ -35,7 +35,7 @@ from model.identification import (
 )
 from model.response import driven_amplitudes, lag_factor
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
-from protocols.base import ModelCurve, ModelState
+from protocols.base import ModelFunction, ModelState
 
 Effects = Mapping[str, float]
 """What the beam model leaves out, by name."""
@@ -152,7 +152,7 @@ class SpecimenModel:
         except ParameterError:
             return None
 
-    def figure_curve(self, curve: ModelCurve, x: Array) -> CurveFunction:
+    def figure_curve(self, curve: ModelFunction, x: Array) -> CurveFunction:
         """Return a protocol's model curve over x as a function of the parameters; NaN where it has none."""
 
         def values(tactor: Tactor, _: Membrane, effects: Effects) -> Array:

@@ -31,7 +31,7 @@ from .events import SpecimenMayBeLive as SpecimenMayBeLive
 from .events import StreamStarted as StreamStarted
 from .events import event_record as event_record
 from .figures import Figure as Figure
-from .figures import ModelCurve as ModelCurve
+from .figures import ModelFunction as ModelFunction
 from .figures import ModelState as ModelState
 from .figures import ReferenceSpan as ReferenceSpan
 from .importing import DISPLACEMENT_RANGE_M as DISPLACEMENT_RANGE_M

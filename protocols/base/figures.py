@@ -35,7 +35,7 @@ class ModelState:
         return 1 + self.specimen.creep * float(np.log10(time_s / REFERENCE_S))
 
 
-ModelCurve = Callable[[ModelState, Array], Array | None]
+ModelFunction = Callable[[ModelState, Array], Array | None]
 """Returns y over x by the model, (N,), SI; None where there is none."""
 
 
@@ -67,7 +67,7 @@ class Figure:
     points: tuple[Series, ...] = ()
     title: str = ""
     caption: str = ""
-    model: ModelCurve | None = None
+    model: ModelFunction | None = None
     grid: Array | None = None
     lines: tuple[Series, ...] = ()
     levels: tuple[float, ...] = ()

@@ -191,7 +191,9 @@ class CampaignPage(QStackedWidget):
         self.board.details.show_review(review)
         run = review.run
         amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
-        self._review_request = CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations)
+        self._review_request = CurveRequest(
+            1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations, run.protocol
+        )
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""

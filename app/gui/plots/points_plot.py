@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
 from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
 
@@ -19,14 +20,17 @@ from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
+from app.live import OverlayCurve
 from app.session import describe_point
-from model import shown_unit
+from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
 
+MODEL_PLACES = 40
+"""Places at which the model's curve is computed."""
 
 MAX_WIDENING = 3.0
 """Up to which the range of the points is widened for their error bars."""
@@ -49,8 +53,10 @@ class PointsPlot(PlotBase):
         self._lines: tuple[Series, ...] = ()
         self.line_items: list[CurveItem] = []
         self._bars = BarsItem(beam=0.0)
+        self.model = CurveItem(antialias=True)
+        self._model_curve: OverlayCurve | None = None
         self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
-        for item in (self._bars, self.scatter):
+        for item in (self.model, self._bars, self.scatter):
             self.plot.addItem(item)
         self.caption, self.hint_label = caption_label(), ElidedLabel(HOLLOW_HINT)
         set_style_kind(self.hint_label, "note")
@@ -83,6 +89,7 @@ class PointsPlot(PlotBase):
     def apply_theme(self, theme: Theme) -> None:
         super().apply_theme(theme)
         self._bars.setData(pen=pg.mkPen(theme.measured))
+        self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self._draw()
 
     def set_protocol(self, kind: type[Protocol]) -> None:
@@ -104,6 +111,33 @@ class PointsPlot(PlotBase):
             self._points, self._entries = points, entries
             self.selection.retain(entries)
             self._draw()
+
+    def show_model_curve(self, curve: OverlayCurve) -> None:
+        """Draw the curve of the model under the points, where the protocol has one."""
+        if curve is not self._model_curve:
+            self._model_curve = curve
+            self._draw_model()
+            self._rescale()
+
+    def _draw_model(self) -> None:
+        """Draw the model over the range of the points."""
+        curve, kind, drawn = self._model_curve, self._kind, self.scatter.linear
+        x = np.empty(0) if drawn is None else drawn[0]
+        over_axes = None if curve is None or kind is None or curve.request.protocol != kind.name else curve.over_axes
+        y = None
+        if over_axes is not None and kind is not None and x.size:
+            known = point_columns(kind.point_type)
+            x_factor, y_factor = (shown_unit(known[name][0])[0] for name in kind.axes)
+            grid = np.linspace(x.min(), x.max(), MODEL_PLACES)
+            with suppress(ParameterError):  # outside the range of the model
+                y = over_axes(grid / x_factor)
+            if y is not None:
+                self.model.setData(grid, y_factor * y)
+        self.model.setVisible(y is not None)
+        texts = [f"line: {', '.join(line.label for line in self._lines)}"] if self._lines else []
+        if y is not None and curve is not None:
+            texts.append(f"dashed: {curve.active_model.description}")
+        self.fit_label.setText("; ".join(texts))
 
     def show_estimates(self, outcome: RunEnded | None) -> None:
         """Write the identified quantities above the points, or why there are none."""
@@ -137,7 +171,6 @@ class PointsPlot(PlotBase):
             self.plot.removeItem(item)
         self.line_items = []
         self._lines = lines = self._kind.fit_lines(points) if points else ()
-        self.fit_label.setText(f"line: {', '.join(line.label for line in lines)}" if lines else "")
         self.strip_box.setVisible(bool(lines))
         if not lines and "strip" not in vars(self):
             return
@@ -175,7 +208,8 @@ class PointsPlot(PlotBase):
             self.plot.setYRange(*ends, padding=0.02)
 
     def _series(self) -> Iterable[PlotSeries]:
-        return series_of(self.caption.text(), self.scatter, self._bars)
+        yield from series_of(self.caption.text(), self.scatter, self._bars)
+        yield from series_of("model", self.model)
 
     def _draw(self) -> None:
         if self._kind is None:
@@ -207,6 +241,7 @@ class PointsPlot(PlotBase):
         for side in ("left", "bottom"):  # without points the limits mean nothing
             self.plot.getAxis(side).setStyle(showValues=bool(points))
         self._draw_lines(points)
+        self._draw_model()
         self._rescale()
         self.show_estimates(self._outcome)
 

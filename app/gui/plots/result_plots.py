@@ -45,6 +45,8 @@ class ResultPlots(QStackedWidget):
         plot = PointsPlot(self._theme)
         plot.repeat_requested.connect(self.repeat_requested)
         self.addWidget(plot)
+        if self._model_curve is not None:
+            plot.show_model_curve(self._model_curve)
         return plot
 
     @cached_property
@@ -111,8 +113,7 @@ class ResultPlots(QStackedWidget):
         """Show the model's curve under the results."""
         self._model_curve = curve
         for plot in self._plots:
-            if not isinstance(plot, PointsPlot):
-                plot.show_model_curve(curve)
+            plot.show_model_curve(curve)
 
     def _show_points(self, points: bool) -> None:
         """Switch between the points and the curves of a run."""

@@ -213,7 +213,10 @@ class RunsPage(QStackedWidget):
         self.details.show_message("")
         self.viewer.show_run(run)
         amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
-        self._overlay.submit(CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations))
+        folder = run.path.parent
+        self._overlay.submit(
+            CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.specimen, elongations, run.protocol)
+        )
         self.setCurrentWidget(self.viewer)
         self.viewer.back_button.setFocus()
 
