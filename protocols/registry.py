@@ -7,6 +7,7 @@ its path (docs/how-to-write-a-protocol.md). A broken one is reported and left ou
 import importlib
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -73,13 +74,20 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 def aspects_of(name: str) -> Aspects:
-    """Return the aspects of a protocol by name; the defaults for one that is not registered, such as another laboratory's."""
+    """Return the aspects of a protocol by name, of installed packages too; the defaults where it is not registered."""
+    if name not in PROTOCOLS:
+        _load_plug_ins_once()
     kind = PROTOCOLS.get(name)
     return kind.aspects if kind is not None else Aspects()
 
 
 class ProtocolFileError(Exception):
     """A file defines no protocol; the message names the file and the reason."""
+
+
+@cache
+def _load_plug_ins_once() -> None:
+    load_plug_ins()
 
 
 def load_plug_ins() -> list[str]:

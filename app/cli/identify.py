@@ -100,6 +100,9 @@ class AcceptCommand:
         "shape functions of the model (default: 20; for a simulated tactor its own number)", metavar="N"
     )
     robust: bool = option("a Cauchy loss, which is robust against outliers, instead of least squares")
+    protocols: Sequence[str] = option(
+        "the file of a lab's own protocol that runs are of; may be repeated", flag="--protocol", metavar="FILE.py"
+    )
     by: str = option("name of the person who accepts it", metavar="NAME")
     note: str = option("a note stored with it")
     reason: str = option(

@@ -34,8 +34,8 @@ class ImportCommand:
         "CSV (any delimiter, decimal comma or point) or MAT files", nargs="+", metavar="FILE"
     )
     kind: str | None = option(
-        "sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), or another protocol; "
-        "(default: by the columns)",
+        "sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency or a sweep), another protocol, or "
+        "the file of a lab's own (default: by the columns)",
         flag="--as",
         metavar="KIND",
     )

@@ -1,4 +1,4 @@
-"""The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, live plot."""
+"""The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, live plot, fit, import."""
 
 import re
 from collections.abc import Iterator
@@ -9,10 +9,15 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import ExitCode
+from app.identification.specimen_identification import identify
 from app.services import check_form, protocol_fields
+from model import Tactor
+from model.identification import FitOptions
 from protocols import registry
 from protocols.base import Protocol
 from protocols.rehearsal import rehearse
+from protocols.runfile.reader import Run
+from tests.helpers.importing import brought
 from tests.helpers.simulated_bench import laboratory, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to-write-a-protocol.md"
@@ -20,10 +25,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to-write-a-protocol.md"
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """The page's code block as a file."""
-    (code,) = re.findall(r"```python\n(# holds\.py\n.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    """The page's code blocks as a file."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks[0].startswith("# holds.py")
     path = tmp_path / "holds.py"
-    path.write_text(code, encoding="utf-8")
+    path.write_text("\n\n".join(blocks), encoding="utf-8")
     return path
 
 
@@ -36,7 +42,7 @@ def kind(file: Path) -> Iterator[type[Protocol]]:
 
 
 def test_it_is_short(file: Path) -> None:
-    assert sum(bool(line.strip()) for line in file.read_text().splitlines()) < 60
+    assert sum(bool(line.strip()) for line in file.read_text().splitlines()) < 85
 
 
 def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
@@ -62,6 +68,21 @@ def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path:
         assert plain["entry/estimates/displacement_per_volt/value"][()] == pytest.approx(600 * 2.37886e-7, rel=2e-3)
 
 
+def test_its_runs_and_tables_are_identified_like_those_of_a_built_in_protocol(
+    file: Path, kind: type[Protocol], tmp_path: Path
+) -> None:
+    with laboratory() as lab:
+        measured = run(kind(levels_v=(1.0, 3.0, 4.0)), tmp_path, lab).path  # type: ignore[call-arg]
+    (tmp_path / "old.csv").write_text("Voltage (V),deflection [um]\n1.0,-71.3664\n3.0,71.3658\n4.0,214.0974\n")
+    imported = brought(tmp_path / "old.csv", "--as", str(file), "--uncertainty", "displacement=0.1 %")
+    with Run(imported) as opened:
+        assert (opened.protocol, bool(opened.imported)) == ("holds", True)
+    for path in (measured, imported):
+        found = identify([path], options=FitOptions(free=("mu",)), sheet="none", plain=True)
+        (moment,) = found.identified
+        assert moment.value == pytest.approx(Tactor().mu, rel=3e-3)
+
+
 @pytest.mark.deep
 def test_every_command_of_the_page_does_what_it_says(
     file: Path,
@@ -85,3 +106,9 @@ def test_every_command_of_the_page_does_what_it_says(
         main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--bench", "ideal", "--speed", "max"])
         == ExitCode.DONE
     )
+    (tmp_path / "old.csv").write_text("level [V],displacement [um]\n1.0,-71.3664\n4.0,214.0974\n")
+    assert main(["import", "old.csv", "--as", "./holds.py", "--uncertainty", "displacement=1 %"]) == ExitCode.DONE
+    assert (
+        main(["identify", str(first), "--protocol", "./holds.py", "--free", "mu", "--sheet", "none"]) == ExitCode.DONE
+    )
+    assert "mu" in capsys.readouterr().out

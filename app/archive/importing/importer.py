@@ -30,6 +30,7 @@ from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
 from app.common.audit import record_audit
 from app.config import AmplifierTable, validation_messages
+from app.session import load_protocol_class
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
 from protocols.runfile.schema import HDF5_SIGNATURE
@@ -54,6 +55,8 @@ def import_files(
     Raises:
         UsageError: names the file that is wrong, where, and the remedy.
     """
+    if options.kind and options.kind.endswith(".py"):
+        options = replace(options, kind=load_protocol_class(options.kind).name)
     known_kinds = table_kinds()
     if options.kind and options.kind not in known_kinds:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(known_kinds)}")
