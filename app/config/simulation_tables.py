@@ -11,6 +11,7 @@ from annotated_types import Unit
 from pydantic import create_model, model_validator
 
 from app.config.config_table import ConfigTable
+from model.parameter_spec import parameter_specs
 from sim_hardware.plant import SimulationParameters
 
 Keys = tuple[str, ...]
@@ -102,7 +103,9 @@ def with_simulation_tables(simulation: Mapping[str, Any], tables: Mapping[Keys, 
 
 def _tables(kind: Any, keys: Keys) -> list[tuple[Keys, type[SimulationTable]]]:
     hints, plain = get_type_hints(kind, include_extras=True), get_type_hints(kind)
-    described = _descriptions(kind)
+    described, listed = _descriptions(kind), {spec.name: spec for spec in parameter_specs(kind)}
+    for name, spec in listed.items():
+        hints[name] = Annotated[hints[name], Unit(spec.unit), spec.description]
     own: dict[str, Any] = {}
     nested: list[tuple[Keys, type[SimulationTable]]] = []
     for each in fields(kind):

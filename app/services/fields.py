@@ -4,13 +4,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Generic, Literal, TypeVar, get_args, get_origin
 
 from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
 
 from app.common import UnitError, description_of, field_label, read_value, unit_of
-from protocols.base import Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +30,14 @@ class FormField:
     """From SI to `unit`."""
 
 
-@dataclass(frozen=True, slots=True)
-class FormResult:
-    """Result of checking a form: the protocol, or a message per faulty field ("" for the whole form)."""
+M = TypeVar("M", bound=BaseModel)
 
-    protocol: Protocol | None
+
+@dataclass(frozen=True, slots=True)
+class FormResult(Generic[M]):
+    """Result of checking a form: the model, or a message per faulty field ("" for the whole form)."""
+
+    value: M | None
     errors: Mapping[str, str]
 
 
@@ -108,26 +110,37 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 def check_form(
-    kind: type[Protocol], texts: Mapping[str, Any], shown: Mapping[str, FormField] | None = None
-) -> FormResult:
-    """Read and validate the texts of a form, with or without units; `shown`: fields in other units than SI, by name."""
+    kind: type[M],
+    texts: Mapping[str, Any],
+    shown: Mapping[str, FormField] | None = None,
+    given: Mapping[str, Any] | None = None,
+) -> FormResult[M]:
+    """Read and validate the texts of a form, with or without units.
+
+    Args:
+        kind: the model.
+        texts: of its fields, by name.
+        shown: fields in other units than SI, by name.
+        given: values in place of unreadable texts; with them a text may be empty. Otherwise these fields have their defaults,
+            so that the others are still checked.
+    """
     units = {name: (field.factor, field.unit) for name, field in (shown or {}).items() if field.factor != 1.0}
     faults: dict[str, str] = {}
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = dict(given or {})
     for name, text in texts.items():
         try:
-            if isinstance(text, str) and not text.strip():
+            if given is None and isinstance(text, str) and not text.strip():
                 raise UnitError("give a value")
             values[name] = read_value(kind, name, text, units.get(name, (1.0, "")))
         except UnitError as error:
             faults[name] = str(error)
     try:
-        protocol = kind(**values)  # unreadable fields have their defaults, so that the others are still checked
+        value = kind(**values)
     except ValidationError as error:
         for fault in error.errors():
             faults.setdefault(*field_error(kind, fault, shown))
         return FormResult(None, faults)
-    return FormResult(None if faults else protocol, faults)
+    return FormResult(None if faults else value, faults)
 
 
 def make_field(kind: type[BaseModel], name: str) -> FormField:

@@ -50,7 +50,7 @@ def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
     assert set(fields) == {"levels_v", "wait_s", "sample_rate_hz"}
     assert (fields["levels_v"].unit, fields["levels_v"].is_list, fields["levels_v"].limits) == ("V", True, "0 to 5 V")
     assert check_form(kind, {"levels_v": "3 V, 6 V"}).errors.keys() == {"levels_v"}
-    assert check_form(kind, {"levels_v": "3000 mV, 4"}).protocol == kind(levels_v=(3.0, 4.0))  # type: ignore[call-arg]
+    assert check_form(kind, {"levels_v": "3000 mV, 4"}).value == kind(levels_v=(3.0, 4.0))  # type: ignore[call-arg]
 
 
 def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path: Path) -> None:

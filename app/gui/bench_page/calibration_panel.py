@@ -230,8 +230,6 @@ class CalibrationPanel(QWidget):
         panel = make_panel(
             make_label("Calibrate the sensor", "heading", wrap=False),
             row((left, 3), (self.table, 2), (self.plot, 3)),
-            margins=(10, 8, 10, 8),
-            spacing=6,
         )
         column(panel, parent=self)
 

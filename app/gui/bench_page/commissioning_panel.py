@@ -64,7 +64,6 @@ class CommissioningPanel(QWidget):
             ),
             row(self.confirm_button, STRETCH),
             margins=(12, 8, 12, 8),
-            spacing=6,
             kind="prompt",
         )
         for key in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
@@ -85,8 +84,6 @@ class CommissioningPanel(QWidget):
             self.verdict_label,
             self.table,
             self.picture_label,
-            margins=(10, 8, 10, 8),
-            spacing=6,
         )
         column(panel, parent=self)
         for widget in (self.progress_bar, self.prompt, self.stop_button, self.table, self.picture_label):

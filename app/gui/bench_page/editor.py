@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 from app.config import BenchDraft, ConfigError, FoundDevice, find_devices
 from app.gui.bench_page.further_tables import FurtherTables
 from app.gui.bench_page.simulation_panel import SimulationPanel
+from app.gui.bench_page.table_form import TableForm
 from app.gui.bench_page.tile_grid import TileGrid
 from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile
 from app.gui.status.simulation_controls import SimulationControls
@@ -66,14 +67,6 @@ class BenchEditor(QWidget):
         self.sensor = SensorTile(*sensor_items)
         self.tiles: tuple[Tile, ...] = (self.source, self.amplifier, self.card, self.sensor)
         self.further, self.simulation = FurtherTables(), SimulationPanel(controls)
-        self._forms = (
-            self.source.source_form,
-            self.source.generator_form,
-            self.source.supply_form,
-            self.amplifier.form,
-            self.card.form,
-            self.sensor.form,
-        )
         column(
             row(make_label("Name", wrap=False), (self.name_edit, 1)),
             row(self.scan_button, (self.hosts_edit, 2), (self.server_edit, 1)),
@@ -91,14 +84,21 @@ class BenchEditor(QWidget):
     @property
     def has_faults(self) -> bool:
         """Whether a value is at fault, which is written below its field."""
-        return any(form.has_faults for form in (*self._forms, *self.further.forms, *self.simulation.forms.values()))
+        return any(
+            form.has_faults for form in (*self._forms.values(), *self.further.forms, *self.simulation.forms.values())
+        )
+
+    @property
+    def _forms(self) -> dict[str, TableForm]:
+        """Forms of the tiles, by the names of their tables."""
+        return {name: form for tile in self.tiles for name, form in tile.forms.items()}
 
     def show_draft(self, draft: BenchDraft, is_open: bool) -> None:
         """Show a bench; `is_open`: the window has opened it."""
         self.draft = draft
         self.name_edit.setText(draft.config.name)
         self.server_edit.setText(draft.config.card.server)
-        for tile in (self.source, self.amplifier, self.card, self.sensor):
+        for tile in self.tiles:
             tile.found_box.hide()
             tile.set_config(draft.config)
         self.further.set_config(draft.config)
@@ -143,12 +143,7 @@ class BenchEditor(QWidget):
             return
         tables: dict[str, Any] = {
             "name": self.name_edit.text().strip() or "bench",
-            "source": self.source.source_form.record,
-            "generator": self.source.generator_form.record,
-            "supply": self.source.supply_form.record,
-            "amplifier": self.amplifier.form.record,
-            "card": self.card.form.record,
-            "sensor": self.sensor.form.record,
+            **{name: form.record for name, form in self._forms.items()},
             "simulation": self.simulation.table,
             **self.further.tables,
         }

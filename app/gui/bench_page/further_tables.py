@@ -1,6 +1,6 @@
 """Further tables of a bench file: specimen, abort levels, watchdog, climate sensor, backup, channels and serial meters."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
@@ -17,7 +17,7 @@ from app.config import (
     WatchdogTable,
 )
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, column, configure, make_button, make_choice, make_label, make_panel, row
+from app.gui.widgets import STRETCH, Item, column, configure, make_button, make_choice, make_label, make_panel, row
 
 SINGLE_TABLES: dict[str, tuple[type[ConfigTable], str]] = {
     "specimen": (SpecimenTable, "Specimen as it is mounted"),
@@ -27,6 +27,8 @@ SINGLE_TABLES: dict[str, tuple[type[ConfigTable], str]] = {
     "backup": (BackupTable, "Copies of run files"),
 }
 """Type and title of the tables of which a bench file has one."""
+
+E = TypeVar("E")
 
 NEW_METER = {"driver": "keyence-lkg", "port": "COM3"}
 
@@ -51,9 +53,7 @@ class FurtherTables(QWidget):
         self._rows = column(parent=self._list, spacing=6)
         column(
             *(
-                make_panel(
-                    make_label(title, "caption", wrap=False), self.single[name], margins=(10, 8, 10, 8), spacing=4
-                )
+                make_panel(make_label(title, "caption", wrap=False), self.single[name], spacing=4)
                 for name, (_, title) in SINGLE_TABLES.items()
             ),
             self._list,
@@ -115,41 +115,27 @@ class FurtherTables(QWidget):
 
     def _show_channel(self, table: ChannelTable) -> None:
         form = TableForm(f"channel{len(self.channels) + 1}", ChannelTable)
-        form.set_record(table)
-        form.changed.connect(self.changed)
-        self.channels.append(form)
-
-        def remove() -> None:
-            self.channels.remove(form)
-            panel.deleteLater()
-            self.changed.emit()
-
-        panel = make_panel(
-            row(make_label("Input of the card", "caption"), make_button("Remove", remove, "choice")),
-            form,
-            margins=(10, 8, 10, 8),
-            spacing=4,
-        )
-        self._rows.addWidget(panel)
+        self._show_entry(self.channels, form, form, table, make_label("Input of the card", "caption"))
 
     def _show_meter(self, name: str, table: MeterTable) -> None:
-        form = TableForm(f"meter{len(self.meters) + 1}", MeterTable)
+        number = len(self.meters) + 1
+        form = TableForm(f"meter{number}", MeterTable)
+        edit = configure(QLineEdit(name), f"bench.meter{number}.key", accessibleName="name of the meter")
+        edit.textEdited.connect(lambda _: self.changed.emit())
+        self._show_entry(
+            self.meters, (edit, form), form, table, make_label("Serial meter", "caption", wrap=False), (edit, 1)
+        )
+
+    def _show_entry(self, entries: list[E], entry: E, form: TableForm, table: ConfigTable, *head: Item) -> None:
+        """Show a table of which a bench file may have several, with a button that removes it."""
         form.set_record(table)
         form.changed.connect(self.changed)
-        edit = configure(QLineEdit(name), f"bench.meter{len(self.meters) + 1}.key", accessibleName="name of the meter")
-        edit.textEdited.connect(lambda _: self.changed.emit())
-        entry = (edit, form)
-        self.meters.append(entry)
+        entries.append(entry)
 
         def remove() -> None:
-            self.meters.remove(entry)
+            entries.remove(entry)
             panel.deleteLater()
             self.changed.emit()
 
-        panel = make_panel(
-            row(make_label("Serial meter", "caption", wrap=False), (edit, 1), make_button("Remove", remove, "choice")),
-            form,
-            margins=(10, 8, 10, 8),
-            spacing=4,
-        )
+        panel = make_panel(row(*head, make_button("Remove", remove, "choice")), form, spacing=4)
         self._rows.addWidget(panel)

@@ -91,8 +91,6 @@ class LivePanel(QWidget):
                 STRETCH,
             ),
             self.message_label,
-            margins=(10, 8, 10, 8),
-            spacing=6,
         )
         column(panel, parent=self)
 

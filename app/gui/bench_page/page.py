@@ -128,7 +128,7 @@ class BenchPage(QSplitter):
         reading = self._adapter.feed.reading if self.is_open else None
         if reading is not None and reading.age_s > STALE_S:
             reading = None
-        for tile in (self.editor.amplifier, self.editor.card, self.editor.sensor):
+        for tile in self.editor.tiles:
             tile.show_reading(reading)
         self.calibration.show_reading(reading)
         if self.live.isVisible():

@@ -65,8 +65,6 @@ class SimulationPanel(QWidget):
                 *(() if controls is None else (controls,)),
                 row(self.open_button, self.faults_button, STRETCH),
                 self._content,
-                margins=(10, 8, 10, 8),
-                spacing=6,
             ),
             parent=self,
         )
@@ -105,9 +103,7 @@ class SimulationPanel(QWidget):
             form.set_record(self._record(keys))
             form.changed.connect(self.changed)
             self.forms[keys] = form
-            panels.append(
-                make_panel(make_label(TITLES[keys], "caption"), form, STRETCH, margins=(10, 8, 10, 8), spacing=4)
-            )
+            panels.append(make_panel(make_label(TITLES[keys], "caption"), form, STRETCH, spacing=4))
         column(TileGrid(panels), parent=self._content)
 
     def _record(self, keys: tuple[str, ...]) -> SimulationTable:

@@ -1,7 +1,7 @@
 """Tiles of the instruments in the order of the wires: source, amplifier, card and sensor."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QFrame, QWidget
@@ -27,14 +27,22 @@ NOT_CONNECTED = "Save and connect to see its identity and live values"
 
 
 class Tile(QFrame):
-    """One instrument: title and state, identity, what was found, its table, and its live value."""
+    """One instrument: title and state, live value, identity, the instruments that a scan found, and its tables.
+
+    Args:
+        role: of the instrument.
+        title: of the tile.
+        number: in the order of the wires.
+        forms: of the tables of the bench file, by their names.
+        items: shown below them.
+    """
 
     changed = Signal()
 
-    def __init__(self, role: str, title: str, number: int) -> None:
+    def __init__(self, role: str, title: str, number: int, forms: Mapping[str, TableForm], *items: Item) -> None:
         super().__init__()
         configure(self, f"bench.tile.{role}", kind="panel", accessibleName=title)
-        self.role = role
+        self.role, self.forms = role, forms
         self.title_label = make_label(f"{number}  {title}", "caption", wrap=False)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
@@ -51,19 +59,30 @@ class Tile(QFrame):
         self._found: tuple[FoundDevice, ...] = ()
         self.found_box.activated.connect(self._on_found_chosen)
 
-    def build(self, *items: Item) -> None:
-        """Lay the tile out."""
         column(
             row(self.title_label, STRETCH, self.state_label),
             self.live_label,
             self.identity_label,
             self.found_box,
+            *forms.values(),
             *items,
             STRETCH,
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=4,
         )
+        for form in forms.values():
+            form.changed.connect(self._on_changed)
+
+    def set_config(self, config: BenchConfig) -> None:
+        """Show the tables of a bench."""
+        for name, form in self.forms.items():
+            form.set_record(getattr(config, name))
+        self._show_tables()
+
+    def show_reading(self, reading: LiveValues | None) -> None:
+        """Show the live value; None: there is none."""
+        self.live_label.setText("" if reading is None else self._live_text(reading).replace("-", "−"))
 
     def use(self, device: FoundDevice) -> None:
         """Fill in a found instrument; a scan finds none for tiles that leave this as it is."""
@@ -90,6 +109,18 @@ class Tile(QFrame):
             self.found_box.setCurrentIndex(1)
             self.use(devices[0])
 
+    def _live_text(self, reading: LiveValues) -> str:
+        """Return the live value of this instrument."""
+        del reading
+        return ""
+
+    def _show_tables(self) -> None:
+        """Show parts of the tile that depend on its tables."""
+
+    def _on_changed(self) -> None:
+        self._show_tables()
+        self.changed.emit()
+
     def _on_found_chosen(self, index: int) -> None:
         if index > 0:
             self.use(self._found[index - 1])
@@ -99,19 +130,11 @@ class SourceTile(Tile):
     """The instrument at the amplifier's input: a generator, a DC supply or an output of the card."""
 
     def __init__(self) -> None:
-        super().__init__("generator", "Generator", 1)
         self.source_form = TableForm("source", SourceTable, ("kind",))
         self.generator_form = TableForm("generator", GeneratorTable, ("resource", "driver", "serial"))
         self.supply_form = TableForm("supply", SupplyTable, ("resource", "serial", "channel"))
-        self.build(self.source_form, self.generator_form, self.supply_form)
-        for form in (self.source_form, self.generator_form, self.supply_form):
-            form.changed.connect(self._on_changed)
-
-    def set_config(self, config: BenchConfig) -> None:
-        self.source_form.set_record(config.source)
-        self.generator_form.set_record(config.generator)
-        self.supply_form.set_record(config.supply)
-        self._show_kind()
+        forms = {"source": self.source_form, "generator": self.generator_form, "supply": self.supply_form}
+        super().__init__("generator", "Generator", 1, forms)
 
     def use(self, device: FoundDevice) -> None:
         kind, form = ("dc-supply", self.supply_form) if device.role == "supply" else ("generator", self.generator_form)
@@ -120,11 +143,7 @@ class SourceTile(Tile):
         form.set_record(form.record.model_copy(update=update))
         self._on_changed()
 
-    def _on_changed(self) -> None:
-        self._show_kind()
-        self.changed.emit()
-
-    def _show_kind(self) -> None:
+    def _show_tables(self) -> None:
         kind = self.source_form.record.kind
         self.generator_form.setVisible(kind == "generator")
         self.supply_form.setVisible(kind == "dc-supply")
@@ -134,73 +153,54 @@ class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
     def __init__(self, theme: WindowTheme) -> None:
-        super().__init__("amplifier", "Amplifier", 2)
         self.form = TableForm(
             "amplifier",
             AmplifierTable,
             ("name", "serial", "rest_v", "low_v", "high_v", "slope_below", "slope_above"),
         )
         self.plot = AmplifierPlot(theme)
-        self.build(self.form, self.plot)
-        self.form.changed.connect(self._on_changed)
-
-    def set_config(self, config: BenchConfig) -> None:
-        self.form.set_record(config.amplifier)
-        self.plot.show_map(config.amplifier.amplifier_map)
+        super().__init__("amplifier", "Amplifier", 2, {"amplifier": self.form}, self.plot)
 
     def show_reading(self, reading: LiveValues | None) -> None:
+        super().show_reading(reading)
         self.plot.show_input(None if reading is None else reading.drive_v)
-        if reading is None:
-            self.live_label.setText("")
-            return
-        volts = round(float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0]))
-        self.live_label.setText(
-            f"{volts:+d} V with high voltage".replace("-", "−") if volts else "0 V with high voltage"
-        )
 
-    def _on_changed(self) -> None:
+    def _live_text(self, reading: LiveValues) -> str:
+        volts = round(float(self.form.record.amplifier_map.specimen_v([reading.drive_v])[0]))
+        return f"{volts:+d} V with high voltage" if volts else "0 V with high voltage"
+
+    def _show_tables(self) -> None:
         if not self.form.has_faults:
             self.plot.show_map(self.form.record.amplifier_map)
-        self.changed.emit()
 
 
 class CardTile(Tile):
     """The data acquisition card and its two inputs."""
 
     def __init__(self, server: Callable[[], str]) -> None:
-        super().__init__("card", "Card", 3)
         self._server = server
         self.form = TableForm(
             "card",
             CardTable,
             ("device", "serial", "drive_channel", "displacement_channel", "range_v", "terminal", "server"),
         )
-        self.build(self.form)
-        self.form.changed.connect(self.changed)
-
-    def set_config(self, config: BenchConfig) -> None:
-        self.form.set_record(config.card)
+        super().__init__("card", "Card", 3, {"card": self.form})
 
     def use(self, device: FoundDevice) -> None:
         update = {"device": device.where, "serial": device.serial, "server": self._server()}
         self.form.set_record(self.form.record.model_copy(update=update))
         self.changed.emit()
 
-    def show_reading(self, reading: LiveValues | None) -> None:
-        if reading is None:
-            self.live_label.setText("")
-            return
+    def _live_text(self, reading: LiveValues) -> str:
         card = self.form.record
         drive_v, sensor_v = round(reading.drive_v, 3) + 0.0, round(reading.sensor_v, 4) + 0.0  # no negative zero
-        text = f"{card.drive_channel} {drive_v:.3f} V\n{card.displacement_channel} {sensor_v:.4f} V"
-        self.live_label.setText(text.replace("-", "−"))
+        return f"{card.drive_channel} {drive_v:.3f} V\n{card.displacement_channel} {sensor_v:.4f} V"
 
 
 class SensorTile(Tile):
     """The displacement sensor and its calibration."""
 
     def __init__(self, *items: QWidget) -> None:
-        super().__init__("sensor", "Sensor", 4)
         self.form = TableForm(
             "sensor",
             SensorTable,
@@ -218,17 +218,9 @@ class SensorTile(Tile):
             ),
             ("calibration_points",),
         )
-        self.build(self.form, *items)
-        self.form.changed.connect(self.changed)
+        super().__init__("sensor", "Sensor", 4, {"sensor": self.form}, *items)
 
-    def set_config(self, config: BenchConfig) -> None:
-        self.form.set_record(config.sensor)
-
-    def show_reading(self, reading: LiveValues | None) -> None:
-        if reading is None:
-            text = ""
-        elif math.isnan(reading.displacement_um):
-            text = "out of range"
-        else:
-            text = f"{round(reading.displacement_um, 2) + 0.0:+.2f} µm".replace("-", "−")
-        self.live_label.setText(text)
+    def _live_text(self, reading: LiveValues) -> str:
+        if math.isnan(reading.displacement_um):
+            return "out of range"
+        return f"{round(reading.displacement_um, 2) + 0.0:+.2f} µm"

@@ -32,8 +32,6 @@ class WiringPanel(QWidget):
             make_label(ABOUT_TEXT),
             row(self.start_button, (self.status_label, 1)),
             self.table,
-            margins=(10, 8, 10, 8),
-            spacing=6,
         )
         column(panel, parent=self)
 

@@ -133,7 +133,7 @@ class AddItemPane(QWidget):
         """The item of the fields; None while one has an error."""
         from app.campaign import CampaignItem  # imports HDF5, which a background thread has loaded
 
-        protocol = None if self.form is None else self.form.result.protocol
+        protocol = None if self.form is None else self.form.result.value
         name, values = self.name_edit.text().strip(), self._read_values()
         if protocol is None or not name or name in self._names or isinstance(values, str):
             return None
@@ -187,7 +187,7 @@ class AddItemPane(QWidget):
         assert self.form is not None
         if not self._varied:
             return ()
-        field, protocol = self.form.rows[self._varied].field, self.form.result.protocol
+        field, protocol = self.form.rows[self._varied].field, self.form.result.value
         try:
             values = read_series_values(self._kind, self._varied, self.values_edit.text(), (field.factor, field.unit))
         except UnitError as error:

@@ -59,7 +59,6 @@ class ProblemPage(QWidget):
             make_label(text, name="problem.contents"),
             make_label(NOT_IN, name="problem.left-out"),
             margins=(14, 10, 14, 10),
-            spacing=6,
         )
         column(
             row((make_label("Problem report", "heading", wrap=False), 1), close, spacing=14),

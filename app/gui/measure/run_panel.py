@@ -141,7 +141,7 @@ class RunPanel(QWidget):
     @property
     def protocol(self) -> Protocol | None:
         """The form's protocol, None while the form has an error."""
-        return self.form.result.protocol
+        return self.form.result.value
 
     @property
     def kind(self) -> type[Protocol]:

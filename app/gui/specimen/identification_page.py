@@ -403,7 +403,6 @@ class IdentificationPage(QWidget):
                 row(labels[0], (self.by_edit, 1), labels[1], (self.note_edit, 2), self.accept_button, spacing=8),
                 self.accept_message,
                 margins=(12, 8, 12, 8),
-                spacing=6,
             ),
             None,
             margins=(0, 0, 8, 0),

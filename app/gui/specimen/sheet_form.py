@@ -1,14 +1,13 @@
-"""Form of a specimen sheet: dimensions, weighed masses, clamp and membrane, serial number, photograph and notes."""
+"""Form of a specimen sheet: dimensions, weighed masses, clamp and membrane, each with uncertainty, instrument and day."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QWidget
 
-from app.gui.specimen.entry_row import FIELD_LABELS, EntryRow
 from app.gui.widgets import (
     column,
     configure,
@@ -19,10 +18,13 @@ from app.gui.widgets import (
     make_labelled_grid,
     make_panel,
     row,
+    set_style_kind,
 )
 from app.identification import (
     DIMENSIONS,
+    ENTRY_FIELDS,
     GROUPS,
+    TABLE_ONE,
     CheckedDraft,
     EntryText,
     SheetDraft,
@@ -31,7 +33,7 @@ from app.identification import (
     table_one_entry,
     today,
 )
-from model.identification import SPECIMEN_PARAMETERS
+from model.identification import SPECIMEN_PARAMETERS, parameter_spec
 
 TITLES = {"plate": "Plate and MFC", "masses": "Weighed masses", "clamp": "Clamp", "membrane": "Membrane"}
 OPTIONAL = ("mass_put_in", "mass_offset", "clamp_flexibility")
@@ -43,6 +45,100 @@ DESCRIPTION_HINTS = {
     "clamp": "kind of clamp, torque of its screws",
     "membrane": "material, batch, age",
 }
+
+FIELD_LABELS = {"value": "value", "uncertainty": "standard uncertainty", "instrument": "instrument", "date": "day"}
+LEAST_WIDTHS = {"value": 88, "uncertainty": 88, "instrument": 96, "date": 88}
+COLUMNS = len(ENTRY_FIELDS) + 2
+"""Of the grid: name, the fields, and after the uncertainty the unit."""
+
+
+class EntryRow(QObject):
+    """Widgets of one value, and below them what is wrong or to be questioned; Table I is shown where nothing is typed."""
+
+    edited = Signal(str)
+    """A field was left with another text: name of the parameter."""
+
+    def __init__(self, name: str, parent: QObject) -> None:
+        super().__init__(parent)
+        self.name = name
+        spec, (_, unit) = parameter_spec(name), sheet_unit(name)
+        self.meaning = f"{spec.description[:1].upper()}{spec.description[1:]}"
+        self.label = make_label(f"{name}  {spec.description}", name=f"sheet.{name}")
+        self.unit_label = make_label(unit, wrap=False)
+        self.note_label = make_label(name=f"sheet.{name}.note")
+        placeholders = dict.fromkeys(ENTRY_FIELDS, "")
+        if name in TABLE_ONE and TABLE_ONE[name].uncertainty is not None:
+            entry, (factor, _) = table_one_entry(name), sheet_unit(name)
+            placeholders = {
+                "value": f"{factor * entry.value:.6g}",
+                "uncertainty": f"{factor * entry.uncertainty:.3g}",
+                "instrument": f"Table I: {TABLE_ONE[name].instrument or 'literature'}",
+                "date": "",
+            }
+        self.edits: dict[str, QLineEdit] = {}
+        for field in ENTRY_FIELDS:
+            shown = unit if field in ("value", "uncertainty") else ""
+            self.edits[field] = edit = configure(
+                QLineEdit(),
+                f"sheet.{name}.{field}",
+                accessibleName=f"{name} {FIELD_LABELS[field]} {shown}",
+                placeholderText=placeholders[field],
+                toolTip=self._help(field, unit),
+                minimumWidth=LEAST_WIDTHS[field],
+            )
+            edit.editingFinished.connect(self._on_edited)
+        self._text = EntryText()
+
+    @property
+    def text(self) -> EntryText:
+        """The texts as they are typed."""
+        return EntryText(**{field: edit.text().strip() for field, edit in self.edits.items()})
+
+    def show_text(self, text: EntryText) -> None:
+        """Show the texts of a draft."""
+        self._text = text
+        for field, edit in self.edits.items():
+            if edit.text().strip() != getattr(text, field):
+                edit.setText(getattr(text, field))
+                edit.setCursorPosition(0)
+
+    def show_finding(self, fault: tuple[str, str] | None, question: str) -> None:
+        """Show what is wrong, else what is to be questioned."""
+        at_fault, message = fault or ("", "")
+        self.note_label.setText(f"✕ {message}" if message else question)
+        self.note_label.setVisible(bool(message or question))
+        set_style_kind(self.note_label, "fault" if message else "caution")
+        for field, edit in self.edits.items():
+            set_style_kind(edit, "faulty" if field == at_fault else "")
+            edit.setAccessibleDescription(message if field == at_fault else self.meaning)
+
+    def add_to(self, layout: QGridLayout, at: int) -> None:
+        """Put the widgets into two rows of a grid."""
+        layout.addWidget(self.label, at, 0)
+        widgets = [*self.edits.values()]
+        widgets.insert(2, self.unit_label)  # type: ignore[arg-type]
+        for place, widget in enumerate(widgets, 1):
+            layout.addWidget(widget, at, place)
+        layout.addWidget(self.note_label, at + 1, 0, 1, COLUMNS)
+
+    def _help(self, field: str, unit: str) -> str:
+        match field:
+            case "value":
+                weighed = "\nOr as weighed: mass / length, for example 0.588 g / 52 mm" if unit == "g/m" else ""
+                return f"{self.meaning}\nIn {unit or 'parts of 1'}; another unit may be written{weighed}"
+            case "uncertainty":
+                weighed = "\nOf a weighing: 0.01 g / 0.3 mm" if unit == "g/m" else ""
+                return (
+                    f"Standard uncertainty (k = 1) in {unit or 'parts of 1'}, or a share such as 1 %{weighed}\n"
+                    "Half a graduation, or limits of error, divided by the root of 3"
+                )
+            case "instrument":
+                return "What it was measured with, for example caliper 150 mm"
+        return "Day of the measurement, for example 2026-11-20; today if it is left empty"
+
+    def _on_edited(self) -> None:
+        if self.text != self._text:
+            self.edited.emit(self.name)
 
 
 class SheetForm(QWidget):

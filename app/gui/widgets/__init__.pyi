@@ -17,6 +17,7 @@ from .elided_label import ElidedLabel as ElidedLabel
 from .file_dialog import Mode as Mode
 from .file_dialog import choose_files as choose_files
 from .fitted_scroll_area import FittedScrollArea as FittedScrollArea
+from .form import FieldForm as FieldForm
 from .form import FieldRow as FieldRow
 from .form import ProtocolForm as ProtocolForm
 from .form import set_style_kind as set_style_kind

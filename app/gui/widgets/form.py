@@ -1,5 +1,6 @@
-"""Protocol form generated from annotated fields: values with units, validated at every edit."""
+"""Forms generated from annotated fields: values with units, validated at every edit."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
@@ -21,11 +22,11 @@ LIST_LINES = 4
 
 
 class FieldRow:
-    """Widgets of one field: label, editor, unit, and below them its description or error."""
+    """Widgets of one field: label, editor, unit, and below them its error."""
 
     def __init__(self, field: FormField, value: Any) -> None:
         self.field = field
-        self.label, self.unit, self.note_label = QLabel(field.label), QLabel(field.unit), make_label()
+        self.label, self.unit, self.note_label = QLabel(field.label), QLabel(field.unit), make_label(visible=False)
         limits = f"\n{field.limits}" if field.limits else ""
         self.editor = configure(
             _make_editor(field),
@@ -60,23 +61,48 @@ class FieldRow:
         return self.field.description + (f"  ({self.field.limits})" if self.field.limits else "")
 
     def show_error(self, error: str) -> None:
-        """Show an error, or the description if it is empty."""
-        self.note_label.setText(f"✕ {error}" if error else self.meaning)
+        """Show an error; none if it is empty: the meaning of the field stands in its tool tip."""
+        self.note_label.setText(f"✕ {error}" if error else "")
+        self.note_label.setVisible(bool(error))
         for widget, name in ((self.note_label, "fault" if error else "note"), (self.editor, "faulty" if error else "")):
             set_style_kind(widget, name)
 
 
-class ProtocolForm(QWidget):
-    """Editable parameters of one protocol: the first ones, and the others on request."""
+class FieldForm(QWidget):
+    """Editable fields of a model; subclasses lay them out and check them after every edit."""
 
     changed = Signal()
+
+    def __init__(self, kind: type[Any], rows: Mapping[str, FieldRow], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.kind, self.rows = kind, rows
+        for row in rows.values():
+            row.edited.connect(self._on_edited)
+
+    def check(self, given: Mapping[str, Any] | None = None) -> FormResult[Any]:
+        """Return the model of the texts; `given` has values in place of unreadable ones."""
+        texts = {name: row.text for name, row in self.rows.items()}
+        return check_form(self.kind, texts, {name: row.field for name, row in self.rows.items()}, given)
+
+    def show_errors(self, errors: Mapping[str, str]) -> None:
+        """Show the errors of the fields."""
+        for name, row in self.rows.items():
+            row.show_error(errors.get(name, ""))
+
+    def _on_edited(self) -> None:
+        raise NotImplementedError
+
+
+class ProtocolForm(FieldForm):
+    """Editable parameters of one protocol: the first ones, and the others on request."""
+
     help_changed = Signal(str)
     """What the field with the keyboard means; empty when the keyboard is elsewhere."""
 
     def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.kind = type(protocol)
-        self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
+        fields = form_fields(type(protocol))
+        rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in fields}
+        super().__init__(type(protocol), rows, parent)
         self.more_button = configure(QPushButton(), "form.more", kind="choice", checkable=True)
         self.more_button.toggled.connect(self._show_more)
         self._layout = layout = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1})
@@ -97,8 +123,6 @@ class ProtocolForm(QWidget):
             layout.setRowMinimumHeight(at + 2, ROW_GAP)
             self._gaps[row.field.name] = at + 2
             at += 3
-            row.note_label.hide()  # errors only: help is above the form
-            row.edited.connect(self._on_edited)
             row.editor.installEventFilter(self)
         self.more_button.setVisible(len(self.rows) > MAIN_FIELDS)
         changed = any(
@@ -107,7 +131,7 @@ class ProtocolForm(QWidget):
         )
         self.more_button.setChecked(changed)
         self._show_more(changed)
-        self.result = FormResult(protocol, {})
+        self.result: FormResult[Any] = FormResult(protocol, {})
 
     def set_protocol(self, protocol: Protocol) -> None:
         """Show the parameters of a protocol of the same kind."""
@@ -134,12 +158,8 @@ class ProtocolForm(QWidget):
             self._layout.setRowMinimumHeight(self._gaps[row.field.name], ROW_GAP * shown)
 
     def _on_edited(self) -> None:
-        texts = {name: row.text for name, row in self.rows.items()}
-        self.result = check_form(self.kind, texts, {name: row.field for name, row in self.rows.items()})
-        for name, row in self.rows.items():
-            error = self.result.errors.get(name, "")
-            row.show_error(error)
-            row.note_label.setVisible(bool(error))
+        self.result = self.check()
+        self.show_errors(self.result.errors)
         if any(row.field.name in self.result.errors for row in self._further_rows):
             self.more_button.setChecked(True)
         self.changed.emit()

@@ -32,6 +32,7 @@ Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | N
 Margins = tuple[int, int, int, int]
 """Left, top, right and bottom in pixels."""
 NO_MARGINS: Margins = (0, 0, 0, 0)
+PANEL_MARGINS: Margins = (10, 8, 10, 8)
 
 SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 
@@ -103,7 +104,7 @@ def make_button(
     return button
 
 
-def make_panel(*items: Item, margins: Margins, spacing: int, kind: str = "panel") -> QFrame:
+def make_panel(*items: Item, margins: Margins = PANEL_MARGINS, spacing: int = 6, kind: str = "panel") -> QFrame:
     """Return a frame around a column of items."""
     frame = configure(QFrame(), kind=kind)
     column(*items, parent=frame, margins=margins, spacing=spacing)

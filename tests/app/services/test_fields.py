@@ -33,7 +33,7 @@ def test_other_fields_are_called_as_the_form_calls_them() -> None:
 
 
 def test_what_a_protocol_holds_reads_back_as_itself() -> None:
-    assert check_form(SineDwell, TEXTS).protocol == SineDwell()
+    assert check_form(SineDwell, TEXTS).value == SineDwell()
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_what_a_protocol_holds_reads_back_as_itself() -> None:
 def test_numbers_are_understood_with_and_without_units(name: str, text: str, value: Any) -> None:
     checked = check_form(SineDwell, {**TEXTS, name: text})
     assert not checked.errors
-    assert getattr(checked.protocol, name) == value
+    assert getattr(checked.value, name) == value
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
 )
 def test_a_fault_is_told_at_its_field(name: str, text: str, message: str) -> None:
     checked = check_form(SineDwell, {**TEXTS, name: text})
-    assert checked.protocol is None
+    assert checked.value is None
     assert list(checked.errors) == [name]
     assert message in checked.errors[name]
 
@@ -89,7 +89,7 @@ def test_masses_and_lengths_are_shown_in_units_of_the_bench() -> None:
     texts = {name: format_parameter(scaled(getattr(StaticLoading(), name), fields[name].factor)) for name in fields}
     assert texts["weights_kg"].startswith("20, 50, ")
     assert texts["weight_errors_kg"].startswith("1.4, 1.7, ")
-    assert check_form(StaticLoading, texts, fields).protocol == StaticLoading(), "not one digit is lost"
+    assert check_form(StaticLoading, texts, fields).value == StaticLoading(), "not one digit is lost"
     written = read_value(StaticLoading, "weights_kg", "7.73, 0.05 kg, 100...200 step 50", (1e3, "g"))
     assert written == (0.00773, 0.05, 0.1, 0.15, 0.2)
     checked = check_form(StaticLoading, {**texts, "offset_kg": "-1"}, fields)
@@ -106,4 +106,4 @@ def test_what_every_protocol_holds_reads_back_from_its_form() -> None:
         texts = {n: format_parameter(scaled(getattr(protocol, n), field.factor)) for n, field in fields.items()}
         texts |= {n: getattr(protocol, n) for n, field in fields.items() if field.is_switch}
         checked = check_form(kind, texts, fields)
-        assert checked.protocol == protocol, (name, checked.errors)
+        assert checked.value == protocol, (name, checked.errors)
