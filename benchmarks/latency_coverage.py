@@ -18,7 +18,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from app.archive.figures import run_figures
 from app.config.bench_file import load_bench
 from protocols.measurements.latency import OnsetLatency
-from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
 from tests.helpers.latency_truth import true_sine, true_step
 from tests.helpers.simulated_bench import laboratory, run
@@ -48,7 +47,7 @@ def main(bench: str, seeds: int, on_skin: bool) -> None:
         with laboratory(config) as lab, tempfile.TemporaryDirectory() as folder:
             ran = run(OnsetLatency(repeats=3, frequencies_hz=FREQUENCIES_HZ), Path(folder), lab)
             with Run(ran.path) as file:
-                figures = run_figures(overview_of(file))
+                figures = run_figures(file.record)
         for figure in figures:
             name, _, onset = figure.name.partition(", ")
             if name in FIELDS:

@@ -1,6 +1,7 @@
 """Verdict on a run file from its points: for runs of earlier versions, imported runs, and to check a stored verdict."""
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from protocols.base import (
     RunStatus,
     Verdict,
     extend_plan,
+    file_hash,
     judge_ended,
 )
 from protocols.resume import measured_points, protocol_of_run
@@ -21,6 +23,7 @@ from protocols.runfile.names import truncate_utf8
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.results import append_estimates, append_results, store_verdict
 from protocols.runfile.schema import MAX_TEXT_BYTES
+from protocols.runfile.sidecar import LaterVerdict, change_notes
 
 CRASHED = "the program that wrote it is gone"
 
@@ -31,17 +34,18 @@ def judge_file(path: Path, reference: ReferenceModel | None = None, store: bool 
     Args:
         path: the run file.
         reference: model of the free specimen; default is the one stored in the run, or else the paper's tactor.
-        store: whether to write the verdict into the file, in place of an earlier one; the format version stays.
+        store: whether to store the verdict in the run's sidecar, in place of an earlier one; the run file is not touched.
 
     Raises:
         RunReadError: it is not a run, is still being written, or is of an unknown protocol.
-        StorageError: the verdict cannot be written.
+        NotesError: the verdict cannot be written.
+        OSError: the run file cannot be read.
     """
     with Run(path) as run, translate_read_errors(path):
         verdict = _judge(run, reference)
     if store:
-        with append_results(path) as file:
-            store_verdict(file, verdict)
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        change_notes(path, later_verdict=LaterVerdict(verdict, now, file_hash(path)))
     return verdict
 
 
@@ -55,7 +59,7 @@ def complete_results(path: Path) -> str:
             protocol, measured = _read_points(run)
             estimates = protocol.estimates(list(measured.values()))
             verdict = _judge_points(run, protocol, measured, None, estimates)
-            reason = f"{run.reason}; they were computed from its points afterwards"
+            reason = f"{run.record.reason}; they were computed from its points afterwards"
         with append_results(path) as file:
             file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
             store_verdict(file, verdict)
@@ -66,8 +70,8 @@ def complete_results(path: Path) -> str:
 
 
 def _judge(run: Run, reference: ReferenceModel | None) -> Verdict:
-    if run.status is RunStatus.RUNNING:
-        if not run.crashed:
+    if run.record.status is RunStatus.RUNNING:
+        if not run.record.crashed:
             raise RunReadError(f"{run.path} is still being written; stop that run first")
         return Verdict(Outcome.FAILED, (CRASHED,))
     return _judge_points(run, *_read_points(run), reference)
@@ -86,9 +90,11 @@ def _judge_points(
     reference: ReferenceModel | None,
     estimates: Sequence[EstimatedQuantity] | None = None,
 ) -> Verdict:
-    amplifier = run.amplifier_map
+    amplifier = run.record.amplifier_map
     planned = len(measured)
-    if not run.imported:  # a table has no plan
+    if not run.record.imported:  # a table has no plan
         planned = len(extend_plan(protocol, protocol.plan(amplifier.rest_v), measured, amplifier.rest_v))
     known = reference or run.reference or ReferenceModel(amplifier=amplifier)
-    return judge_ended(run.status, run.reason, protocol, list(measured.values()), planned, known, estimates)
+    return judge_ended(
+        run.record.status, run.record.reason, protocol, list(measured.values()), planned, known, estimates
+    )

@@ -64,11 +64,11 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
     Raises:
         RunReadError: it is not known here, or this version rejects its parameters.
     """
-    kind = PROTOCOLS.get(run.protocol)
+    kind = PROTOCOLS.get(run.record.protocol)
     if kind is None:
-        raise RunReadError(f"{run_name} is a run of '{run.protocol}', a protocol that is not known here")
+        raise RunReadError(f"{run_name} is a run of '{run.record.protocol}', a protocol that is not known here")
     try:
-        return kind(**run.parameters)
+        return kind(**run.record.parameters)
     except ValidationError as error:
         raise RunReadError(
             f"{run_name} has parameters that this version rejects: {error.errors()[0]['msg']}"
@@ -82,12 +82,12 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
     with Run(path) as run, translate_read_errors(path):
-        if run.status is RunStatus.RUNNING and not run.crashed:
+        if run.record.status is RunStatus.RUNNING and not run.record.crashed:
             raise RunReadError(f"{path} is still being written; stop that run first")
-        if run.imported:
+        if run.record.imported:
             raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
         protocol = protocol_of_run(run, str(path))
-        rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
+        rest_v = float(run.record.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
         points = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
         begun = run.entries()
         plan = extend_plan(protocol, protocol.plan(rest_v), points, rest_v)
@@ -98,16 +98,16 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             raise RunReadError(
                 f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points"
             )
-        if run.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
+        if run.record.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
             raise RunReadError(f"{path} is complete: there is nothing to resume")
-        words = f"Continues {path.name} ({run.state}), {len(points)} points carried over"
+        words = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
         if stale:
             words += f", {len(stale)} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
         continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
-        return ResumableRun(path, protocol, run.specimen, continuation, run.reference)
+        return ResumableRun(path, protocol, run.record.specimen, continuation, run.reference)
 
 
 FLAGGED_ENTRIES = "flagged"

@@ -91,7 +91,7 @@ def runs(
             protocol=entry.protocol,
             specimen=entry.specimen,
             status=str(entry.state),
-            reason=entry.reason,
+            reason=entry.record.reason,
             start_time=entry.started_at,
             simulated=bool(entry.simulated),
             points=entry.points,

@@ -79,11 +79,15 @@ class MeasuredRun:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with Run(self.path) as run, translate_read_errors(self.path):
-            self.protocol, self.title, self.specimen = run.protocol, run.title, run.specimen
-            self.status, self.reason, self.simulated = run.state, run.reason, run.simulated
-            self.verdict = run.verdict
-            self.start_time = datetime.fromisoformat(run.start_time)
-            self.parameters, self.configuration, self.software = run.parameters, run.configuration, run.software
+            self.protocol, self.title, self.specimen = run.record.protocol, run.record.title, run.record.specimen
+            self.status, self.reason, self.simulated = run.record.state, run.record.reason, run.record.simulated
+            self.verdict = run.record.verdict
+            self.start_time = datetime.fromisoformat(run.record.start_time)
+            self.parameters, self.configuration, self.software = (
+                run.record.parameters,
+                run.record.configuration,
+                run.record.software,
+            )
             self.sample_rate_hz, self.duration_s = run.trace.rate_hz, run.trace.duration_s
             self._recordings = run.trace.recording_count
 
@@ -110,7 +114,7 @@ class MeasuredRun:
         same folder is what a free tactor is compared with.
 
         Args:
-            store: whether to write the verdict into the file, in place of an earlier one.
+            store: whether to store the verdict in `RUN.notes.json` beside the file, in place of an earlier one.
 
         Raises:
             RunReadError: the run is still being written, is damaged, or of a protocol that is not known here.
@@ -122,11 +126,11 @@ class MeasuredRun:
         """
         from app.identification import reference_model
         from protocols.judgement import judge_file
-        from protocols.runfile.errors import StorageError
+        from protocols.runfile.sidecar import NotesError
 
         try:
             self.verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)
-        except StorageError as error:
+        except NotesError as error:
             raise OSError(str(error)) from error
         return self.verdict
 
@@ -143,7 +147,7 @@ class MeasuredRun:
     @cached_property
     def estimates(self) -> EstimateTable:
         """Identified quantities by name: value, standard error and unit."""
-        return self._read(lambda run: EstimateTable(run.estimates()))
+        return self._read(lambda run: EstimateTable(run.record.estimates))
 
     @cached_property
     def series(self) -> tuple[CurveTable, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.archive.transfer import copy_file
 from app.common import NO_PROGRESS, OperationCancelled, Progress, UsageError
-from app.common.audit_log import file_hash
+from protocols.base import file_hash
 from protocols.runfile.verify import FileState, verify_run
 
 FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3

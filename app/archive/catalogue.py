@@ -1,7 +1,7 @@
 """SQLite index (catalogue) of the run files in a folder; a cache that is rebuilt from the files.
 
 The index is in the user's cache directory, not in the folder of the runs: a folder of runs may be read-only, or on a network drive
-where SQLite locking is unreliable. Tags and notes are in a small file next to each run, see `app.archive.notes`.
+where SQLite locking is unreliable. Tags and notes are in a small file next to each run, see `protocols.runfile.sidecar`.
 """
 
 import hashlib
@@ -17,9 +17,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
-from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
+from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
 from app.common import NO_PROGRESS, Progress
+from protocols.runfile.sidecar import NOTES_SUFFIX
 
 SCHEMA = 10 * 12 + marshal.version
 """Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""
@@ -179,14 +179,8 @@ class Catalogue:
         if str(file.resolve()) in excluded:
             entry: RunSummary | None = summary_from_file_name(path, RunState.RUNNING, "being written by this program")
         else:
-            entry = read_run_summary(file, path)
-        if entry is None:
-            return None
-        entry = entry._replace(**stamp._asdict())
-        try:
-            return with_notes(entry, read_notes(self.folder / notes)) if notes else entry
-        except NotesError as error:
-            return with_notes(entry, Notes(note=str(error)))
+            entry = read_run_summary(file, path, self.folder / notes if notes else None)
+        return entry and entry._replace(**stamp._asdict())
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:

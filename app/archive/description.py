@@ -9,7 +9,6 @@ import numpy as np
 
 from app.archive.checking import describe_check
 from app.archive.figures import run_figures
-from app.archive.notes import NotesError, notes_path, read_notes
 from app.archive.run_summary import instruments_text
 from app.common import (
     format_bytes,
@@ -28,48 +27,52 @@ from protocols.base import (
 )
 from protocols.registry import PROTOCOLS, aspects_of
 from protocols.resume import measured_points
-from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
+from protocols.runfile.sidecar import NotesError, notes_path, read_notes
 
 
 def run_record(run: Run) -> dict[str, Any]:
     """Return everything but raw samples and events, in SI units."""
+    record = run.record
     return {
         "path": str(run.path),
-        "protocol": run.protocol,
-        "specimen": run.specimen,
-        "state": run.state,
-        "reason": run.reason,
-        "start_time": run.start_time,
-        "simulated": run.simulated,
-        "imported": run.imported,
+        "protocol": record.protocol,
+        "specimen": record.specimen,
+        "state": record.state,
+        "reason": record.reason,
+        "start_time": record.start_time,
+        "simulated": record.simulated,
+        "imported": record.imported,
         "sample_rate_hz": run.trace.rate_hz,
         "samples": run.trace.sample_count,
         **({"channels": run.trace.further_channels} if run.trace.further_channels else {}),
         "broken_on_purpose": [broken._asdict() for broken in injected_faults(run)],
-        "verdict": to_jsonable(run.verdict),
-        "parameters": run.parameters,
-        **({"requested": run.requested} if run.requested else {}),
+        "verdict": to_jsonable(record.verdict),
+        **({"caution": record.caution} if record.caution else {}),
+        "parameters": record.parameters,
+        **({"requested": record.requested} if record.requested else {}),
         "points": run.points(),
         "units": run.units(),
         "estimates": [
             {name: getattr(e, name) for name in ("name", "value", "standard_error", "unit", "source")}
-            for e in run.estimates()
+            for e in record.estimates
         ],
-        "software": run.software,
-        **({"conditions": asdict(run.conditions)} if run.conditions != RunConditions() else {}),
+        "software": record.software,
+        **({"conditions": asdict(record.conditions)} if record.conditions != RunConditions() else {}),
     }
 
 
 def run_text(run: Run) -> str:
     """Return a page about a run for a terminal."""
-    points = run.points()
+    record, points = run.record, run.points()
     length = format_duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
-        f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
-        _outcome_text(run),
-        _import_text(run)
-        or f"begun {run.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
+        f"{record.title}" + ("   SIMULATED" if record.simulated else ""),
+        _outcome_text(record),
+        *([f"caution: {record.caution}"] if record.caution else []),
+        _import_text(record)
+        or f"begun {record.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{format_bytes(run.path.stat().st_size)}",
         *_people_lines(run),
         *(f"channel {name}, in {unit}" for name, unit in run.trace.further_channels.items()),
@@ -98,7 +101,7 @@ def run_text(run: Run) -> str:
                 strict=True,
             ))
         ]  # fmt: skip
-    elif not run.imported and (kind := PROTOCOLS.get(run.protocol)) and hasattr(kind.point_type, "summary"):
+    elif not record.imported and (kind := PROTOCOLS.get(record.protocol)) and hasattr(kind.point_type, "summary"):
         lines += [format_point(point) for _, point in measured_points(run, kind.point_type)]
     else:
         units = run.units()
@@ -119,9 +122,9 @@ def run_text(run: Run) -> str:
             unit, low, high = curve.x_axis.unit, curve.x.min(), curve.x.max()
             rows = "lines" if unit == "Hz" else "values"
             lines.append(f"{curve.title}: {curve.x.size} {rows}, {low:.4g} to {high:.4g} {unit}")
-    for estimate in run.estimates():
+    for estimate in record.estimates:
         lines.append(f"{quantity_label(estimate.name)}: {format_value(estimate)}   ({estimate.source})")
-    for remark, figure in aspects_of(run.protocol).remarks(run_figures(overview_of(run))):
+    for remark, figure in aspects_of(record.protocol).remarks(run_figures(record)):
         value = "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit, figure.name)}"
         lines.append(remark + value)
     return "\n".join(lines)
@@ -129,7 +132,7 @@ def run_text(run: Run) -> str:
 
 def _people_lines(run: Run) -> Iterator[str]:
     """Yield who measured and checked, the air, and the instruments with the sensor's calibration."""
-    conditions = run.conditions
+    record, conditions = run.record, run.record.conditions
     if conditions.operator:
         origin = "" if conditions.operator_origin == "given" else f" ({conditions.operator_origin})"
         yield f"measured by {conditions.operator}{origin}"
@@ -137,16 +140,16 @@ def _people_lines(run: Run) -> Iterator[str]:
         yield f"air {air}"
     with suppress(NotesError):
         yield from (describe_check(run.path, check) for check in read_notes(notes_path(run.path)).checks)
-    if run.configuration.get("identities"):
-        yield f"instruments {instruments_text(run)}"
+    if record.configuration.get("identities"):
+        yield f"instruments {instruments_text(record)}"
 
 
-def _outcome_text(run: Run) -> str:
-    verdict = run.verdict
+def _outcome_text(record: RunRecord) -> str:
+    verdict = record.verdict
     if verdict.outcome is not Outcome.NOT_JUDGED:
-        return verdict.describe(run.reason)
-    judged = "" if run.status is RunStatus.RUNNING else " (not judged)"
-    return f"{format_outcome(run.state, run.reason)}{judged}"
+        return verdict.describe(record.reason)
+    judged = "" if record.status is RunStatus.RUNNING else " (not judged)"
+    return f"{format_outcome(record.state, record.reason)}{judged}"
 
 
 class InjectedFault(NamedTuple):
@@ -167,7 +170,7 @@ class InjectedFault(NamedTuple):
 def injected_faults(run: Run) -> list[InjectedFault]:
     """Return the faults injected during a run, in order."""
     found: list[InjectedFault] = []
-    for event in () if run.imported else run.events():
+    for event in () if run.record.imported else run.events():
         if event.kind != InjectedFaultChanged.kind:
             continue
         name, at_s = event.fields["fault"], event.time_s
@@ -188,15 +191,15 @@ def _fault_lines(run: Run) -> list[str]:
     return lines
 
 
-def _import_text(run: Run) -> str:
+def _import_text(record: RunRecord) -> str:
     """Return source files and columns of an imported run; empty for a measured one."""
-    if not (source := run.imported):
+    if not (source := record.imported):
         return ""
     columns = ", ".join(f"{name} = '{of['column']}' [{of['unit']}]" for name, of in source["columns"].items())
     when = (
-        f"measured {run.start_time[:10]}"
+        f"measured {record.start_time[:10]}"
         if source["measured"]
-        else f"imported {run.start_time[:10]}, measurement date not recorded"
+        else f"imported {record.start_time[:10]}, measurement date not recorded"
     )
     return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in source["cautions"])])
 

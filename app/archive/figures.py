@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from app.common import LENGTH_UNITS
 from protocols.base import RunFigure
 from protocols.registry import aspects_of
-from protocols.runfile.overview import RunOverview
+from protocols.runfile.record import RunRecord
 
 
-def run_figures(run: RunOverview) -> Iterator[RunFigure]:
+def run_figures(run: RunRecord) -> Iterator[RunFigure]:
     """Yield the figures of a run; without those that are not finite."""
     gain = run.sensor.gain_relative_uncertainty
     estimates = [

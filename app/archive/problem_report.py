@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.description import run_record
-from app.common import replacing, version
+from app.common import version
 from app.common.recent_errors import RecentErrors
-from protocols.base import to_jsonable
+from protocols.base import replacing, to_jsonable
 from protocols.runfile.reader import Run, RunReadError
 
 MEASURED_MARK = "±"
@@ -163,8 +163,8 @@ def _run_header(path: Path | None) -> str:
         with Run(path) as run:
             whole = run_record(run)
             record |= {name: whole[name] for name in HEADER_FIELDS if name in whole}
-            record["outcome"] = str(run.verdict.outcome)
-            record["bench"] = run.configuration
+            record["outcome"] = str(run.record.verdict.outcome)
+            record["bench"] = run.record.configuration
     except (OSError, RunReadError, ValueError, KeyError) as error:
         record["problem"] = f"{type(error).__name__}: {error}"
     return json.dumps(to_jsonable(record), indent=1, ensure_ascii=False, default=str)

@@ -118,47 +118,47 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
         RunReadError: it cannot be read.
     """
     with Run(path) as run, translate_read_errors(path):
-        kind = PROTOCOLS.get(run.protocol)
-        begun = datetime.fromisoformat(run.start_time).astimezone()
+        kind = PROTOCOLS.get(run.record.protocol)
+        begun = datetime.fromisoformat(run.record.start_time).astimezone()
         log = [_log_line(event, begun, kind) for event in run.events()]
         points = tuple(_load_points(run, kind))
         return LoadedRun(
             path=path,
-            title=run.title,
-            protocol=run.protocol,
-            specimen=run.specimen,
-            state=run.state,
-            reason=run.reason,
-            start_time=run.start_time,
-            verdict=run.verdict,
-            simulated=run.simulated,
-            parameters=run.parameters,
+            title=run.record.title,
+            protocol=run.record.protocol,
+            specimen=run.record.specimen,
+            state=run.record.state,
+            reason=run.record.reason,
+            start_time=run.record.start_time,
+            verdict=run.record.verdict,
+            simulated=run.record.simulated,
+            parameters=run.record.parameters,
             points=points,
             curves=run.series(),
-            estimates=run.estimates(),
+            estimates=run.record.estimates,
             messages=tuple(message for message in log if message is not None),
             traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
             duration_s=run.trace.duration_s,
             hints=_load_hints(run, kind, points),
-            gain_uncertainty=run.sensor.gain_relative_uncertainty,
+            gain_uncertainty=run.record.sensor.gain_relative_uncertainty,
         )
 
 
 def run_result(run: Run) -> ResultSummary:
     """Return what the result card shows of an open run."""
-    kind = PROTOCOLS.get(run.protocol)
+    kind = PROTOCOLS.get(run.record.protocol)
     points = tuple(_load_points(run, kind))
     hints = _load_hints(run, kind, points)
     return summarize_result(
-        run.verdict,
-        run.reason,
-        run.estimates(),
+        run.record.verdict,
+        run.record.reason,
+        run.record.estimates,
         _summarized_kind(kind, points),
         points,
         hints,
         str(run.path),
-        run.simulated,
-        gain_uncertainty=run.sensor.gain_relative_uncertainty,
+        run.record.simulated,
+        gain_uncertainty=run.record.sensor.gain_relative_uncertainty,
     )
 
 
@@ -181,8 +181,8 @@ def read_measured_response(path: Path) -> MeasuredResponse:
         columns = {name: column[order] for name, column in points.items()}
         return MeasuredResponse(
             path=path,
-            label=f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
-            simulated=run.simulated,
+            label=f"{run.record.specimen} {run.record.start_time[:16].replace('T', ' ')}",
+            simulated=run.record.simulated,
             peak_to_peak_v=2 * float(np.median(columns["drive_amplitude"])),
             frequency_hz=columns["frequency"],
             peak_to_peak=columns["peak_to_peak"],
@@ -235,7 +235,7 @@ def _load_hints(run: Run, kind: type[Protocol] | None, points: Sequence[Any]) ->
     if kind is None or kind.warnings is Protocol.warnings:
         return ()
     try:
-        return kind.model_validate(run.parameters).warnings(points)
+        return kind.model_validate(run.record.parameters).warnings(points)
     except (ValueError, AttributeError, TypeError):
         return ()
 

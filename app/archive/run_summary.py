@@ -2,22 +2,21 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from app.archive.figures import run_figures
-from app.archive.notes import Notes
 from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
-from drivers import LaserSensor
-from model import EstimatedQuantity, format_estimate
+from model import format_estimate
 from protocols.base import Outcome, RunStatus, Verdict
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
-from protocols.runfile.overview import RunOverview, overview_of, read_overview
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
+from protocols.runfile.record import RunRecord, decode_record
+from protocols.runfile.sidecar import Notes, NotesError, listed_record, notes_path, read_notes, with_later_verdict
 
 STALE_AFTER_S = 600.0
 """A file with status `running` that was not written for this time gets another reason."""
@@ -50,53 +49,47 @@ STATE_SYMBOLS = {
 
 
 class RunSummary(NamedTuple):
-    """Summary of one run; a plain tuple, as a list may have ten thousand."""
+    """Row of the catalogue: a run's record, what is beside its file, and the columns by which lists are sorted and filtered.
+
+    A plain tuple, as a list may have ten thousand.
+    """
 
     path: str
     """Relative to the folder, with slashes."""
     state: str
-    reason: str = ""
+    record_json: str = "{}"
     protocol: str = ""
     specimen: str = ""
     start_time: str = ""
     """ISO, UTC: sorts as text."""
     simulated: int = 0
     points: int = 0
-    entries: int = 0
-    """Entries of the plan that have a point."""
     seconds: float = 0.0
-    parameters_json: str = "{}"
-    requested_json: str = "{}"
-    estimates_json: str = "[]"
     verdict: str = str(Outcome.NOT_JUDGED)
     """The outcome of the verdict."""
-    verdict_reasons: str = ""
-    """Reasons of the verdict, with remedies."""
     failed_checks: str = ""
     """Names of the checks because of which the run did not pass."""
     found: str = ""
     """Estimates as text."""
-    tags: str = ""
-    note: str = ""
     operator: str = ""
-    checked_by: str = ""
-    """Second persons who checked it."""
-    temperature_c: float | None = None
-    humidity: float | None = None
-    """Relative, 0 to 1."""
-    bench: str = ""
-    """Name of the bench."""
     instruments: str = ""
     """Identities with serial numbers, and the state of the sensor's calibration, as text."""
-    sensor: str = ""
-    """Name and serial number of the displacement sensor."""
     figures_json: str = "[]"
     """Figures for comparisons with other runs and specimens, see `app.archive.figures`."""
+    tags: str = ""
+    note: str = ""
+    checked_by: str = ""
+    """Second persons who checked it."""
+    words: str = ""
+    """Text that is searched, casefolded."""
     modified_ns: int = 0
     size: int = 0
     notes_ns: int = 0
-    words: str = ""
-    """Text that is searched, casefolded."""
+
+    @property
+    def record(self) -> RunRecord:
+        """The record of the run; of a file that cannot be read, what its name and the error state."""
+        return decode_record(self.record_json)
 
     @property
     def name(self) -> str:
@@ -116,14 +109,9 @@ class RunSummary(NamedTuple):
         return self.state not in (RunState.NEWER, RunState.DAMAGED)
 
     @property
-    def parameters(self) -> dict[str, Any]:
-        """The protocol's parameters by name, SI."""
-        return dict(json.loads(self.parameters_json))
-
-    @property
     def requested_parameters(self) -> dict[str, Any]:
         """The parameters as they were requested, before they were adapted to the source."""
-        return {**self.parameters, **json.loads(self.requested_json)}
+        return {**self.record.parameters, **self.record.requested}
 
     @property
     def outcome(self) -> Outcome:
@@ -159,9 +147,14 @@ class RunSummary(NamedTuple):
         return shown or (OUTCOME_SYMBOLS[self.outcome], outcome_severity(self.outcome))
 
     @property
+    def verdict_reasons(self) -> str:
+        """Reasons of the verdict, with remedies."""
+        return "; ".join(self.record.verdict.reasons)
+
+    @property
     def explanation(self) -> str:
-        """The reasons of the verdict; how the run ended where there are none."""
-        return self.verdict_reasons or self.reason
+        """The reasons of the verdict; how the run ended where there are none; and why a later verdict is not used."""
+        return "; ".join(filter(None, (self.verdict_reasons or self.record.reason, self.record.caution)))
 
     @property
     def running(self) -> bool:
@@ -171,11 +164,62 @@ class RunSummary(NamedTuple):
     def resumable(self) -> bool:
         """Whether the run was interrupted with points that a resumed run keeps."""
         interrupted = (RunState.STOPPED, RunState.FAILED, RunState.UNSAFE, RunState.CRASHED)
-        return self.entries > 0 and self.state in interrupted
+        return self.state in interrupted and self.record.entry_count > 0
 
-    @property
-    def estimates(self) -> tuple[EstimatedQuantity, ...]:
-        return tuple(EstimatedQuantity(**record) for record in json.loads(self.estimates_json))
+
+def summarize_run(
+    path: str,
+    record: RunRecord,
+    notes: Notes | None = None,
+    state: str = "",
+    failed_checks: Sequence[str] = (),
+    record_json: str = "",
+) -> RunSummary:
+    """Return the row of a run; `state` is that of its file where it is not that of the record, `record_json` its JSON form if known."""
+    notes, is_read = notes or Notes(), bool(record.title)
+    row = RunSummary(
+        path,
+        state or record.state,
+        record_json or record.to_json(),
+        record.protocol,
+        record.specimen,
+        record.start_time,
+        int(record.simulated),
+        record.point_count,
+        record.duration_s,
+        str(record.verdict.outcome),
+        ", ".join(failed_checks),
+        "; ".join(map(format_estimate, record.estimates)),
+        record.conditions.operator,
+        instruments_text(record) if is_read else "",
+        json.dumps(tuple(run_figures(record)) if is_read else ()),
+        ", ".join(notes.tags),
+        notes.note,
+        ", ".join(dict.fromkeys(check.name for check in notes.checks)),
+    )
+    begun, air = row.started_at, record.conditions
+    words = (
+        row.path,
+        row.state,
+        record.reason,
+        row.verdict_text,
+        *record.verdict.reasons,
+        record.caution,
+        row.protocol,
+        row.specimen,
+        f"{begun:%Y-%m-%d %H:%M}" if begun else "",
+        "simulated" if row.simulated else "",
+        row.found,
+        row.tags,
+        row.note,
+        row.operator,
+        f"checked by {row.checked_by}" if row.checked_by else "not checked",
+        "" if air.temperature_c is None else f"{air.temperature_c:.1f} °C",
+        "" if air.humidity is None else f"{100 * air.humidity:.0f} %",
+        record.bench_name,
+        row.instruments,
+    )
+    return row._replace(words="\n".join(words).casefold())
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,81 +284,66 @@ def read_since(text: str, now: datetime | None = None) -> str:
     return begin.astimezone(UTC).isoformat(timespec="milliseconds")
 
 
-def read_run_summary(file: Path, path: str) -> RunSummary | None:
+def read_run_summary(file: Path, path: str, notes_file: Path | None = None) -> RunSummary | None:
     """Read the summary of a file, `path` relative to the folder; None for an HDF5 file of another kind.
 
-    A file that cannot be read has a summary too, with the reason.
+    A file that cannot be read has a summary too, with the reason. `notes_file` is its sidecar where that is not beside it.
     """
     try:
-        known = read_overview(file)
-        if known is not None and not _needs_points(known):
-            return _summary(file, path, known, _named_failures(known.verdict))
-        with Run(file) as run, translate_read_errors(file):
-            known = overview_of(run)
-            failed = _failed_checks(run) if _needs_points(known) else _named_failures(known.verdict)
-            return _summary(file, path, known, failed)
+        notes = read_notes(notes_file or notes_path(file))
+    except NotesError as error:
+        notes = Notes(note=str(error))
+    try:
+        record, record_json, failed = _read_record(file, notes)
     except NotARunError as error:
         # A truncated run may lack its format attribute; its name still identifies it.
-        entry = summary_from_file_name(path, RunState.DAMAGED, f"{error}; or it is damaged: copy it again")
+        reason = f"{error}; or it is damaged: copy it again"
+        entry = summary_from_file_name(path, RunState.DAMAGED, reason, notes)
         return entry if entry.start_time else None
     except NewerFormatError as error:
-        return summary_from_file_name(path, RunState.NEWER, str(error))
+        return summary_from_file_name(path, RunState.NEWER, str(error), notes)
     except RunReadError as error:
-        return summary_from_file_name(path, RunState.DAMAGED, str(error)) if file.exists() else None
+        return summary_from_file_name(path, RunState.DAMAGED, str(error), notes) if file.exists() else None
+    return summarize_run(path, record, notes, failed_checks=failed, record_json=record_json)
 
 
-def _summary(file: Path, path: str, run: RunOverview, failed_checks: Sequence[str]) -> RunSummary:
-    state, reason = RunState(run.state), run.reason
-    if state is RunState.RUNNING and not reason:
-        reason = _running_reason(file)
-    elif state is RunState.CRASHED and not reason:
-        reason = "the program that wrote it is gone; everything up to its end is in the file"
-    return _with_search_text(
-        RunSummary(
-            path=path,
-            state=state,
-            reason=reason,
-            protocol=run.protocol,
-            specimen=run.specimen,
-            start_time=run.start_time,
-            simulated=int(run.simulated),
-            points=run.point_count,
-            entries=run.entry_count,
-            seconds=run.duration_s,
-            parameters_json=json.dumps(run.parameters),
-            requested_json=json.dumps(run.requested),
-            estimates_json=json.dumps([asdict(estimate) for estimate in run.estimates]),
-            verdict=str(run.verdict.outcome),
-            verdict_reasons="; ".join(run.verdict.reasons),
-            failed_checks=", ".join(failed_checks),
-            found="; ".join(map(format_estimate, run.estimates)),
-            operator=run.conditions.operator,
-            temperature_c=run.conditions.temperature_c,
-            humidity=run.conditions.humidity,
-            bench=run.bench_name,
-            instruments=instruments_text(run),
-            sensor=" ".join(filter(None, (run.sensor.name, run.sensor.serial and f"#{run.sensor.serial}"))),
-            figures_json=json.dumps(tuple(run_figures(run))),
-        )
-    )
+def _read_record(file: Path, notes: Notes) -> tuple[RunRecord, str, Sequence[str]]:
+    """Return the record of a run, from its sidecar where that has it, its JSON form if known, and the names of the failed checks.
+
+    Raises:
+        RunReadError: the file cannot be read.
+    """
+    with translate_read_errors(file):
+        if (listed := listed_record(file, notes)) is not None:
+            record = with_later_verdict(listed[0], file, notes)
+            if not _needs_points(record):
+                return record, listed[1] if record is listed[0] else "", _named_failures(record.verdict)
+    with Run(file) as run, translate_read_errors(file):
+        record = with_later_verdict(run.stored_record(), file, notes)
+        failed = _failed_checks(run) if _needs_points(record) else _named_failures(record.verdict)
+    if record.status is RunStatus.RUNNING and not record.reason:
+        gone = "the program that wrote it is gone; everything up to its end is in the file"
+        record = replace(record, reason=gone if record.crashed else _running_reason(file))
+    return record, "", failed
 
 
-def instruments_text(run: Run | RunOverview) -> str:
+def instruments_text(record: RunRecord) -> str:
     """Return the identities of the instruments with serial numbers, and the state of the sensor's calibration."""
-    others = (str(identity) for role, identity in run.identities.items() if role != "sensor")
-    return "; ".join((*others, calibration_text(run.sensor, run.start_time)))
+    others = (str(identity) for role, identity in record.identities.items() if role != "sensor")
+    return "; ".join((*others, calibration_text(record)))
 
 
-def calibration_text(sensor: LaserSensor, start_time: str) -> str:
+def calibration_text(record: RunRecord) -> str:
     """Return serial number and state of calibration of the displacement sensor at the time of a run."""
+    sensor = record.sensor
     dates = f"calibrated {sensor.calibrated}" if sensor.calibrated else "date of calibration unknown"
     state = "validity unknown"
     if sensor.expires:
-        state = f"{'expired' if start_time[:10] > sensor.expires else 'valid until'} {sensor.expires}"
-    return f"{' '.join(filter(None, (sensor.name, sensor.serial and f'#{sensor.serial}')))} {dates}, {state}"
+        state = f"{'expired' if record.start_time[:10] > sensor.expires else 'valid until'} {sensor.expires}"
+    return f"{record.sensor_text} {dates}, {state}"
 
 
-def _needs_points(run: RunOverview) -> bool:
+def _needs_points(run: RunRecord) -> bool:
     """Whether the checks of a run are known from its points only; other protocols' checks cost a fit."""
     kind = PROTOCOLS.get(run.protocol)
     ended = run.state in (RunState.COMPLETED, RunState.IMPORTED)
@@ -326,12 +355,12 @@ def _named_failures(verdict: Verdict) -> list[str]:
 
 
 def _failed_checks(run: Run) -> list[str]:
-    kind = PROTOCOLS[run.protocol]
+    kind = PROTOCOLS[run.record.protocol]
     points = [point for _, point in measured_points(run, kind.point_type)]
-    return _named_failures(Verdict(checks=tuple(kind(**run.parameters).checks(points))))
+    return _named_failures(Verdict(checks=tuple(kind(**run.record.parameters).checks(points))))
 
 
-def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:
+def summary_from_file_name(path: str, state: RunState, reason: str, notes: Notes | None = None) -> RunSummary:
     """Make a summary from the file name alone: `20261121T091502Z_T7_sine-dwell.h5`."""
     stamp, _, rest = PurePosixPath(path).stem.partition("_")
     specimen, _, protocol = rest.rpartition("_")
@@ -339,38 +368,8 @@ def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummar
         begun = datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).isoformat(timespec="milliseconds")
     except ValueError:
         begun = specimen = protocol = ""
-    return _with_search_text(RunSummary(path, state, reason, protocol, specimen, begun))
-
-
-def with_notes(summary: RunSummary, notes: Notes) -> RunSummary:
-    """Return the summary with the user's tags and note."""
-    checked_by = ", ".join(dict.fromkeys(check.name for check in notes.checks))
-    return _with_search_text(summary._replace(tags=", ".join(notes.tags), note=notes.note, checked_by=checked_by))
-
-
-def _with_search_text(summary: RunSummary) -> RunSummary:
-    begun = summary.started_at
-    texts = (
-        summary.path,
-        summary.state,
-        summary.reason,
-        summary.verdict_text,
-        summary.verdict_reasons,
-        summary.protocol,
-        summary.specimen,
-        f"{begun:%Y-%m-%d %H:%M}" if begun else "",
-        "simulated" if summary.simulated else "",
-        summary.found,
-        summary.tags,
-        summary.note,
-        summary.operator,
-        f"checked by {summary.checked_by}" if summary.checked_by else "not checked",
-        "" if summary.temperature_c is None else f"{summary.temperature_c:.1f} °C",
-        "" if summary.humidity is None else f"{100 * summary.humidity:.0f} %",
-        summary.bench,
-        summary.instruments,
-    )
-    return summary._replace(words="\n".join(texts).casefold())
+    record = RunRecord(protocol=protocol, specimen=specimen, start_time=begun, reason=reason)
+    return summarize_run(path, record, notes, str(state))
 
 
 def _running_reason(file: Path) -> str:

@@ -15,11 +15,11 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
-from app.archive.notes import notes_path
 from app.archive.run_summary import RunState, RunSummary
-from app.common import NO_PROGRESS, Progress, replacing, version
-from protocols.base import visible_text
+from app.common import NO_PROGRESS, Progress, version
+from protocols.base import file_hash, replacing, visible_text
 from protocols.runfile.names import safe_name
+from protocols.runfile.sidecar import notes_path
 
 SUFFIX = ".eln"
 METADATA_NAME = "ro-crate-metadata.json"
@@ -145,7 +145,7 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
                 progress.update(number / len(entries), name)
                 target = folder / name
                 if target.exists():
-                    if _hash_file(target) != sha256:
+                    if file_hash(target) != sha256:
                         raise ArchiveError(
                             f"{folder} has another file {name} than {archive}; restore into an empty folder with --folder"
                         )
@@ -223,11 +223,6 @@ def _copy(source: IO[bytes], target: IO[bytes], progress: Progress, size: int = 
     return digest.hexdigest()
 
 
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _crate(
     specimen: str,
     runs: Sequence[RunSummary],
@@ -295,16 +290,16 @@ def _describe_run(run: RunSummary, values: list[dict[str, Any]]) -> dict[str, An
     """Return name, date, verdict, tags and note of a run; its results are appended to `values`."""
     mark = "SIMULATED " if run.simulated else ""
     identifiers = []
-    for number, estimate in enumerate(json.loads(run.estimates_json)):
+    for number, estimate in enumerate(run.record.estimates):
         identifiers.append({"@id": f"#{safe_name(run.name)}-{number}"})
         values.append(
             {
                 **identifiers[-1],
                 "@type": "PropertyValue",
-                "name": str(estimate["name"]),
-                "value": estimate["value"],
-                "unitText": str(estimate.get("unit", "")),
-                "description": f"standard error {estimate.get('standard_error')}",
+                "name": estimate.name,
+                "value": estimate.value,
+                "unitText": estimate.unit,
+                "description": f"standard error {estimate.standard_error}",
             }
         )
     keywords = [*(tag for tag in run.tags.split(",") if tag), run.protocol, *(["SIMULATED"] if run.simulated else [])]

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.exporting.export import Format, export_run
-from app.archive.notes import Notes, read_tags, write_notes
+from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
-from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
+from app.common import NO_PROGRESS, OperationCancelled, Progress
 from app.common.audit import record_audit
-from app.common.audit_log import file_hash
 from app.config import AmplifierTable
+from protocols.base import file_hash, replacing
 from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.sidecar import notes_path
 
 COPY_CHUNK_BYTES = 1 << 20
 """Bytes copied between two checks for cancellation."""
@@ -32,9 +33,9 @@ def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -
     new = read_tags(tags)
     for path, its_tags, its_note in runs:
         if len(runs) == 1:
-            write_notes(path, Notes(new, note))
+            write_notes(path, tags=new, note=note)
         else:
-            write_notes(path, Notes(read_tags(f"{its_tags},{','.join(new)}"), its_note))
+            write_notes(path, tags=read_tags(f"{its_tags},{','.join(new)}"), note=its_note)
 
 
 def export_runs(
@@ -66,7 +67,7 @@ def copy_runs_into(
     folder: Path,
     progress: Progress = NO_PROGRESS,
 ) -> CopyResult:
-    """Copy run files into a folder without replacing files. After cancellation, complete copies are kept.
+    """Copy run files with their sidecars into a folder without replacing files. After cancellation, complete copies are kept.
 
     Raises:
         RunReadError: a file is not a run, or cannot be copied.
@@ -84,6 +85,8 @@ def copy_runs_into(
             pass
         try:
             copy_file(path, folder / path.name, file_progress)
+            if (notes := notes_path(path)).is_file():
+                copy_file(notes, notes_path(folder / path.name))
         except OperationCancelled:
             break
         except OSError as error:
@@ -91,7 +94,7 @@ def copy_runs_into(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; free space there, or choose another folder"
             ) from None
         copied.append(path.name)
-        record_audit("copy", folder / path.name, source=str(path))
+        record_audit("copy", folder / path.name, notes_path(folder / path.name), source=str(path))
     return CopyResult(tuple(copied), tuple(there))
 
 

@@ -5,9 +5,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.archive.notes import notes_path
 from app.common.audit import record_audit
 from protocols.runfile.reader import RunReadError
+from protocols.runfile.sidecar import notes_path
 
 TRASH_FOLDER = ".trash"
 """Beside the run; hidden, so that neither list nor campaign finds what is in it."""

@@ -12,8 +12,8 @@ from typing import Any
 
 from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
 
-from app.common import UndoHistory, read_json_file, write_atomic
-from protocols.base import Prompt, visible_values
+from app.common import UndoHistory
+from protocols.base import Prompt, read_json_file, visible_values, write_atomic
 from protocols.paper_campaign import PAPER_CAMPAIGN
 from protocols.runfile.names import folded_name, safe_name
 

@@ -81,7 +81,7 @@ def review_rows(
     run: LoadedRun, earlier: RunSummary | None, others: Sequence[RunSummary], paper: Mapping[str, float]
 ) -> tuple[ReviewRow, ...]:
     """Return a row for every estimate, and one for every check that is not of an estimate; failed checks come first."""
-    known = {} if earlier is None else {e.name: e for e in earlier.estimates}
+    known = {} if earlier is None else {e.name: e for e in earlier.record.estimates}
     checks = {current_name(check.name): check for check in run.verdict.checks}
     rows = []
     for estimate in run.estimates:
@@ -181,7 +181,7 @@ def _others_text(estimate: EstimatedQuantity, others: Iterable[RunSummary]) -> s
     values = {
         run.specimen: factor * each.value
         for run in others
-        for each in run.estimates
+        for each in run.record.estimates
         if (each.name, each.unit) == (estimate.name, estimate.unit)
     }
     if not values:

@@ -141,7 +141,7 @@ class ItemState:
     @property
     def reviewed_estimates(self) -> tuple[EstimatedQuantity, ...]:
         """Estimates of the run that is accepted or rejected next."""
-        return self.estimates if self.candidate is None else self.candidate.estimates
+        return self.estimates if self.candidate is None else self.candidate.record.estimates
 
     @property
     def reviewed_run(self) -> Path | None:
@@ -198,7 +198,7 @@ def evaluate_item(
             do if why else NextAction.NONE,
             folder / done.path,
             done.start_time,
-            done.estimates,
+            done.record.estimates,
             folder / last.path if last is not None and do is NextAction.RESUME else None,
             candidate,
             results,
@@ -211,8 +211,8 @@ def evaluate_item(
         return ItemState(item, title, status, reason, do, results=results)
     path = folder / last.path
     if resumes:
-        why = "its program is gone" if last.state == RunState.CRASHED else last.reason
-        reason = f"{last.state} with {last.entries} points: {why}"
+        why = "its program is gone" if last.state == RunState.CRASHED else last.record.reason
+        reason = f"{last.state} with {last.record.entry_count} points: {why}"
         do = NextAction.WAIT if waits else NextAction.RESUME
         return ItemState(
             item, title, ItemStatus.UNFINISHED, reason, do, path, last.start_time, resumed_run=path, results=results
@@ -237,7 +237,7 @@ def _valid_run(
 
 def _result_text(run: RunSummary) -> str:
     """Return the verdict and its reasons; how the run ended where it is not judged."""
-    return run.reason if run.outcome is Outcome.NOT_JUDGED else format_outcome(run.verdict, run.explanation)
+    return run.record.reason if run.outcome is Outcome.NOT_JUDGED else format_outcome(run.verdict, run.explanation)
 
 
 def _later_text(run: RunSummary) -> str:
@@ -253,7 +253,7 @@ def _failure_text(run: RunSummary) -> str:
         return format_outcome(run.verdict, run.explanation)
     if run.failed_checks:
         return f"{Outcome.DID_NOT_PASS}: {run.failed_checks}"
-    return format_outcome(run.state, "" if run.state == RunState.CRASHED else run.reason)
+    return format_outcome(run.state, "" if run.state == RunState.CRASHED else run.record.reason)
 
 
 def _stale_reason(

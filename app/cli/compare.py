@@ -37,13 +37,15 @@ class CompareCommand:
 
 
 def _comparison_result(a: Run, b: Run) -> CommandResult:
-    if a.protocol != b.protocol:
-        raise UsageError(f"{a.path.name} is a {a.protocol} and {b.path.name} a {b.protocol}: compare runs of one kind")
+    if a.record.protocol != b.record.protocol:
+        raise UsageError(
+            f"{a.path.name} is a {a.record.protocol} and {b.path.name} a {b.record.protocol}: compare runs of one kind"
+        )
     from protocols.registry import PROTOCOLS
 
-    kind = PROTOCOLS.get(a.protocol)
+    kind = PROTOCOLS.get(a.record.protocol)
     if kind is None:
-        raise UsageError(f"{a.path.name} is a run of '{a.protocol}', a protocol that is not known here")
+        raise UsageError(f"{a.path.name} is a run of '{a.record.protocol}', a protocol that is not known here")
     x, y = kind.axes
     units, left, right = a.units(), _usable_points(a), _usable_points(b)
     pairs = _match_points(left, right, x)

@@ -9,17 +9,18 @@ from app.common import ExitCode, UsageError, print_line, print_message
 from protocols.runfile.errors import StorageError
 from protocols.runfile.open import RunReadError
 from protocols.runfile.repair import repair_run
+from protocols.runfile.sidecar import NotesError, notes_path
 from protocols.runfile.verify import FileState, Verification, verify_run
 
 
 @command("example: tactor-bench judge runs/*_T7_*.h5 --store")
 class JudgeCommand:
     """Verdict on runs from their points by the checks of this version: for runs of earlier versions and imported
-    ones, which are not judged until then. Files are changed with --store only.
+    ones, which are not judged until then. No run file is changed.
     """
 
     runs: Sequence[Path] = RUN_FILES
-    store: bool = option("write the verdict into the files, in place of an earlier one")
+    store: bool = option("store the verdicts in the files RUN.notes.json beside the runs, in place of earlier ones")
     json: bool = option("as one JSON list on standard output")
 
     def execute(self) -> int:
@@ -36,11 +37,11 @@ class JudgeCommand:
         for path in self.runs:
             try:
                 with Run(path) as run:
-                    specimen, reason = run.specimen, run.reason
+                    specimen, reason = run.record.specimen, run.record.reason
                 verdict = judge_file(path, reference_model(path.parent, specimen), self.store)
                 if self.store:
-                    record_audit("judge", path, subject=specimen, verdict=str(verdict.outcome))
-            except (RunReadError, StorageError) as error:
+                    record_audit("judge", notes_path(path), subject=specimen, verdict=str(verdict.outcome))
+            except (RunReadError, NotesError) as error:
                 if len(self.runs) == 1:
                     raise UsageError(str(error)) from None
                 print_message(str(error))

@@ -182,7 +182,7 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
     return {
         "path": str(folder / summary.path),
         "state": str(summary.state),
-        "reason": summary.reason,
+        "reason": summary.record.reason,
         "verdict": summary.verdict,
         "verdict_reasons": summary.verdict_reasons,
         "protocol": summary.protocol,
@@ -197,8 +197,8 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
         "note": summary.note,
         "operator": summary.operator,
         "checked_by": [name for name in summary.checked_by.split(", ") if name],
-        "temperature_c": summary.temperature_c,
-        "humidity": summary.humidity,
-        "bench": summary.bench,
+        "temperature_c": summary.record.conditions.temperature_c,
+        "humidity": summary.record.conditions.humidity,
+        "bench": summary.record.bench_name,
         "instruments": summary.instruments,
     }

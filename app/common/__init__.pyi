@@ -1,5 +1,3 @@
-from .atomic_write import replacing as replacing
-from .atomic_write import write_atomic as write_atomic
 from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors
@@ -49,7 +47,6 @@ from .terminal import print_line as print_line
 from .terminal import print_message as print_message
 from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
 from .text_files import parse_toml as parse_toml
-from .text_files import read_json_file as read_json_file
 from .undo import UndoHistory as UndoHistory
 from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
 from .units import PLAIN_NUMBER as PLAIN_NUMBER

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from app.common.audit_log import audited_folder, file_hash, record_change
+from app.common.audit_log import audited_folder, record_change
 from app.common.people import current_conditions
+from protocols.base import file_hash
 
 
 def content_hash(path: Path) -> str:

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from protocols.base import parse_json_object
+from protocols.base import file_hash, parse_json_object
 
 LOG_NAME = "audit.jsonl"
 LOCK_NAME = ".audit.lock"
@@ -171,19 +171,6 @@ def _check_chain(lines: Sequence[bytes]) -> tuple[list[AuditEntry], list[str]]:
     if torn:
         problems.append("the last line is not complete: the program was killed, or the file was cut")
     return entries, problems
-
-
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file; empty for a missing file.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except FileNotFoundError:
-        return ""
 
 
 def _who(by: str) -> str:

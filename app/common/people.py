@@ -7,13 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.common.atomic_write import write_atomic
 from app.common.errors import UsageError
 from app.common.inputs import truncate_text
-from app.common.text_files import read_json_file
 from drivers import BenchError
 from drivers.sensors.environment import HIGHEST_C, LOWEST_C
-from protocols.base import RunConditions
+from protocols.base import RunConditions, read_json_file, write_atomic
 
 if TYPE_CHECKING:
     from drivers import EnvironmentSensor

@@ -10,9 +10,8 @@ from datetime import date as Day  # noqa: N812 - a certificate has a field `date
 from pathlib import Path
 from typing import Any
 
-from app.common import read_json_file, write_atomic
 from app.common.audit import record_audit
-from protocols.base import visible_values
+from protocols.base import read_json_file, visible_values, write_atomic
 from protocols.registry import PROTOCOLS
 from protocols.runfile.names import safe_name
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from app.archive import Catalogue, RunSummary
-from app.common import MAX_TOML_BYTES, parse_toml, read_json_file
+from app.common import MAX_TOML_BYTES, parse_toml
 from app.identification.calibrations import FORMAT, SUFFIX
 from model import THRESHOLD_M, Array, current_name, quantity_label
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.base import RunFigure, visible_text, visible_values
+from protocols.base import RunFigure, read_json_file, visible_text, visible_values
 from protocols.runfile.names import SHEET_SUFFIX
 
 CALIBRATION = "calibration"
@@ -210,8 +210,8 @@ def _run_values(
                 batches.get(entry.specimen, NO_BATCH),
                 entry.start_time,
                 entry.protocol,
-                entry.bench,
-                entry.sensor,
+                entry.record.bench_name,
+                entry.record.sensor_text,
                 entry.operator,
                 entry.path,
                 bool(entry.simulated),

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.common import read_json_file, write_atomic
 from app.common.audit import record_audit
 from model import ParameterError
-from protocols.base import visible_values
+from protocols.base import read_json_file, visible_values, write_atomic
 from protocols.runfile.names import folded_name, other_specimen_message, safe_name
 
 if TYPE_CHECKING:

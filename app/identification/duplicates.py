@@ -48,8 +48,8 @@ def _point_digests(run: Run, columns: dict[str, Any]) -> list[list[bytes]]:
     count = len(columns[ENTRY_COLUMN])
     rows = [[np.atleast_1d(np.asarray(columns[name][i], float)) for name in names] for i in range(count)]
     flat = [np.concatenate(row) if row else np.empty(0) for row in rows]
-    samples = {} if run.imported else _sample_digests(run)
-    whole = _table_digest(run.protocol, columns) if run.imported else b""
+    samples = {} if run.record.imported else _sample_digests(run)
+    whole = _table_digest(run.record.protocol, columns) if run.record.imported else b""
     out = []
     for entry, row in zip(columns[ENTRY_COLUMN].astype(int).tolist(), flat, strict=True):
         own = [samples[entry]] if entry in samples else []

@@ -35,7 +35,7 @@ def read_observations(
     for path in paths:
         try:
             with open_run(path) as run:
-                specimens.setdefault(run.specimen, path)
+                specimens.setdefault(run.record.specimen, path)
                 with translate_read_errors(run.path):
                     duplicate, message = finder.duplicates(run)
                 taken = _read_run_observations(run, duplicate)
@@ -81,7 +81,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
     maps = []
     for path in paths:
         with Run(path) as run:
-            maps.append(run.amplifier_map)
+            maps.append(run.record.amplifier_map)
     if any(each != maps[0] for each in maps):
         raise ObservationError(
             "these runs were made with differently configured amplifiers: identify them by themselves"
@@ -97,9 +97,9 @@ def shape_count_of_file(path: Path) -> int:
 
 def shape_count_of_run(run: Run) -> int:
     """Return the number of shape functions for an open run."""
-    if not run.simulated:
+    if not run.record.simulated:
         return DEFAULT_SHAPE_COUNT
-    return int(run.configuration.get("simulation", {}).get("modes", FitOptions.n))
+    return int(run.record.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
 def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observation, ...]:
@@ -110,7 +110,7 @@ def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observati
         duplicate: points that another run has, too, which are not usable; see `DuplicateFinder`.
     """
     points = points_of_run(run, duplicate)
-    return tuple(aspects_of(run.protocol).observations(points)) if points.good.size else ()
+    return tuple(aspects_of(run.record.protocol).observations(points)) if points.good.size else ()
 
 
 def points_of_run(run: Run, duplicate: Mask | None = None) -> RunPoints:

@@ -1,8 +1,7 @@
 """Recalibration of runs: raw samples are reduced again with corrected sensor and amplifier tables."""
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +15,7 @@ from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
 from protocols.resume import protocol_of_run
 from protocols.runfile.open import reads_run
 from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 
 
@@ -51,32 +51,29 @@ class Correction:
         Raises:
             RunReadError: the run was made with another sensor or amplifier, or cannot be reduced again.
         """
-        run = RecalibratedRun(path, self)
-        if run.imported:
-            run.close()
+        with Run(path) as run:
+            stored = run.record
+        if stored.imported:
             return Run(path)
-        try:
-            for role, was, now in (
-                ("sensor", run.recorded_sensor.serial, self.sensor and self.sensor.serial),
-                ("amplifier", str(run.recorded_amplifier.get("serial", "")), self.amplifier and self.amplifier.serial),
-            ):
-                if was and now is not None and was != now:
-                    serial = f"serial number {now}" if now else "no serial number"
-                    raise RunReadError(
-                        f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {serial}: give the "
-                        "bench file of that instrument, or leave the run out"
-                    )
-        except RunReadError:
-            run.close()
-            raise
-        return run
+        recorded_amplifier = dict(stored.configuration.get("amplifier", {}))
+        for role, was, now in (
+            ("sensor", stored.sensor.serial, self.sensor and self.sensor.serial),
+            ("amplifier", str(recorded_amplifier.get("serial", "")), self.amplifier and self.amplifier.serial),
+        ):
+            if was and now is not None and was != now:
+                serial = f"serial number {now}" if now else "no serial number"
+                raise RunReadError(
+                    f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {serial}: give the "
+                    "bench file of that instrument, or leave the run out"
+                )
+        return RecalibratedRun(path, self)
 
     def describe_changes(self, path: Path) -> str:
         """Return what the correction changes in one run as text; empty without changes."""
         with Run(path) as run:
-            if run.imported:
+            if run.record.imported:
                 return f"{path.name} was imported and has no raw samples: it is used unchanged"
-            was, map_ = run.sensor, run.amplifier_map
+            was, map_ = run.record.sensor, run.record.amplifier_map
         changed = [
             f"{name} {_format_value(old)} -> {_format_value(new)}"
             for before, after in ((was, self.sensor), (map_, self.amplifier and self.amplifier.amplifier_map))
@@ -104,24 +101,11 @@ class RecalibratedRun(Run):
         super().__init__(path)
         self._correction = correction
 
-    @property
-    def sensor(self) -> LaserSensor:
-        return self._correction.sensor or self.recorded_sensor
-
-    @property
-    def recorded_sensor(self) -> LaserSensor:
-        """The sensor as the file has it."""
-        return super().sensor
-
-    @property
-    def recorded_amplifier(self) -> Mapping[str, Any]:
-        """The amplifier's table as the file has it."""
-        return dict(super().configuration.get("amplifier", {}))
-
-    @property
-    def configuration(self) -> dict[str, Any]:
-        now = self._correction.amplifier
-        return super().configuration | ({"amplifier": now.model_dump()} if now else {})
+    def stored_record(self) -> RunRecord:
+        """Return the record with the corrected sensor and amplifier."""
+        stored, now = super().stored_record(), self._correction.amplifier
+        configuration = {**stored.configuration, **({"amplifier": now.model_dump()} if now else {})}
+        return replace(stored, sensor=self._correction.sensor or stored.sensor, configuration=configuration)
 
     def points(self) -> dict[str, Array]:
         """Return the points reduced again, one per entry, from its latest recordings."""
@@ -136,7 +120,7 @@ class RecalibratedRun(Run):
             if not recordings or entry not in measured or entry not in begun:
                 continue
             try:
-                made.append((entry, protocol.point(begun[entry].key, recordings, self.simulated)))
+                made.append((entry, protocol.point(begun[entry].key, recordings, self.record.simulated)))
             except ValueError as error:
                 raise RunReadError(f"{self.path.name}, {begun[entry].label}: {error}") from error
         if missing := measured - {entry for entry, _ in made}:

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common.audit_log import file_hash
+from protocols.base import file_hash
 from protocols.runfile.names import sheet_path
 
 HASH_DIGITS = 12

@@ -55,8 +55,10 @@ def run_figure(
     every = figure.subplots(len(panels), 1, height_ratios=[height for _, height in panels])
     for axes, (draw, _) in zip(every, panels, strict=True):
         draw(axes, run, specimen)
-    figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11, parse_math=False)
-    if run.simulated:
+    figure.suptitle(
+        f"{run.record.title}   {run.record.start_time[:19]} UTC   {run.record.state}", fontsize=11, parse_math=False
+    )
+    if run.record.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
     return figure
 
@@ -69,14 +71,14 @@ def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[An
     if points.keys() >= RESPONSE_COLUMNS:
         return [(partial(_draw_response, threshold=threshold), 3)]
     panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
-    figures = [*aspects_of(run.protocol).figures(points_of_run(run))]
+    figures = [*aspects_of(run.record.protocol).figures(points_of_run(run))]
     if any(figure.lines for figure in figures):
         return [(partial(_draw_figure, figure=figure), 3) for figure in figures]
     if curves := run.series():
         panels.append((_draw_curves, 3))
         if all(curve.coherence is not None for curve in curves):
             panels.append((_draw_coherence, 0.8))
-    if not curves or len(points[run.axes[0]]) > 1:
+    if not curves or len(points[run.record.axes[0]]) > 1:
         panels += [(partial(_draw_figure, figure=figure), 2) for figure in figures]
     return panels
 
@@ -84,10 +86,10 @@ def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[An
 def _draw_response(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionThreshold) -> None:
     points = run.points()
     f = points["frequency"]
-    amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
+    amplitude_v = float(run.record.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
-    amplifier = run.amplifier_map
+    amplifier = run.record.amplifier_map
     free = replace(specimen, membrane=None, delta=0.0)
     whole, fundamental = _driven(free, curve_f, amplitude_v, amplifier)
     axes.plot(curve_f, 1e6 * whole, "-", color="tab:blue", lw=1.2, label="model, max - min")
@@ -101,7 +103,7 @@ def _draw_response(axes: Any, run: Run, specimen: Specimen, threshold: Perceptio
         draw_measured(axes, f, y, errors, good, label, fmt=marker, ms=size, mec=color, ecolor=color)
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
     draw_reference(axes, threshold_line(threshold, curve_f), "tab:green", 9)
-    found = "\n".join(map(format_estimate, run.estimates()))
+    found = "\n".join(map(format_estimate, run.record.estimates))
     axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
 
 
@@ -121,7 +123,7 @@ def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionT
 
     points = run.points()
     good = usable_mask(points["quality"])
-    amplifier, amplitude_v = run.amplifier_map, float(run.parameters["peak_to_peak_v"]) / 2
+    amplifier, amplitude_v = run.record.amplifier_map, float(run.record.parameters["peak_to_peak_v"]) / 2
     parts = np.unique(points["part"])
     curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
     for colour, part in zip(_curve_colors(len(parts)), parts, strict=True):
@@ -162,7 +164,7 @@ def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionT
 def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
     """Draw the curves of the entries; frequency responses with the model's."""
     curves, points = run.series(), run.points()
-    amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
+    amplifier, amplitude_v = run.record.amplifier_map, float(run.record.parameters.get("peak_to_peak_v", 2.0)) / 2
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         x, y = curve.x, curve.plotted
         factor, unit = shown_unit(curve.y_axis.unit)
@@ -178,7 +180,7 @@ def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
             gain = abs(fourier_series("sine", amplitude_v, amplifier.rest_v, amplifier, 1)[1]) / amplitude_v
             axes.plot(f, factor * gain * np.abs(frequency_response(loaded, f)), "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x_axis.name} ({curve.x_axis.unit})", ylabel=f"{curve.y_axis.name} ({unit})")
-    found = [*map(format_estimate, run.estimates())]
+    found = [*map(format_estimate, run.record.estimates)]
     if any(curve.y_axis.unit == "m/V" for curve in curves):
         found.append("dashed: model")
     axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
@@ -227,7 +229,7 @@ def _draw_model(axes: Any, run: Run, specimen: Specimen, figure: Figure, over: f
     if figure.model is None or not x.size:
         return
     grid = figure.model_grid(x)
-    y = figure.model(ModelState(specimen, run.amplifier_map), grid)
+    y = figure.model(ModelState(specimen, run.record.amplifier_map), grid)
     if y is not None:
         axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
 
@@ -246,7 +248,7 @@ def _axis_label(axis: SeriesAxis, unit: str) -> str:
 def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:
     last = run.trace.last_recording()
     if last is None:
-        text = "imported: there are no samples" if run.imported else "nothing was recorded"
+        text = "imported: there are no samples" if run.record.imported else "nothing was recorded"
         axes.text(0.5, 0.5, text, ha="center", transform=axes.transAxes)
         axes.set_axis_off()
         return

@@ -114,7 +114,9 @@ def measured_modes(runs: Sequence[ReportRun]) -> list[EstimatedQuantity]:
     """Return natural and damped frequency and damping ratio, free, from the newest run that has them."""
     for run in reversed([each for each in runs if each.identifiable]):
         found = [
-            e for e in run.summary.estimates if e.name in ("natural_frequency", "damped_frequency", "damping_ratio")
+            e
+            for e in run.summary.record.estimates
+            if e.name in ("natural_frequency", "damped_frequency", "damping_ratio")
         ]
         if found and all(
             getattr(each, "elongation_m", None) is None and getattr(each, "added_mass_kg", None) is None

@@ -5,11 +5,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from app.common import Table, write_atomic
+from app.common import Table
 from app.plotting.panels import ReportPlot
 from app.plotting.vector_drawing import VectorDrawing
 from app.report.document import Block, Paragraph, Report
 from app.report.drawings import Drawings
+from protocols.base import write_atomic
 
 STYLE = """
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #111; background: #fff; line-height: 1.4; }

@@ -30,11 +30,11 @@ from reportlab.platypus import Paragraph as TextLines
 from reportlab.platypus import Table as Grid
 
 from app.common import Table
-from app.common.atomic_write import replacing
 from app.plotting.panels import ReportPlot, legend_height_in
 from app.plotting.vector_drawing import VectorDrawing, embedded_font
 from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Report
 from app.report.drawings import Drawings
+from protocols.base import replacing
 
 INCH = 72.0
 PAGE, LEFT, WIDTH = (INCH * PAGE_IN[0], INCH * PAGE_IN[1]), INCH * MARGIN_IN, INCH * WIDTH_IN

@@ -131,7 +131,7 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
 
 
 def _read_report_run(file: Path, summary: RunSummary) -> ReportRun:
-    problem = "" if summary.readable else summary.reason
+    problem = "" if summary.readable else summary.record.reason
     try:
         if not problem:
             with file.open("rb") as content:
@@ -153,7 +153,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         observations = tuple(each for each in run_observations(run) if each.usable.any())
     except ParameterError as error:
         exclusion_reason = str(error)
-    figures = () if exclusion_reason else aspects_of(run.protocol).figures(points_of_run(run))
+    figures = () if exclusion_reason else aspects_of(run.record.protocol).figures(points_of_run(run))
     return ReportRun(
         path=run.path,
         summary=summary,
@@ -161,8 +161,8 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         usable_count=sum(each.usable for each in flags),
         flag_counts=Counter(flag.description for each in flags for flag in each & ~ORIGIN_FLAGS),
         instruments=_instrument_records(run),
-        software=", ".join(f"{name} {version}" for name, version in run.software.items()),
-        amplifier=run.amplifier_map,
+        software=", ".join(f"{name} {version}" for name, version in run.record.software.items()),
+        amplifier=run.record.amplifier_map,
         observations=observations,
         figures=tuple(figure for figure in figures if figure.title and figure.has_usable_points),
         result=run_result(run),
@@ -172,7 +172,7 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
 
 
 def _instrument_records(run: Run) -> tuple[InstrumentRecord, ...]:
-    configuration, sensor = run.configuration, run.sensor
+    configuration, sensor = run.record.configuration, run.record.sensor
     others = (
         InstrumentRecord(role, str(identity), str((configuration.get(role) or {}).get("serial") or ""))
         for role, identity in configuration.get("identities", {}).items()

@@ -5,7 +5,8 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.common import UsageError, truncate_text, write_atomic
+from app.common import UsageError, truncate_text
+from protocols.base import write_atomic
 
 NAMESPACE = "tactor-bench-report"
 """What the signature is for: one for another purpose does not verify."""

@@ -328,6 +328,7 @@ class Session:
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
         from protocols.runfile.repair import repair_folder
+        from protocols.runfile.sidecar import notes_path
         from protocols.runner.runner import Runner
 
         self.state = SessionState.RUNNING
@@ -357,6 +358,7 @@ class Session:
             record_audit(
                 "run",
                 self.path,
+                notes_path(self.path),
                 subject=request.specimen,
                 verdict=str(self.outcome.verdict.outcome),
                 reason=self.outcome.reason,

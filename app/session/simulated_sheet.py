@@ -6,7 +6,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from app.common import parse_toml, write_atomic
+from app.common import parse_toml
+from protocols.base import write_atomic
 from protocols.runfile.names import sheet_path
 
 HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from model import SeriesAxis, quantity_label
 from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
-from protocols.runfile.overview import RunOverview
+from protocols.runfile.record import RunRecord
 
 FELT = "latency"
 """How the names of times to the threshold begin."""
@@ -24,7 +24,7 @@ PUBLISHED_NOTE = "Times to nearly the full vibration: the rise of a sine's onset
 class OnsetLatencyAspects(Aspects):
     """Latency beside its measurement."""
 
-    def run_figures(self, run: RunOverview, estimates: Sequence[RunFigure]) -> Iterator[RunFigure]:
+    def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterator[RunFigure]:
         """Yield the estimates with the sensor's delay and gain in their total uncertainty.
 
         An error of the delay shifts all times from an onset. An error of the gain moves the threshold, which the displacement
@@ -44,7 +44,7 @@ class OnsetLatencyAspects(Aspects):
         """Yield the responses after an onset, and the times against the frequency beside those of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
-        threshold_m = float(points.run.parameters["threshold_m"])
+        threshold_m = float(points.run.record.parameters["threshold_m"])
         yield Figure(lines=points.run.series(), levels=(-threshold_m, threshold_m))
         x = SeriesAxis("frequency", "Hz", "frequency of the sine, a step at 0")
         columns = (

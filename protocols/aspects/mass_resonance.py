@@ -53,7 +53,7 @@ class MassResonanceAspects(RunningSweepAspects):
             meaning="peak" if peak == "frequency" else "undamped",
             good=good,
             shared_errors=points.input_errors("mass", "mass", good, f"{points.label}, mass of {{}} kg"),
-            simulated=points.run.simulated,
+            simulated=points.run.record.simulated,
         )
 
 

@@ -81,7 +81,7 @@ class RunPoints:
 
     def common_arguments(self, *acting: ErrorTarget) -> dict[str, Any]:
         """Return the errors of sensor and amplifier that act on these targets, and whether the run is simulated."""
-        sensor, bench = self.run.sensor, self.run.configuration
+        sensor, bench = self.run.record.sensor, self.run.record.configuration
         amplifier = bench.get("amplifier", {})
         label = f"{sensor.name} {sensor.serial}".strip()
         slopes = f"slopes of {amplifier.get('name', 'the amplifier')} {amplifier.get('serial', '')}".strip()
@@ -91,7 +91,7 @@ class RunPoints:
             (slopes, "volts", float(amplifier.get("slope_relative_uncertainty", 0.0))),
         )
         errors = tuple(SharedError(name, on, size) for name, on, size in stated if size > 0 and on in acting)
-        return {"shared_errors": errors, "simulated": self.run.simulated}
+        return {"shared_errors": errors, "simulated": self.run.record.simulated}
 
     def input_errors(
         self, column: str, target: ErrorTarget, good: Mask, name: str, values: Array | None = None
@@ -125,7 +125,7 @@ class RunPoints:
     def recording_times(self, count: int) -> Array | None:
         """Return begin and end of the last `count` recordings of each point, s, (F, count, 2); None where one has fewer."""
         run, entries = self.run, self.columns["entry"]
-        if run.imported or not entries.size or run.resumed_from is not None:
+        if run.record.imported or not entries.size or run.resumed_from is not None:
             return None
         trace, places = run.trace, dict[int, list[tuple[int, int]]]()
         for first, stop, entry in trace.recording_rows():

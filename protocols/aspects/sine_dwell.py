@@ -26,7 +26,7 @@ from protocols.base import (
 )
 from protocols.measurements.membrane_series import MembraneSeries
 from protocols.measurements.sine_dwell import SinePoint, sine_point
-from protocols.runfile.overview import RunOverview
+from protocols.runfile.record import RunRecord
 from protocols.signals import fit_frequency, fit_sine
 
 CARD_READBACK_MARGIN_V = 0.02
@@ -118,7 +118,7 @@ class SineDwellAspects(Aspects):
             has_phases=any(math.isfinite(point.phase) for point in points),
         )
 
-    def run_figures(self, run: RunOverview, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+    def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Yield the estimates, the largest max - min of the usable points, and its margin over the abdomen's threshold of perception."""
         from model.response import perception_margin  # slow to import
 
@@ -137,7 +137,7 @@ class SineDwellAspects(Aspects):
 
 def dwell_observation(points: RunPoints, label: str, elongation_m: float | None) -> FrequencyResponseObservation:
     """Return the response to sines, free or under a membrane."""
-    columns, imported = points.columns, points.run.imported
+    columns, imported = points.columns, points.run.record.imported
     sine, width = (
         points.good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0)
         for name in ("fundamental", "peak_to_peak")
@@ -168,7 +168,7 @@ def dwell_observation(points: RunPoints, label: str, elongation_m: float | None)
     return FrequencyResponseObservation(
         label,
         columns["frequency"],
-        drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.amplifier_map),
+        drive_amplitude_v=_within_range(columns["drive_amplitude"], offset_v, points.run.record.amplifier_map),
         drive_offset_v=offset_v,
         elongation_m=elongation_m,
         good=good,

@@ -55,13 +55,13 @@ class SweepAspects(RunningSweepAspects):
         The amplifier's two slopes are their mean and an even part; the sweep is played both ways up, so that only the mean is in
         its lines, as in the fundamental of a sine.
         """
-        run, map_ = points.run, points.run.amplifier_map
+        run, map_ = points.run, points.run.record.amplifier_map
         curves = {curve.entry: curve for curve in run.series() if curve.name == "frequency response"}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:
                 continue
-            lines = response_lines(curve, bool(run.imported))
+            lines = response_lines(curve, bool(run.record.imported))
             seen_v = points.columns["drive_amplitude"][i]
             amplitude_v = float(min(seen_v, map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
             if lines.frequency_hz.size and amplitude_v > 0:
@@ -73,7 +73,7 @@ class SweepAspects(RunningSweepAspects):
                     drive_amplitude_v=amplitude_v,
                     drive_offset_v=map_.rest_v,
                     swept=True,
-                    loop_share=None if run.imported else _loop_share(points, lines.frequency_hz),
+                    loop_share=None if run.record.imported else _loop_share(points, lines.frequency_hz),
                     **points.common_arguments("displacement", "delay", "volts"),
                 )
 
@@ -83,7 +83,7 @@ def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:
 
     None, as under sines, for a long sweep, for one in pieces, whose bands overlap, and for lines that are averages of others.
     """
-    protocol, amplifier = points.read_protocol(), points.run.amplifier_map
+    protocol, amplifier = points.read_protocol(), points.run.record.amplifier_map
     assert isinstance(protocol, Sweep)
     drives = protocol.drives(amplifier.rest_v)
     if len(drives) != 1 or drives[0].period_s * drives[0].stop_hz > MAX_SWEPT_CYCLES:

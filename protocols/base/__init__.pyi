@@ -85,6 +85,7 @@ from .steps import WaitForDetection as WaitForDetection
 from .text import MAX_NESTING as MAX_NESTING
 from .text import check_values as check_values
 from .text import parse_json_object as parse_json_object
+from .text import read_json_file as read_json_file
 from .text import visible_text as visible_text
 from .text import visible_values as visible_values
 from .verdict import CheckResult as CheckResult
@@ -95,3 +96,6 @@ from .verdict import checks_by_remedy as checks_by_remedy
 from .verdict import judge as judge
 from .verdict import judge_ended as judge_ended
 from .verdict import remedy_for as remedy_for
+from .whole_files import file_hash as file_hash
+from .whole_files import replacing as replacing
+from .whole_files import write_atomic as write_atomic

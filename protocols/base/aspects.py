@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from model.identification import Observation
     from protocols.aspects.run_points import RunPoints
     from protocols.base.protocol import Protocol
-    from protocols.runfile.overview import RunOverview
+    from protocols.runfile.record import RunRecord
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
 
@@ -71,7 +71,7 @@ class Aspects:
 
     def figures(self, points: "RunPoints") -> Iterable[Figure]:
         """Return the figures of a run; by default the points over the protocol's axes with the curve of the model."""
-        yield Figure((points.series(*points.run.axes),), self.figure_title, model=self.model_curve)
+        yield Figure((points.series(*points.run.record.axes),), self.figure_title, model=self.model_curve)
 
     live_drives: tuple[type[Drive], ...] = ()
     """Drives from whose samples `live_curve` makes a curve while they are played; none: curves are drawn when an entry is finished."""
@@ -87,7 +87,7 @@ class Aspects:
         """Return the curve of an entry so far from the parts of its drives; `running` are the samples of the last one."""
         raise NotImplementedError
 
-    def run_figures(self, run: "RunOverview", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
+    def run_figures(self, run: "RunRecord", estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Return the figures of a run for lists, fleets and control charts: its estimates, changed or with further figures."""
         return estimates
 

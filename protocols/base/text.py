@@ -2,10 +2,14 @@
 
 import json
 import re
+import stat
+from pathlib import Path
 from typing import Any
 
 MAX_NESTING = 40
 """Lists and objects within each other in a JSON or TOML text; the program's own have six."""
+MAX_JSON_BYTES = 20_000_000
+"""Longest JSON file; a campaign, notes or calibrations have some kilobytes."""
 MAX_INTEGER_BITS = 64
 """Longest integer of a JSON or TOML text."""
 
@@ -41,6 +45,28 @@ def parse_json_object(text: str) -> dict[str, Any]:
     if text.count("[") + text.count("{") > MAX_NESTING:
         check_values(value)
     return value
+
+
+def read_json_file(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not a regular file, too long, not UTF-8 text, or not an object of plain values.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError("it is not a regular file")
+    with path.open("rb") as file:
+        data = file.read(
+            min(found.st_size, MAX_JSON_BYTES) + 1
+        )  # a buffer of the largest size takes longer than the rest
+    if len(data) > MAX_JSON_BYTES:
+        raise ValueError(f"it is longer than {MAX_JSON_BYTES / 1e6:g} MB")
+    try:
+        return parse_json_object(data.decode())
+    except UnicodeDecodeError:
+        raise ValueError("it is not UTF-8 text") from None
 
 
 def visible_values(value: Any) -> Any:

@@ -2,16 +2,16 @@
 
 import math
 import socket
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers import Closeable, LaserSensor
-from model import AmplifierMap, Array, current_name
+from drivers import Closeable
+from model import Array, current_name
 from protocols.base import (
     EntryStarted,
     EstimatedQuantity,
@@ -23,6 +23,7 @@ from protocols.base import (
     Series,
     Verdict,
     parse_json_object,
+    usable_mask,
     visible_text,
 )
 from protocols.base.events import INTERFERENCE_AT_REST
@@ -30,7 +31,6 @@ from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,
     attribute_text,
-    column,
     quantity_columns,
     read_integer,
     read_number,
@@ -49,8 +49,10 @@ from protocols.runfile.open import (
     translate_read_errors,
 )
 from protocols.runfile.presence import writer_is_alive
+from protocols.runfile.record import LargestPoint, RunRecord
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
+from protocols.runfile.sidecar import NotesError, notes_path, read_notes, with_later_verdict
 from protocols.runfile.structure import StructureError, is_run_beside
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 
@@ -106,55 +108,20 @@ class Run(Closeable):
         self._file.close()
 
     @property
-    def status(self) -> RunStatus:
-        """Status as stored in the file."""
-        return RunStatus(self._text("status"))
+    def record(self) -> RunRecord:
+        """All facts of the run, as they were when this was first read.
 
-    @property
-    def crashed(self) -> bool:
-        """Whether the status is `running` but the writing process is gone (known on the same computer, or once repaired)."""
-        if self.status is not RunStatus.RUNNING:
-            return False
-        if REPAIRED in self._entry:
-            return True
-        if self._text("host") != socket.gethostname():
-            return False
-        return not writer_is_alive(self.path, read_integer(self._entry, "process_id"))
-
-    @property
-    def state(self) -> str:
-        """The status as text, including `crashed`; `imported` for an imported run."""
-        if self.imported and self.status is RunStatus.COMPLETED:
-            return "imported"
-        return "crashed" if self.crashed else str(self.status)
-
-    @property
-    def imported(self) -> dict[str, Any]:
-        """Source files, hashes and columns of an imported run; empty for a measured one."""
-        return read_object(self._entry, "imported") if "imported" in self._entry else {}
-
-    @property
-    def reason(self) -> str:
-        """How and why it ended; empty until then."""
-        return self._text("reason")
-
-    @property
-    def verdict(self) -> Verdict:
-        """Verdict on the run; not judged if it is of an earlier version, imported, or has not ended.
-
-        Raises:
-            RunReadError: the stored verdict is damaged.
+        A verdict that was stored after its end is the verdict, unless the file has changed since: `caution` then states it.
         """
-        if "verdict_details" not in self._entry:
-            if attribute_integer(self._file, "format_version") >= VERDICT_VERSION and self.status not in (
-                RunStatus.RUNNING,
-                RunStatus.COMPLETED,
-            ):
-                return Verdict.of_status(self.status, self.reason)
-            return Verdict()
-        verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
-        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
-        return verdict
+        return self._record
+
+    @cached_property
+    def _record(self) -> RunRecord:
+        record = self.stored_record()
+        try:
+            return with_later_verdict(record, self.path, read_notes(notes_path(self.path)))
+        except NotesError as error:
+            return replace(record, caution=str(error))
 
     @property
     def reference(self) -> ReferenceModel | None:
@@ -163,10 +130,8 @@ class Run(Closeable):
         Raises:
             RunReadError: the stored model is damaged.
         """
-        if "reference" not in self._entry:
-            return None
         with translate_read_errors(self.path):
-            return ReferenceModel.from_record(parse_json_object(self._text("reference")))
+            return ReferenceModel.from_record(self.record.reference) if self.record.reference else None
 
     @property
     def resumed_from(self) -> Path | None:
@@ -191,97 +156,13 @@ class Run(Closeable):
         return found[::-1]
 
     @property
-    def protocol(self) -> str:
-        """Name of the protocol."""
-        return self._text("protocol")
-
-    @property
-    def specimen(self) -> str:
-        """Name of the specimen."""
-        return self._text("specimen")
-
-    @property
-    def title(self) -> str:
-        """Title: protocol and specimen."""
-        return self._text("title")
-
-    @property
-    def start_time(self) -> str:
-        """Start time, ISO 8601, UTC."""
-        return self._text("start_time")
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """The protocol's parameters by name, SI."""
-        return read_object(self._entry, "parameters")
-
-    @property
-    def requested(self) -> dict[str, Any]:
-        """The requested values of the parameters that were adapted to the source; empty if none was."""
-        return read_object(self._entry, "requested") if "requested" in self._entry else {}
-
-    @property
-    def configuration(self) -> dict[str, Any]:
-        """The bench file's tables at the time of the run."""
-        return read_object(self._entry, "configuration")
-
-    @property
-    def bench_name(self) -> str:
-        """Name of the bench; empty in an imported run."""
-        return str(self.configuration.get("name", ""))
-
-    @property
-    def identities(self) -> dict[str, Any]:
-        """Identities of the instruments with serial numbers, by role; empty in an imported run."""
-        return dict(self.configuration.get("identities", {}))
-
-    @property
-    def amplifier_map(self) -> AmplifierMap:
-        """The amplifier's static map as it was then."""
-        table = self.configuration.get("amplifier", {})
-        return AmplifierMap(**{f.name: float(table[f.name]) for f in fields(AmplifierMap) if f.name in table})
-
-    @property
-    def software(self) -> dict[str, str]:
-        """Versions of the software that computed the results, by name."""
-        return read_object(self._entry, "software")
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the bench was simulated."""
-        return bool(read_integer(self._entry, "simulated"))
-
-    @property
-    def sensor(self) -> LaserSensor:
-        """The displacement sensor with its calibration."""
-        return read_sensor(self._entry)
-
-    @property
-    def conditions(self) -> RunConditions:
-        """Who measured, and the state of the air; empty in runs of earlier versions."""
-        entry = self._entry
-        user = subgroup(entry, "operator") if "operator" in entry else None
-        air = subgroup(entry, "instrument") if "instrument" in entry else {}
-        temperature_c, humidity = (
-            read_number(subgroup(air, name), "value") if name in air else None
-            for name in ("air_temperature", "air_humidity")
-        )
-        return RunConditions(
-            "" if user is None else read_text(user, "name"),
-            "" if user is None else read_text(user, "origin"),
-            temperature_c,
-            humidity,
-            self._text("air_origin") if "air_origin" in entry else "",
-        )
-
-    @property
     def trace(self) -> RunTrace:
         """The sampled data."""
         return self._trace
 
     @cached_property
     def _trace(self) -> RunTrace:
-        return RunTrace(self.path, self._entry, lambda: self.sensor, self._rest_record)
+        return RunTrace(self.path, self._entry, lambda: self.record.sensor, self._rest_record)
 
     def recordings(self) -> Iterator[Recording]:
         """Yield the recordings, in order, exactly as in the live run; those of the resumed run first."""
@@ -292,30 +173,14 @@ class Run(Closeable):
 
     def points(self) -> dict[str, Array]:
         """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
+        return self._stored_points()
+
+    def _stored_points(self) -> dict[str, Array]:
         datasets = quantity_columns(subgroup(self._entry, "points"))
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
         return columns
-
-    @property
-    def point_count(self) -> int:
-        """Number of points, without reading them."""
-        return next((int(column.shape[0]) for column in quantity_columns(subgroup(self._entry, "points")).values()), 0)
-
-    @property
-    def entry_count(self) -> int:
-        """How many entries of the plan have a point."""
-        points = subgroup(self._entry, "points")
-        if ENTRY_COLUMN not in points:
-            return self.point_count
-        return len(set(column(points, ENTRY_COLUMN)[: self.point_count].tolist()))
-
-    @property
-    def axes(self) -> tuple[str, str]:
-        """The columns that are plotted: x and y."""
-        group = subgroup(self._entry, "points")
-        return attribute_text(group, "axes"), attribute_text(group, "signal")
 
     def units(self) -> dict[str, str]:
         """Return the units of the points' columns."""
@@ -351,21 +216,58 @@ class Run(Closeable):
         every = subgroup(self._entry, SERIES_GROUP) if SERIES_GROUP in self._entry else {}
         return tuple(series for name in every for series in read_series(subgroup(every, name)))
 
-    def estimates(self) -> tuple[EstimatedQuantity, ...]:
-        """Return the quantities in their stored order; in files without one by their names, interference last."""
-        estimates = subgroup(self._entry, "estimates") if "estimates" in self._entry else {}
-        found = (
-            EstimatedQuantity(
-                visible_text(current_name(name)),
-                read_number(one, "value"),
-                read_number(one, "standard_error"),
-                attribute_text(one["value"], "units"),
-                read_text(one, "source"),
-            )
-            for name in estimates
-            for one in (subgroup(estimates, name),)
+    def stored_record(self) -> RunRecord:
+        """Return the record as the file has it.
+
+        Raises:
+            RunReadError: a field is damaged.
+        """
+        entry, points = self._entry, self._stored_points()
+        plotted = subgroup(entry, "points")
+        status, reason = RunStatus(self._text("status")), self._text("reason")
+        return RunRecord(
+            protocol=self._text("protocol"),
+            title=self._text("title"),
+            specimen=self._text("specimen"),
+            start_time=self._text("start_time"),
+            simulated=bool(read_integer(entry, "simulated")),
+            parameters=read_object(entry, "parameters"),
+            requested=read_object(entry, "requested") if "requested" in entry else {},
+            imported=read_object(entry, "imported") if "imported" in entry else {},
+            continues=self._text("continues") if "continues" in entry else "",
+            conditions=_read_conditions(entry),
+            configuration=read_object(entry, "configuration"),
+            sensor=read_sensor(entry),
+            reference=read_object(entry, "reference") if "reference" in entry else {},
+            software=read_object(entry, "software"),
+            axes=(attribute_text(plotted, "axes"), attribute_text(plotted, "signal")),
+            status=status,
+            crashed=status is RunStatus.RUNNING and self._is_abandoned(),
+            reason=reason,
+            verdict=self._read_verdict(status, reason),
+            estimates=_read_estimates(entry),
+            series=_series_names(entry),
+            point_count=len(points[ENTRY_COLUMN]),
+            entry_count=len(set(points[ENTRY_COLUMN].tolist())),
+            duration_s=self._trace.duration_s,
+            largest=_largest_point(points),
         )
-        return tuple(sorted(found, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
+
+    def _is_abandoned(self) -> bool:
+        """Whether the process that wrote the file is gone."""
+        if REPAIRED in self._entry:
+            return True
+        own = self._text("host") == socket.gethostname()
+        return own and not writer_is_alive(self.path, read_integer(self._entry, "process_id"))
+
+    def _read_verdict(self, status: RunStatus, reason: str) -> Verdict:
+        if "verdict_details" not in self._entry:
+            judged = attribute_integer(self._file, "format_version") >= VERDICT_VERSION
+            ended_early = judged and status not in (RunStatus.RUNNING, RunStatus.COMPLETED)
+            return Verdict.of_status(status, reason) if ended_early else Verdict()
+        verdict = Verdict.from_record(read_object(self._entry, "verdict_details"))
+        verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
+        return verdict
 
     def _rest_record(self) -> RestRecord | None:
         """Return where interference was measured at rest; None where it was not."""
@@ -398,6 +300,56 @@ class Run(Closeable):
 
     def _text(self, name: str) -> str:
         return read_text(self._entry, name)
+
+
+def _read_conditions(entry: "h5py.Group") -> RunConditions:
+    user = subgroup(entry, "operator") if "operator" in entry else None
+    air = subgroup(entry, "instrument") if "instrument" in entry else {}
+    temperature_c, humidity = (
+        read_number(subgroup(air, name), "value") if name in air else None
+        for name in ("air_temperature", "air_humidity")
+    )
+    return RunConditions(
+        "" if user is None else read_text(user, "name"),
+        "" if user is None else read_text(user, "origin"),
+        temperature_c,
+        humidity,
+        read_text(entry, "air_origin") if "air_origin" in entry else "",
+    )
+
+
+def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
+    """Return the quantities in their stored order; in files without one by their names, interference last."""
+    estimates = subgroup(entry, "estimates") if "estimates" in entry else {}
+    found = (
+        EstimatedQuantity(
+            visible_text(current_name(name)),
+            read_number(one, "value"),
+            read_number(one, "standard_error"),
+            attribute_text(one["value"], "units"),
+            read_text(one, "source"),
+        )
+        for name in estimates
+        for one in (subgroup(estimates, name),)
+    )
+    return tuple(sorted(found, key=lambda estimate: estimate.name == INTERFERENCE_AT_REST))
+
+
+def _series_names(entry: "h5py.Group") -> tuple[str, ...]:
+    every = subgroup(entry, SERIES_GROUP) if SERIES_GROUP in entry else {}
+    return tuple(dict.fromkeys(attribute_text(subgroup(every, name), "name") for name in every))
+
+
+def _largest_point(points: Mapping[str, Array]) -> LargestPoint | None:
+    names = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
+    if not all(name in points for name in names):
+        return None
+    f, y, errors, drive, quality = (np.asarray(points[name], float) for name in names)
+    good = usable_mask(quality) & np.isfinite(y) & np.isfinite(errors) & (f > 0) & (drive > 0)
+    if not good.any():
+        return None
+    top = int(np.flatnonzero(good)[y[good].argmax()])
+    return LargestPoint(float(f[top]), float(y[top]), float(errors[top]), float(np.median(drive[good])))
 
 
 def _event(row: Any, texts: list[bytes]) -> LoggedEvent:

@@ -20,9 +20,8 @@ from protocols.runfile.fields import read_integer, read_text
 from protocols.runfile.layout import creator_of
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.open import RunReadError, open_run, translate_read_errors
-from protocols.runfile.presence import process_is_alive, writer_is_alive
+from protocols.runfile.presence import Superblock, process_is_alive, writer_is_alive
 from protocols.runfile.schema import CHANNELS, FURTHER_CHANNELS, MAX_TEXT_BYTES, REPAIRED
-from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import has_journal, replay_journal, transaction
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None

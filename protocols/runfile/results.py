@@ -1,4 +1,4 @@
-"""Results appended to a run file after its end: verdict and estimates, with its checksums brought up to date."""
+"""Results that a run file has at its end: verdict and estimates, with its checksums."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -6,19 +6,20 @@ from pathlib import Path
 
 import h5py
 
-from protocols.base import EstimatedQuantity, Verdict
+from protocols.base import EstimatedQuantity, RunStatus, Verdict
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.layout import create_group
 from protocols.runfile.open import RunReadError
-from protocols.runfile.overview import append_overview
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
+from protocols.runfile.sidecar import NotesError, store_listed
 from protocols.runfile.transaction import transaction
 
 
 @contextmanager
 def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
-    """Open a run that has ended for appending; afterwards its checksums are computed again.
+    """Open a run that has ended, for its results; afterwards its checksums are computed, and lists find its record in the sidecar.
 
     All changes are applied together at the end; a kill or an error leaves all or none of them.
 
@@ -29,6 +30,7 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
     Raises:
         StorageError: the file cannot be written, or it is damaged: new checksums would hide that.
     """
+    record: RunRecord | None = None
     with translate_write_errors("run", path), transaction(path) as changed:
         with h5py.File(changed, "r+", libver="latest") as file:
             stored = stored_digests(file)
@@ -40,9 +42,11 @@ def append_results(path: Path, new: bool = False) -> Iterator[h5py.File]:
             yield file
             if new or stored is not None:
                 store_checksums(file)
-        # Lists read a run without an overview from its data.
         with suppress(RunReadError), h5py.File(changed, "r") as file, Run(path, file) as run:
-            append_overview(changed, run)
+            record = run.stored_record()
+    with suppress(NotesError, OSError, ValueError, TypeError, LookupError):  # lists read a run without it from its data
+        if record is not None and record.status is not RunStatus.RUNNING:
+            store_listed(path, record)
 
 
 def store_verdict(file: h5py.File, verdict: Verdict) -> None:

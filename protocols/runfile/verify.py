@@ -28,10 +28,9 @@ from protocols.runfile.open import (
     open_run,
     translate_read_errors,
 )
-from protocols.runfile.presence import writer_is_alive
+from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.structure import READ_ERRORS, Found, as_text, walk
-from protocols.runfile.superblock import Superblock
 from protocols.runfile.transaction import has_journal
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.archive import RunSummary
+from app.archive.run_summary import summarize_run
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem, campaign_path
 from app.campaign.queue import CampaignRunner, next_item_after, rehearse_campaign
@@ -18,6 +19,7 @@ from app.cli.main import main
 from app.common import ExitCode
 from app.session.session import Session
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
 
@@ -92,17 +94,15 @@ def test_a_series_is_one_item_and_its_results_are_a_curve(tmp_path: Path, capsys
 
 def made(name: str, volts: float, at: int, state: str = "completed", points: int = 3) -> RunSummary:
     figures = [("natural_frequency", 160.0 - volts, 0.1, 0.2, "Hz", "")] if state == "completed" else []
-    return RunSummary(
-        f"{name}.h5",
-        state,
-        "why",
-        "sine-dwell",
-        "T1",
-        f"2026-11-21T12:{at:02d}",
-        entries=points,
-        parameters_json=json.dumps({"peak_to_peak_v": volts}),
-        figures_json=json.dumps(figures),
+    record = RunRecord(
+        protocol="sine-dwell",
+        specimen="T1",
+        start_time=f"2026-11-21T12:{at:02d}",
+        reason="why",
+        entry_count=points,
+        parameters={"peak_to_peak_v": volts},
     )
+    return summarize_run(f"{name}.h5", record, state=state)._replace(figures_json=json.dumps(figures))
 
 
 def test_a_series_is_done_when_each_value_is_and_its_curve_is_in_the_order_of_the_values() -> None:

@@ -1,32 +1,33 @@
 """State of each campaign item, computed from its runs: done, stale, missing, failed, next."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from app.archive.run_summary import RunSummary
+from app.archive.run_summary import RunSummary, summarize_run
 from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
 from app.campaign.series import evaluate_items
 from app.campaign.status import ItemStatus, NextAction
-from protocols.base import EstimatedQuantity
+from protocols.base import EstimatedQuantity, Outcome, Verdict
+from protocols.runfile.record import RunRecord
 
 A, B, C = CampaignItem("a", "p"), CampaignItem("b", "q", needs=("a",)), CampaignItem("c", "r", needs=("b",))
 
 
-def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> RunSummary:
-    found = [asdict(EstimatedQuantity(key, value, 0.1, "1", "")) for key, value in estimates.items()]
-    return RunSummary(
-        f"{name}{at}.h5",
-        state,
-        "why",
-        "p",
-        "T1",
-        f"2026-11-21T12:{at:02d}",
-        entries=points,
-        estimates_json=json.dumps(found),
+def made(
+    name: str, at: int, state: str = "completed", points: int = 3, verdict: Verdict | None = None, **estimates: float
+) -> RunSummary:
+    record = RunRecord(
+        protocol="p",
+        specimen="T1",
+        start_time=f"2026-11-21T12:{at:02d}",
+        reason="why",
+        entry_count=points,
+        verdict=verdict or Verdict(),
+        estimates=tuple(EstimatedQuantity(key, value, 0.1, "1", "") for key, value in estimates.items()),
     )
+    return summarize_run(f"{name}{at}.h5", record, state=state)
 
 
 def standings(
@@ -88,8 +89,8 @@ def test_what_its_own_verdicts_fail_is_not_done() -> None:
 def test_an_item_is_done_only_if_the_verdict_on_its_run_has_a_result(
     verdict: str, expected: tuple[str, str, str]
 ) -> None:
-    reasons = "" if verdict == "good" else "2 of 18 clipped; choose a larger range"
-    judged = made("a", 1)._replace(verdict=verdict, verdict_reasons=reasons)
+    reasons = () if verdict == "good" else ("2 of 18 clipped; choose a larger range",)
+    judged = made("a", 1, verdict=Verdict(Outcome(verdict), reasons))
     (line, *_) = evaluate_items(Path(), (A,), {}, {"a": [judged]}, {})
     assert (line.status, line.next_action, line.reason) == expected
     assert not line.accepted, "the operator accepts it, or not"

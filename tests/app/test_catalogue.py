@@ -1,5 +1,6 @@
 """Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
+import hashlib
 import json
 import math
 import os
@@ -11,14 +12,16 @@ from unittest import mock
 import h5py
 import pytest
 
+from app.archive import annotate_runs, copy_runs_into, move_to_trash
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
-from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
+from app.archive.notes import read_tags, write_notes
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_run_summary, read_since
 from app.cli.main import main
 from app.common import Progress
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
 from protocols.judgement import judge_file
-from protocols.runfile.overview import _FOOTER, _MAGIC, HEAD_BYTES, _digest, _read_text, read_overview
+from protocols.runfile.reader import Run
+from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, notes_path, read_notes
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
 
 
@@ -153,7 +156,7 @@ def test_a_shared_temporary_directory_has_a_folder_of_its_user(tmp_path: Path, m
 
 def test_tags_and_notes_outlive_the_index_and_a_move(catalogue: Catalogue, folder: Path) -> None:
     run = folder / named(catalogue)["T7"].path
-    write_notes(run, Notes(("good", "für Anna"), 'second try, "new" glue\n\x7f'))
+    write_notes(run, tags=("good", "für Anna"), note='second try, "new" glue\n\x7f')
     assert catalogue.scan() == ScanResult(changed=1)
     catalogue.index.unlink()
     (folder / "moved").mkdir()
@@ -167,9 +170,9 @@ def test_tags_and_notes_outlive_the_index_and_a_move(catalogue: Catalogue, folde
 def test_notes_are_not_written_into_the_run(folder: Path) -> None:
     run = next(folder.glob("*_T7_*.h5"))
     before = run.read_bytes()
-    write_notes(run, Notes(("good",)))
+    write_notes(run, tags=("good",))
     assert run.read_bytes() == before
-    write_notes(run, Notes())
+    write_notes(run, tags=(), note="", listed=None)
     assert not notes_path(run).exists()
 
 
@@ -177,7 +180,7 @@ def test_notes_that_cannot_be_understood_are_never_overwritten(catalogue: Catalo
     run = folder / named(catalogue)["T7"].path
     notes_path(run).write_text("{ half a")
     with pytest.raises(NotesError, match="correct the file or take it away"):
-        write_notes(run, Notes(("good",)))
+        write_notes(run, tags=("good",))
     assert notes_path(run).read_text() == "{ half a"
     catalogue.scan()
     assert "correct the file" in named(catalogue)["T7"].note
@@ -204,9 +207,9 @@ def test_each_kind_of_trouble_is_shown_for_what_it_is(tmp_path: Path) -> None:
         "cut": "damaged",
         "text": "damaged",
     }
-    assert "install a newer version" in entries["T5"].reason
-    assert "cut off" in entries["half"].reason
-    assert all(str(folder) in entries[name].reason for name in ("half", "cut", "text"))
+    assert "install a newer version" in entries["T5"].record.reason
+    assert "cut off" in entries["half"].record.reason
+    assert all(str(folder) in entries[name].record.reason for name in ("half", "cut", "text"))
     assert entries["T3"].points == 1
 
 
@@ -218,12 +221,12 @@ def test_a_run_of_this_program_that_is_being_written_is_listed_unopened(catalogu
 
 
 def long_way(path: Path) -> RunSummary | None:
-    """The summary of a file without its overview, as earlier versions wrote it."""
-    with mock.patch("app.archive.run_summary.read_overview", return_value=None):
+    """The summary of a file without its sidecar, as earlier versions wrote it."""
+    with mock.patch("app.archive.run_summary.listed_record", return_value=None):
         return read_run_summary(path, path.name)
 
 
-def test_a_finished_run_is_listed_from_its_overview_as_from_its_data(folder: Path, tmp_path: Path) -> None:
+def test_a_finished_run_is_listed_from_its_sidecar_as_from_its_data(folder: Path, tmp_path: Path) -> None:
     checks = (CheckResult("width", math.nan, "Hz", 1.0, None, "measure more", Outcome.DID_NOT_PASS),)
     finished_run(folder, "T9", verdict=Verdict(Outcome.DID_NOT_PASS, ("a width\n of \x1b",), checks))
     judged = finished_run(folder, "T10")
@@ -234,43 +237,114 @@ def test_a_finished_run_is_listed_from_its_overview_as_from_its_data(folder: Pat
         whole = long_way(path)
         with mock.patch("app.archive.run_summary.Run", side_effect=AssertionError("it was read")):
             assert read_run_summary(path, path.name) == whole
-    assert not read_overview(crashed_run(folder))
+    assert not notes_path(crashed_run(folder)).exists()
     assert {name: e.verdict for name, e in scanned(folder, tmp_path).items()} == {
         "T7": "not judged", "T8": "not judged", "T9": "did not pass", "T10": "doubtful", "T11": "not judged", "T3": "not judged",
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("place", ["file", "overview", "end"])
-def test_a_changed_run_is_read_and_not_its_overview(place: str, folder: Path) -> None:
+def is_listed(path: Path) -> bool:
+    """Whether lists find the record in the sidecar."""
+    return listed_record(path, read_notes(notes_path(path))) is not None
+
+
+@pytest.mark.parametrize("place", ["file", "sidecar", "end"])
+def test_a_changed_run_is_read_and_not_its_sidecar(place: str, folder: Path) -> None:
     path = next(folder.glob("*_T7_*.h5"))
-    assert read_overview(path)
+    assert is_listed(path)
     if place == "file":
         with h5py.File(path, "r+") as file:
             file["entry/points/peak_to_peak"][1] = 3e-3
     else:
-        data = bytearray(path.read_bytes())
-        at = data.rindex(b"frequency")
-        data[at : at + 9] = b"FREQUENCY"
-        path.write_bytes(data if place == "overview" else data + b"more")
-    assert not read_overview(path)
+        changed = path if place == "end" else notes_path(path)
+        data = changed.read_bytes()
+        changed.write_bytes(data + b"more" if place == "end" else data.replace(b"frequency", b"FREQUENCY"))
+    assert not is_listed(path)
     assert read_run_summary(path, path.name) == long_way(path)
     if place == "file":
         assert '"amplitude_at_resonance", 0.003' in long_way(path).figures_json  # type: ignore[union-attr]
 
 
-def test_an_overview_gives_no_orders_to_a_terminal(folder: Path) -> None:
+@pytest.mark.parametrize("state", ["copied", "changed", "changed within a tick"])
+def test_the_record_in_a_sidecar_is_of_one_state_of_the_file(state: str, folder: Path) -> None:
     path = next(folder.glob("*_T7_*.h5"))
-    with path.open("r+b") as file:
-        text = _read_text(file)
-        assert text
-        file.seek(-len(text) - _FOOTER.size, os.SEEK_END)
-        file.truncate()
-        hostile = text.replace(b'"T7"', b'"T7\\u001b[2J\\n"')
-        head = path.read_bytes()[:HEAD_BYTES]
-        file.write(hostile + _FOOTER.pack(_MAGIC, len(hostile), _digest(head, hostile)))
+    stat = path.stat()
+    data = bytearray(path.read_bytes())
+    if state != "copied":
+        data[-1] ^= 1
+    path.write_bytes(data)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns + (0 if state == "changed within a tick" else 10**9)))
+    assert is_listed(path) == (state != "changed"), "size and time, or else the hash"
+
+
+def test_a_later_verdict_is_believed_of_the_file_that_was_judged_only(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    judge_file(path, store=True)
+    with Run(path) as run:
+        assert (run.stored_record().verdict.outcome, run.record.verdict.outcome) == (
+            Outcome.NOT_JUDGED,
+            Outcome.DOUBTFUL,
+        )
+    stat = path.stat()
+    with h5py.File(path, "r+") as file:
+        file["entry/points/peak_to_peak"][1] = 3e-3
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    with Run(path) as run:
+        record = run.record
+    assert record.verdict.outcome is Outcome.NOT_JUDGED
+    assert "the file has changed since" in record.caution
+    summary = read_run_summary(path, path.name)
+    assert summary is not None
+    assert summary.verdict == "not judged"
+    assert record.caution in summary.explanation
+    main(["show", str(path)])
+    assert record.caution in capsys.readouterr().out
+    judge_file(path, store=True)
+    with Run(path) as run:
+        assert (run.record.verdict.outcome, run.record.caution) == (Outcome.DOUBTFUL, "")
+
+
+def test_a_sidecar_gives_no_orders_to_a_terminal(folder: Path) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    listed = dict(read_notes(notes_path(path)).listed or {})
+    hostile = {**listed["record"], "specimen": "T7\x1b[2J\n"}
+    digest = _digest(json.dumps(hostile, ensure_ascii=False))
+    change_notes(path, listed={**listed, "record": hostile, "digest": digest})
+    assert is_listed(path)
     entry = read_run_summary(path, path.name)
     assert entry is not None
     assert entry.specimen == r"T7\x1b[2J\n"
+
+
+def test_a_run_file_is_not_touched_after_its_end(folder: Path, tmp_path: Path) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    before, stat = hashlib.sha256(path.read_bytes()).hexdigest(), path.stat()
+    for command in (
+        ["judge", str(path), "--store"],
+        ["checked", str(path), "--by", "Ben"],
+        ["runs", str(folder), "--rebuild"],
+        ["show", str(path)],
+        ["verify", str(path), "--repair"],
+        ["identify", str(path), "--free", "c0", "--accept", "--reason", "x"],
+        ["report", "T7", "--folder", str(folder), "--out", str(tmp_path)],
+        ["export", str(path), "--out", str(tmp_path / "out")],
+        ["backup", str(tmp_path / "copies"), "--folder", str(folder)],
+        ["archive", "T7", "--folder", str(folder), "--out", str(tmp_path / "T7.eln"), "--no-report"],
+    ):
+        main(command)
+    annotate_runs([(path, "", "")], "good", "a note")
+    scanned(folder, tmp_path)
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == before
+    assert path.stat().st_mtime_ns == stat.st_mtime_ns
+    assert (tmp_path / "copies" / notes_path(path).name).is_file(), "the backup has the sidecar"
+    copy_runs_into([path], tmp_path / "other")
+    copied = read_notes(notes_path(tmp_path / "other" / path.name))
+    assert (copied.tags, copied.note, [check.name for check in copied.checks]) == (("good",), "a note", ["Ben"])
+    (trashed,) = move_to_trash([path])
+    assert read_notes(notes_path(trashed.trashed)) == copied
+    assert notes_path(path).exists() is False
 
 
 def test_folders_with_new_files_are_noticed_without_a_list_of_them(
@@ -397,7 +471,7 @@ def test_one_strange_file_never_empties_the_list(catalogue: Catalogue, folder: P
     entries = named(catalogue)
     assert good <= set(entries)
     assert entries["wrong"].state == "damaged"
-    assert "sample_rate is a group, not data" in entries["wrong"].reason
+    assert "sample_rate is a group, not data" in entries["wrong"].record.reason
     assert "nested too deeply" in entries["wrong"].note
     assert entries["halves"].state == "damaged"
     assert entries["halves"].tags == "?"

@@ -79,7 +79,7 @@ def test_a_dwell_goes_out_and_comes_back_in(path: Path, tmp_path: Path, capsys: 
     assert main(["import", file, "--out", str(tmp_path / "runs")]) == 0
     (imported,) = (tmp_path / "runs").glob("*_T7_sine-dwell.h5")
     with Run(path) as run, Run(imported) as again:
-        assert again.simulated
+        assert again.record.simulated
         for name in ("fundamental", "fundamental_errors", "phase", "drive_amplitude"):
             np.testing.assert_allclose(again.points()[name], run.points()[name], rtol=1e-6, err_msg=name)
         np.testing.assert_allclose(again.points()["frequency"], FREQUENCIES, rtol=1e-5)  # E13.5

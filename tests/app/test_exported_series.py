@@ -229,7 +229,7 @@ def test_names_of_any_kind_are_exported(many: Path, tmp_path: Path) -> None:
 
 def estimates_of(path: Path) -> tuple[EstimatedQuantity, ...]:
     with Run(path) as run:
-        return run.estimates()
+        return run.record.estimates
 
 
 def test_a_text_that_a_format_cannot_hold_is_not_damage(

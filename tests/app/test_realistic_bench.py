@@ -70,7 +70,9 @@ def test_two_sessions_share_no_noise_and_the_file_has_the_seed(tmp_path: Path) -
         count = min(one.trace.sample_count, two.trace.sample_count)
         same = one.trace.read_raw("displacement")[:count] == two.trace.read_raw("displacement")[:count]
         assert np.mean(same) < 0.5
-        assert one.configuration["simulation"]["noise_seed"] != two.configuration["simulation"]["noise_seed"]
+        assert (
+            one.record.configuration["simulation"]["noise_seed"] != two.record.configuration["simulation"]["noise_seed"]
+        )
     (event,) = [event for event in first.events if isinstance(event, InterferenceMeasured)]
     assert any(abs(line.frequency_hz - 50) < 0.5 for line in event.lines)
     assert Quality.INTERFERENCE in Quality(first.points[0].quality)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.archive.notes import Notes, write_notes
+from app.archive.notes import write_notes
 from app.archive.specimen_archive import ArchiveError, restore_archive
 from app.cli.main import main
 from tests.helpers.run_files import finished_run
@@ -17,7 +17,7 @@ from tests.helpers.run_files import finished_run
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     first = finished_run(folder, "T 7/ß", (100.0, 155.0, 160.0))
-    write_notes(first, Notes(("good", "new glue"), "a note: µm"))
+    write_notes(first, tags=("good", "new glue"), note="a note: µm")
     (folder / "2025").mkdir()
     shutil.copy(first, folder / "2025" / first.name.replace("_sine", "_again_sine"))
     finished_run(folder, "T8")

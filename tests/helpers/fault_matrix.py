@@ -325,7 +325,7 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
     finally:
         logging.getLogger().removeHandler(listener)
     with Run(runner.path) as file:
-        file_status = file.status
+        file_status = file.record.status
     log = folder / "watchdog.log"
     return Cell(
         status=status,

@@ -25,6 +25,7 @@ from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, LogMessage, RunStatus
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
+from protocols.runfile.sidecar import notes_path, read_notes
 from protocols.runfile.verify import FileState, verify_run
 from protocols.runfile.writer import RunFileWriter
 
@@ -118,7 +119,9 @@ def check(folder: Path, told: dict[str, int]) -> str:
         if told.get("finished"):
             assert (left, list(entry["estimates"])) == ("closed in order", ["gain"])
         status = entry["status"][()].decode()
-    assert list(folder.iterdir()) == [path]
+    beside = {notes_path(path), notes_path(path).with_suffix(".json.part")}
+    assert {path} <= set(folder.iterdir()) <= {path} | beside
+    read_notes(notes_path(path))
     state = verify_run(path).state
     assert state in (
         (FileState.GOOD,) if left == "repaired" or told.get("finished") else (FileState.GOOD, FileState.NOT_CHECKABLE)

@@ -46,7 +46,7 @@ def test_a_failing_analysis_and_an_event_of_the_shutdown_are_in_events_file_and_
     assert isinstance(events[-1], RunEnded)
     assert [event.text for event in events if isinstance(event, LogMessage)][-1] == "fault injected on the way to rest"
     with Run(runner.path) as file:
-        assert file.reason == ended.reason
+        assert file.record.reason == ended.reason
         assert any("on the way to rest" in str(event.fields.get("text", "")) for event in file.events())
 
 

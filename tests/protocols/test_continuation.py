@@ -36,7 +36,9 @@ def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> Non
         assert columns["level"][good].tolist() == [2.0, 2.2, 2.8, 3.0]
         assert file.resumed_from == first.path
         assert [r.entry for r in file.recordings()] == [0, 1, 1, 2, 3]
-        again = {r.entry: LEVELS.point((LEVELS.levels_v[r.entry],), [r], file.simulated) for r in file.recordings()}
+        again = {
+            r.entry: LEVELS.point((LEVELS.levels_v[r.entry],), [r], file.record.simulated) for r in file.recordings()
+        }
         for level, moved, entry, usable in zip(
             columns["level"], columns["displacement"], columns["entry"], good, strict=True
         ):

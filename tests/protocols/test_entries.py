@@ -117,7 +117,7 @@ def test_an_entry_can_ask_for_itself_or_the_one_before_again(tmp_path: Path) -> 
         flags = [Quality(int(q)) for q in columns["quality"]]
         assert [Quality.SUPERSEDED in flag for flag in flags] == [False, True, False, False, False]
         assert not flags[1].usable
-        assert {e.name: e.value for e in file.estimates()} == {"count": 4.0}
+        assert {e.name: e.value for e in file.record.estimates} == {"count": 4.0}
     replaced = [(e.index, e.replaces) for e in ran.events if isinstance(e, PointMeasured) and e.replaces is not None]
     assert replaced == [(2, 1)]
 

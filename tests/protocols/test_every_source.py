@@ -99,8 +99,8 @@ def test_a_mass_resonance_by_single_frequencies_finds_the_resonance_and_keeps_wh
     assert np.isnan(point.spectrum_peak)
     assert any("method dwell instead of sweep" in e.text for e in ran.events if isinstance(e, LogMessage))
     with Run(ran.path) as file:
-        assert file.parameters["method"] == "dwell"
-        assert file.requested == {"method": "sweep"}
+        assert file.record.parameters["method"] == "dwell"
+        assert file.record.requested == {"method": "sweep"}
         (curve,) = file.series()
         recordings = list(file.recordings())
     assert curve.x.size == len(recordings) > 20

@@ -25,7 +25,7 @@ def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
     pulls = np.array([(p.damping - damping) / p.damping_errors for p in ran.points])
     assert np.abs(pulls).max() < 4
     with Run(ran.path) as file:
-        found = {e.name: e for e in file.estimates()}
+        found = {e.name: e for e in file.record.estimates}
         assert len(file.series()) == 6
     assert abs(found["natural_frequency"].value - natural) < 4 * found["natural_frequency"].standard_error < 2
     assert abs(found["damping_ratio"].value - damping) < 4 * found["damping_ratio"].standard_error < 0.01

@@ -236,6 +236,12 @@ def test_text_of_a_file_gives_no_orders_to_a_terminal(path: Path) -> None:
             replaced(file, f"entry/{name}", data="T\x1b]0;owned\x07\nsecond line\u202e")
         file["entry/points/frequency"].attrs["units"] = "Hz\x1b[2J"
     with Run(path) as run:
-        for text in (run.title, run.specimen, run.start_time, run.reason, *run.units().values()):
+        for text in (
+            run.record.title,
+            run.record.specimen,
+            run.record.start_time,
+            run.record.reason,
+            *run.units().values(),
+        ):
             assert text.isprintable()
-        assert run.title == r"T\x1b]0;owned\x07\nsecond line\u202e"
+        assert run.record.title == r"T\x1b]0;owned\x07\nsecond line\u202e"

@@ -46,7 +46,7 @@ def looped(tmp_path_factory: pytest.TempPathFactory):
 
 def found(ran) -> dict:
     with Run(ran.path) as file:
-        return {e.name: e for e in file.estimates()}
+        return {e.name: e for e in file.record.estimates}
 
 
 def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> None:
@@ -112,7 +112,7 @@ def test_what_is_damping_is_told_apart_from_hysteresis(plain, looped) -> None:
 def test_the_file_gives_the_numbers_of_the_live_run(looped) -> None:
     plan = LOOPS.plan(2.5)
     with Run(looped.path) as file:
-        again = [LOOPS.point(plan[r.entry].key, [r], file.simulated) for r in file.recordings()]
+        again = [LOOPS.point(plan[r.entry].key, [r], file.record.simulated) for r in file.recordings()]
     assert again == looped.points
 
 

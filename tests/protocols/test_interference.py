@@ -53,7 +53,7 @@ def test_hum_is_measured_before_steps_and_is_one_of_their_results(tmp_path: Path
     assert event.rows[1] - event.rows[0] == 5000
     assert event.lines[0].frequency_hz == pytest.approx(50.02, abs=0.01)
     with Run(ran.path) as file:
-        found = {e.name: e for e in file.estimates()}["interference_at_rest"]
+        found = {e.name: e for e in file.record.estimates}["interference_at_rest"]
         stored = next(e.fields["lines"][0] for e in file.events() if e.kind == InterferenceMeasured.kind)
         again = [
             steps.point((p.level, p.repeat, "up"), [r], True)

@@ -69,7 +69,7 @@ def test_dwell_whose_laser_is_lost_is_no_result(tmp_path: Path) -> None:
         ran = run(SineDwell(frequencies_hz=FREQUENCIES), tmp_path, lab)
     assert (ran.status, ran.verdict.outcome) == (RunStatus.STOPPED, Outcome.NO_RESULT)
     with Run(ran.path) as file:
-        assert file.verdict == ran.verdict
+        assert file.record.verdict == ran.verdict
     assert judge_file(ran.path) == ran.verdict
 
 
@@ -98,7 +98,7 @@ def test_static_loading_names_the_weight_that_weighs_61_g(tmp_path: Path) -> Non
 def test_old_run_is_judged_when_asked(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = Path(shutil.copy(OLD_RUNS / name, tmp_path))
     with Run(path) as file:
-        assert file.verdict.outcome is Outcome.NOT_JUDGED
+        assert file.record.verdict.outcome is Outcome.NOT_JUDGED
         points = {column: values.tolist() for column, values in file.points().items()}
     before = path.read_bytes()
     main(["judge", str(path)])
@@ -108,7 +108,7 @@ def test_old_run_is_judged_when_asked(name: str, tmp_path: Path, capsys: pytest.
     assert str(outcome) in capsys.readouterr().out
     main(["judge", str(path), "--store"])
     with Run(path) as file:
-        assert file.verdict.outcome is outcome
+        assert file.record.verdict.outcome is outcome
         assert str({column: values.tolist() for column, values in file.points().items()}) == str(points)
     with h5py.File(path) as plain:
         assert int(plain.attrs["format_version"]) == 2

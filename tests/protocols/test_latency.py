@@ -16,7 +16,6 @@ from model import Tactor
 from model.response import PUBLISHED_LATENCIES, step_latency
 from protocols.base import RunStatus
 from protocols.measurements.latency import SINE, STEP, OnsetLatency
-from protocols.runfile.overview import overview_of
 from protocols.runfile.reader import Run
 from protocols.signals.onset import edge_average, find_edge, first_crossing, last_crossing, smooth
 from tests.helpers.latency_truth import TrueLatency, true_sine, true_step
@@ -46,12 +45,12 @@ def test_a_step_and_a_sine_have_the_times_of_the_closed_form(tmp_path: Path) -> 
     assert step.driven_latency - step.latency == pytest.approx(0.5 * 2.5 / 9000, rel=0.05)
     assert sine.latency == pytest.approx(1.1805e-3, abs=5e-6)  # of the plant, see latency_truth
     with Run(ran.path) as file:
-        names = [e.name for e in file.estimates()]
+        names = [e.name for e in file.record.estimates]
         assert [curve.label for curve in file.series()] == ["step to 5 V", "sine of 100 Hz"]
         again = [
             OnsetLatency().point(key, [r], True) for key, r in zip(KEYS, list(file.recordings())[1::2], strict=True)
         ]
-        figures = {f.name: f for f in run_figures(overview_of(file))}
+        figures = {f.name: f for f in run_figures(file.record)}
     assert "latency, 50 µm, after a step to 5 V" in names
     assert again == ran.points
     felt, rise = figures["latency, 50 µm, after a step to 5 V"], figures["rise_time, after a step to 5 V"]
@@ -88,7 +87,7 @@ def test_the_total_uncertainties_hold_against_the_plant(bench: str, tmp_path: Pa
         with laboratory(config) as lab:
             ran = run(OnsetLatency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
         with Run(ran.path) as file:
-            for figure in run_figures(overview_of(file)):
+            for figure in run_figures(file.record):
                 name, _, what = figure.name.partition(", ")
                 if name in COLUMNS:
                     true = getattr(truth[what], COLUMNS[name])

@@ -82,7 +82,7 @@ def test_a_lost_laser_brings_the_run_to_rest_and_asks(tmp_path: Path) -> None:
     with Run(ran.path) as file:
         stored = next(e for e in file.events() if e.kind == "LevelExceeded")
         assert stored.fields["limit"] == hold_s < stored.fields["value"]
-        assert stored.fields["words"] in file.verdict.reasons[0]
+        assert stored.fields["words"] in file.record.verdict.reasons[0]
 
 
 @pytest.mark.parametrize("volts", [5.0])

@@ -56,8 +56,12 @@ def test_deleted_run_file_ends_the_run_and_is_restored(tmp_path: Path) -> None:
     (file,) = tmp_path.glob("*.h5")
     assert ran.path == file
     with Run(file) as saved:
-        assert (saved.state, saved.verdict.outcome, saved.point_count) == ("failed", Outcome.FAILED, 2)
-        assert saved.reason == ran.reason
+        assert (saved.record.state, saved.record.verdict.outcome, saved.record.point_count) == (
+            "failed",
+            Outcome.FAILED,
+            2,
+        )
+        assert saved.record.reason == ran.reason
         assert saved.trace.sample_count > 1000
         assert any(e.kind == "AtRest" for e in saved.events())
         assert len(list(saved.recordings())) == 2
@@ -70,7 +74,7 @@ def test_run_folder_that_was_deleted_is_restored_with_the_run(tmp_path: Path) ->
     ran = run_and_break(folder, lambda path: shutil.rmtree(path.parent))
     assert "was deleted while it was being written" in ran.reason
     with Run(ran.path) as saved:
-        assert (saved.state, saved.point_count) == ("failed", 2)
+        assert (saved.record.state, saved.record.point_count) == ("failed", 2)
 
 
 def test_moved_run_file_is_finished_where_it_is(tmp_path: Path) -> None:
@@ -80,8 +84,8 @@ def test_moved_run_file_is_finished_where_it_is(tmp_path: Path) -> None:
     assert f"was moved to {moved} while it was being written; what was measured is in {moved}" in ran.reason
     assert ran.path == moved
     with Run(moved) as saved:
-        assert (saved.state, saved.point_count) == ("failed", 2)
-        assert saved.reason == ran.reason
+        assert (saved.record.state, saved.record.point_count) == ("failed", 2)
+        assert saved.record.reason == ran.reason
 
 
 @pytest.mark.deep
@@ -91,7 +95,7 @@ def test_folder_moved_as_a_detached_disk_is_found(tmp_path: Path) -> None:
     ran = run_and_break(folder, lambda path: path.parent.rename(tmp_path / "gone"))
     assert ran.path.parent == tmp_path / "gone"
     with Run(ran.path) as saved:
-        assert saved.point_count == 2
+        assert saved.record.point_count == 2
 
 
 def test_points_and_events_of_a_cut_run_file_are_saved_in_another(tmp_path: Path) -> None:
@@ -99,7 +103,7 @@ def test_points_and_events_of_a_cut_run_file_are_saved_in_another(tmp_path: Path
     assert "to 5000 bytes while it was being written; the samples in it are lost; events, points" in ran.reason
     assert len(list(tmp_path.glob("*.h5"))) == 2
     with Run(ran.path) as saved:
-        assert (saved.state, saved.point_count, saved.trace.sample_count) == ("failed", 2, 0)
+        assert (saved.record.state, saved.record.point_count, saved.trace.sample_count) == ("failed", 2, 0)
         assert saved.points()["fundamental"].tolist() == [point.fundamental for point in ran.points]
         assert any(e.kind == "AtRest" for e in saved.events())
 
@@ -117,9 +121,9 @@ def test_file_lost_at_the_very_end_fails_the_run_and_keeps_its_estimates(tmp_pat
         ran = run(SineDwell(record_s=0.05, min_cycles=5), folder, lab, move_at_the_end)
     assert ran.status == RunStatus.FAILED
     with Run(moved) as saved:
-        assert saved.estimates()
+        assert saved.record.estimates
         (ended,) = (e for e in ran.events if isinstance(e, RunEnded))
-        assert {e.name: e for e in saved.estimates()} == {e.name: e for e in ended.estimates}
+        assert {e.name: e for e in saved.record.estimates} == {e.name: e for e in ended.estimates}
 
 
 REFUSED = """

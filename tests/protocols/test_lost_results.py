@@ -43,8 +43,8 @@ def test_a_run_that_ended_without_its_results_says_so_and_is_not_touched_again(
     (sentence,) = repair_folder(tmp_path, complete_results)
     assert "It had ended: its program was killed before it had stored the results. They cannot be computed" in sentence
     with Run(path) as run:
-        assert run.status is RunStatus.COMPLETED
-        assert run.reason == "all points measured; its program was killed before it had stored the results"
+        assert run.record.status is RunStatus.COMPLETED
+        assert run.record.reason == "all points measured; its program was killed before it had stored the results"
     assert verify_run(path).state is FileState.GOOD
     assert list(tmp_path.iterdir()) == [path]
     assert list(repair_folder(tmp_path, complete_results)) == []
@@ -59,8 +59,8 @@ def test_the_results_that_a_killed_program_had_not_stored_are_computed_from_the_
     (sentence,) = repair_folder(tmp_path / "killed", complete_results)
     with Run(paths["killed"]) as killed, Run(paths["whole"]) as whole:
         assert "They are computed from its points now" in sentence
-        assert killed.reason.endswith("had stored the results; they were computed from its points afterwards")
-        assert [e.name for e in killed.estimates()] == [e.name for e in whole.estimates()]
-        assert [e.value for e in killed.estimates()] == pytest.approx([e.value for e in whole.estimates()])
-        assert killed.verdict.outcome is whole.verdict.outcome
+        assert killed.record.reason.endswith("had stored the results; they were computed from its points afterwards")
+        assert [e.name for e in killed.record.estimates] == [e.name for e in whole.record.estimates]
+        assert [e.value for e in killed.record.estimates] == pytest.approx([e.value for e in whole.record.estimates])
+        assert killed.record.verdict.outcome is whole.record.verdict.outcome
     assert verify_run(paths["killed"]).state is FileState.GOOD

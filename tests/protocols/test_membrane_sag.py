@@ -19,7 +19,7 @@ SHORT = MembraneSag(repeats=2, sample_rate_hz=1000)
 
 def estimates_of(path: Path) -> dict[str, tuple[float, float]]:
     with Run(path) as file:
-        return {e.name: (e.value, e.standard_error) for e in file.estimates()}
+        return {e.name: (e.value, e.standard_error) for e in file.record.estimates}
 
 
 @pytest.mark.parametrize(("E_m", "reference_m"), [(6.95e6, 3.5e-3), pytest.param(3e6, 4.6e-3, marks=pytest.mark.deep)])

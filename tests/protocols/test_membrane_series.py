@@ -61,7 +61,7 @@ def test_hands_are_asked_once_for_each_elongation_in_millimetres_and_turns(ran) 
 def test_sound_series_has_no_remarks_and_no_drift(ran) -> None:
     assert not [text for text in notes(ran) if "stretched" in text or "free tactor" in text]
     with Run(ran.path) as file:
-        found = {e.name: e for e in file.estimates()}
+        found = {e.name: e for e in file.record.estimates}
     drift = found["free_response_drift"]
     assert abs(drift.value) < 4 * drift.standard_error < 1e-3
     tops = [found[f"largest_twice_fundamental, {mm} mm"].value for mm in ("0", "2.54", "6.35")]

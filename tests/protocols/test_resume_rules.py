@@ -1,7 +1,7 @@
 """Rules of resuming: which points are carried over, which entries a name means, what counts as drift."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +13,7 @@ from protocols import resume
 from protocols.base import Quality, RunStatus
 from protocols.resume import assess_drift, find_entries, load_resumable, measured_points
 from protocols.runfile.reader import RunReadError
+from protocols.runfile.record import RunRecord
 
 FILE = Path("earlier.h5")
 
@@ -28,11 +29,12 @@ class EarlierRun:
     """A run as `resume` reads it: four entries, of which three were begun and two have a point."""
 
     def __init__(self, **changes: Any) -> None:
-        self.status, self.state, self.crashed, self.imported = RunStatus.STOPPED, "stopped", False, False
-        self.specimen, self.reference, self.configuration = "T1", None, {}
+        self.record, self.reference = RunRecord(status=RunStatus.STOPPED, specimen="T1"), None
         self.labels = ["150 Hz", "155 Hz", "2.54 mm, 155 Hz", "left"]
         self.entry_of = [0, 1, 1]
         self.flags = [0, int(Quality.CLIPPED), 0]
+        stored = {f.name for f in fields(RunRecord)} & changes.keys()
+        self.record = replace(self.record, **{name: changes.pop(name) for name in stored})
         vars(self).update(changes)
 
     def __enter__(self) -> "EarlierRun":

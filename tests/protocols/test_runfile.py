@@ -88,9 +88,9 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
         assert (recording.drive, recording.quality, recording.sensor_delay_s) == (drive, Quality(quality), 1e-4)
         assert run.points()["height"].tolist() == [2.5e-6]
         assert run.units() == {"frequency": "Hz", "height": "m", "entry": "1"}
-        assert run.estimates() == (EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here"),)
-        assert run.sensor == SENSOR
-        assert run.specimen == "T 1/µ"
+        assert run.record.estimates == (EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here"),)
+        assert run.record.sensor == SENSOR
+        assert run.record.specimen == "T 1/µ"
     file.path.unlink()
 
 
@@ -99,7 +99,7 @@ def test_results_are_read_in_the_order_in_which_they_were_written(tmp_path: Path
     names = ("natural_frequency", "damping_ratio", "quality_factor", "interference_at_rest")
     file.finish(RunStatus.COMPLETED, "fine", [EstimatedQuantity(name, 1.0, 0.1, "1", "here") for name in names])
     with Run(file.path) as run:
-        assert tuple(estimate.name for estimate in run.estimates()) == names
+        assert tuple(estimate.name for estimate in run.record.estimates) == names
 
 
 @pytest.mark.deep
@@ -159,8 +159,8 @@ def test_a_killed_program_leaves_everything_it_had_acknowledged(blocks: int, tmp
     writer.wait()
     writer.stdout.close()
     with Run(path) as run:
-        assert run.state == "crashed"
-        assert run.status == RunStatus.RUNNING
+        assert run.record.state == "crashed"
+        assert run.record.status == RunStatus.RUNNING
         assert run.trace.sample_count >= acknowledged - 500  # the last number printed may be cut
         raw = run.trace.read_raw("displacement")
         assert np.array_equal(raw, (np.arange(len(raw)) // 500 % 1000).astype(np.int16))
@@ -190,7 +190,7 @@ def test_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_data(tmp_path: Pa
     assert events[-2]["confirmed"]
     with Run(Path(events[-1]["path"])) as file:
         assert file.trace.sample_count > 5_000
-        assert file.state in ("crashed", "failed")  # the status is written if that is still possible
+        assert file.record.state in ("crashed", "failed")  # the status is written if that is still possible
         assert file.trace.drive_v().max() == pytest.approx(5, abs=0.01)
 
 
@@ -207,7 +207,7 @@ def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Pat
     assert ran.status == RunStatus.FAILED
     assert "is full: 28 MB are left" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == RunStatus.FAILED
+        assert file.record.status == RunStatus.FAILED
         assert len(file.points()["frequency"]) == len(ran.points) > 0
 
 
@@ -257,7 +257,7 @@ def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_pat
     assert ran.status == RunStatus.COMPLETED
     assert "all points measured; what was identified could not be stored: " in ran.reason
     with Run(ran.path) as file:
-        assert (file.state, file.reason) == (RunStatus.COMPLETED, ran.reason)
+        assert (file.record.state, file.record.reason) == (RunStatus.COMPLETED, ran.reason)
         assert len(file.points()["frequency"]) == 1
 
 
@@ -276,7 +276,7 @@ def test_a_reader_that_holds_the_file_does_not_keep_the_estimates_out(tmp_path: 
     kept[0].close()
     assert ran.reason == "all points measured"
     with Run(ran.path) as file:
-        assert [estimate.value for estimate in file.estimates()] == [1.0]
+        assert [estimate.value for estimate in file.record.estimates] == [1.0]
 
 
 def test_two_runs_of_one_second_get_two_files(tmp_path: Path) -> None:
@@ -296,7 +296,7 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
         append_estimates(file, [EstimatedQuantity("quality_factor", 2.4, 0.1, "1", "by hand")])
     with Run(ran.path) as file:
         assert file.trace.read_raw("displacement").tobytes() == before
-        assert [e.name for e in file.estimates()] == ["quality_factor"]
+        assert [e.name for e in file.record.estimates] == ["quality_factor"]
 
 
 @pytest.mark.deep
@@ -311,8 +311,15 @@ def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: P
             points = {name: column.tolist() for name, column in file.points().items()}
             curves = [(c.name, c.label, c.entry, sorted(axis.name for axis, _ in c.columns())) for c in file.series()]
             samples = [r.displacement_m.tobytes() for r in file.recordings()]
-            state = (file.state, file.reason, file.units(), file.axes, file.point_count, file.entries())
-            return points, curves, samples, file.estimates(), state, [e.kind for e in file.events()]
+            state = (
+                file.record.state,
+                file.record.reason,
+                file.units(),
+                file.record.axes,
+                file.record.point_count,
+                file.entries(),
+            )
+            return points, curves, samples, file.record.estimates, state, [e.kind for e in file.events()]
 
     before = read()
     with h5py.File(ran.path, "r+") as file:
@@ -356,7 +363,7 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
     with Run(ran.path) as run_:
         np.testing.assert_allclose(scaled["displacement"], run_.trace.displacement_m(), rtol=0, atol=1e-9)
         np.testing.assert_allclose(scaled["drive"], run_.trace.drive_v(), rtol=0, atol=1e-5)
-        assert run_.configuration["speed"] == "max"
+        assert run_.record.configuration["speed"] == "max"
         assert set(run_.points()) == {*SinePoint.__slots__, "entry"}
 
 
@@ -400,11 +407,11 @@ def test_run_of_another_computer_is_not_called_crashed(tmp_path: Path, monkeypat
     file.close_after_error()
     monkeypatch.setattr("protocols.runfile.reader.writer_is_alive", lambda *_: False)
     with Run(file.path) as run:
-        assert run.crashed
+        assert run.record.crashed
     monkeypatch.setattr("socket.gethostname", lambda: "another-computer")
     with Run(file.path) as run:
-        assert not run.crashed
-        assert run.state == "running"
+        assert not run.record.crashed
+        assert run.record.state == "running"
 
 
 def test_columns_of_a_point_that_a_kill_cut_are_of_equal_length(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def test_a_file_that_a_killed_program_left_is_read_while_another_program_locks_i
     with left.open("rb") as locked:
         fcntl.flock(locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
         with Run(left) as run:
-            assert run.status is RunStatus.RUNNING
+            assert run.record.status is RunStatus.RUNNING
 
 
 def test_a_point_belongs_to_the_first_entry_unless_another_is_named(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_a_point_belongs_to_the_first_entry_unless_another_is_named(tmp_path: Pa
     file.finish(RunStatus.COMPLETED, "")
     with Run(file.path) as run:
         assert run.points()["entry"].tolist() == [0, 3]
-        assert run.point_count == 2
+        assert run.record.point_count == 2
 
 
 def test_a_table_of_points_without_columns_has_no_points(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_a_table_of_points_without_columns_has_no_points(tmp_path: Path) -> None
         for name in list(stored["entry/points"]):
             del stored[f"entry/points/{name}"]
     with Run(file.path) as run:
-        assert run.point_count == 0
+        assert run.record.point_count == 0
 
 
 def test_a_file_that_leads_out_of_itself_says_so_and_is_closed(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_file_that_this_program_has_open_with_locks_is_read(tmp_path: Path) ->
     file = new(tmp_path)
     file.finish(RunStatus.COMPLETED, "")
     with h5py.File(file.path, "r"), Run(file.path) as run:
-        assert run.status is RunStatus.COMPLETED
+        assert run.record.status is RunStatus.COMPLETED
 
 
 @pytest.mark.parametrize(
@@ -138,11 +138,11 @@ def test_a_repaired_run_of_another_computer_is_crashed(tmp_path: Path) -> None:
             del stored[f"entry/{name}"]
             stored[f"entry/{name}"] = value
     with Run(file.path) as run:
-        assert not run.crashed
+        assert not run.record.crashed
     with h5py.File(file.path, "r+") as stored:
         stored[f"entry/{REPAIRED}"] = "2026-01-02T03:04:05+00:00"
     with Run(file.path) as run:
-        assert run.crashed
+        assert run.record.crashed
 
 
 def test_a_curve_whose_columns_differ_in_length_is_damaged(tmp_path: Path) -> None:

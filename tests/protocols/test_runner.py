@@ -54,7 +54,7 @@ def test_events_come_in_order_and_the_file_has_them_too(tmp_path: Path) -> None:
     with Run(ran.path) as file:
         stored = [event.kind for event in file.events()]
         assert stored == [kind for kind in kinds if kind not in ("GoingToRest", "RunEnded")]
-        assert (file.status, file.reason) == (RunStatus.COMPLETED, "all points measured")
+        assert (file.record.status, file.record.reason) == (RunStatus.COMPLETED, "all points measured")
 
 
 def test_the_bench_is_silent_until_rest_was_measured_and_high_voltage_enabled(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_stop_at_any_moment_goes_to_rest_and_keeps_what_was_measured(moment: typ
     assert ran.status == RunStatus.STOPPED
     assert "stopped by the operator" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == RunStatus.STOPPED
+        assert file.record.status == RunStatus.STOPPED
         assert len(file.points()["frequency"]) == len(ran.points)
 
 
@@ -143,7 +143,7 @@ def test_a_driver_that_ends_the_interpreter_ends_the_run_at_measured_rest(
     assert any(isinstance(e, RestMeasured) and e.confirmed for e in ran.events)
     assert isinstance(ran.events[-1], RunEnded)
     with Run(ran.path) as file:
-        assert file.status == RunStatus.FAILED
+        assert file.record.status == RunStatus.FAILED
 
 
 @pytest.mark.breaks_the_drive
@@ -208,7 +208,7 @@ def test_no_drive_on_the_cards_channel_is_noticed(tmp_path: Path) -> None:
     assert "switch the high voltage OFF at the amplifier itself" in ran.reason
     assert "check the cable from the generator to the card" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == RunStatus.UNSAFE
+        assert file.record.status == RunStatus.UNSAFE
 
 
 @pytest.mark.deep
@@ -216,8 +216,8 @@ def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:
     with laboratory(simulated(tactor={"k2": 7.5e-3})) as lab:
         ran = run(SHORT, tmp_path, lab)
     with Run(ran.path) as file:
-        assert file.configuration["simulation"]["tactor"]["k2"] == 7.5e-3
-        assert file.simulated
+        assert file.record.configuration["simulation"]["tactor"]["k2"] == 7.5e-3
+        assert file.record.simulated
 
 
 IMPORTED = """

@@ -94,7 +94,7 @@ def test_every_point_records_drive_and_flags(ran) -> None:
 
 def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
     with Run(ran.path) as file:
-        found = {e.name: e for e in file.estimates()}
+        found = {e.name: e for e in file.record.estimates}
     assert found["natural_frequency"].value == pytest.approx(158.31, abs=0.1)
     assert found["damping_ratio"].value == pytest.approx(0.2110, abs=0.001)
 
@@ -103,7 +103,7 @@ def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
 def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
     protocol = SineDwell()
     with Run(ran.path) as file:
-        again = [protocol.point((), [recording], file.simulated) for recording in file.recordings()]
+        again = [protocol.point((), [recording], file.record.simulated) for recording in file.recordings()]
         columns = file.points()
     assert again == ran.points
     assert columns["fundamental"].tolist() == [p.fundamental for p in ran.points]
@@ -231,7 +231,7 @@ def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) ->
     assert len(messages) == 2
     assert "Check that the amplifier's high voltage is on" in messages[0]
     with Run(ran.path) as file:
-        assert file.estimates() == ()
+        assert file.record.estimates == ()
 
 
 @pytest.mark.deep

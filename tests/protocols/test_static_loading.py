@@ -65,7 +65,7 @@ class Clumsy:
 
 def estimates_of(ran: Ran) -> dict[str, tuple[float, float]]:
     with Run(ran.path) as file:
-        return {e.name: (e.value, e.standard_error) for e in file.estimates()}
+        return {e.name: (e.value, e.standard_error) for e in file.record.estimates}
 
 
 def asked_texts(ran: Ran) -> list[str]:

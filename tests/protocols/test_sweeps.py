@@ -65,14 +65,14 @@ def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
     assert point.coherence > 0.9999
     assert Quality(point.quality) is Quality.SIMULATED
     with Run(swept.path) as file:
-        found = {e.name: e for e in file.estimates()}
+        found = {e.name: e for e in file.record.estimates}
     assert found["quality_factor"].value == pytest.approx(0.5 / damping, rel=2e-3)
     assert found["decay_time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
 
 
 def test_the_peak_of_each_mass_is_a_result_in_the_order_of_the_masses(loaded) -> None:
     with Run(loaded.path) as file:
-        own = [e for e in file.estimates() if e.name != "interference_at_rest"]
+        own = [e for e in file.record.estimates if e.name != "interference_at_rest"]
     assert [e.name for e in own] == ["peak_frequency, 2.75 g", "peak_frequency, 9.75 g"]
     assert [e.value for e in own] == [point.frequency for point in loaded.points]
 
@@ -263,8 +263,8 @@ def test_a_sweep_in_pieces_is_the_models_within_its_error_bars(model: str, tmp_p
     assert abs(point.damping - damping) < 4 * point.damping_errors < 2e-4
     assert point.lines >= 72
     with Run(ran.path) as file:
-        assert file.requested == {"sweep_s": 0.5, "periods": 6, "pieces": 1}
-        assert len(list(file.recordings())) == file.parameters["pieces"] == 12
+        assert file.record.requested == {"sweep_s": 0.5, "periods": 6, "pieces": 1}
+        assert len(list(file.recordings())) == file.record.parameters["pieces"] == 12
         columns = {axis.name: values for axis, values in file.series()[0].columns()}
     assert np.all(np.diff(columns["frequency"]) > 0)
     expected = np.abs(truth(Tactor(), columns["frequency"]))

@@ -62,7 +62,7 @@ def test_good_run_is_good_in_event_and_file(tmp_path: Path) -> None:
     assert isinstance(ended, RunEnded)
     assert to_jsonable(ended)["verdict"]["outcome"] == "good"
     with Run(ran.path) as file:
-        assert file.verdict == ran.verdict
+        assert file.record.verdict == ran.verdict
     with h5py.File(ran.path) as plain:  # without this program
         assert plain["entry/verdict"].asstr()[()] == "good"
 

@@ -15,11 +15,11 @@ from app.common import ExitCode
 from protocols.base import EstimatedQuantity
 from protocols.runfile import transaction
 from protocols.runfile.errors import StorageError
-from protocols.runfile.presence import writer_is_alive
+from protocols.runfile.presence import Superblock, writer_is_alive
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
 from protocols.runfile.results import append_estimates, append_results
-from protocols.runfile.superblock import Superblock
+from protocols.runfile.sidecar import notes_path
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
 from tests.helpers.flipped_bits import flips
@@ -125,13 +125,18 @@ def test_a_crashed_run_is_repaired_once_and_opens_plainly(tmp_path: Path, capsys
     with pytest.raises(OSError, match="already open for write"):
         h5py.File(path, "r")
     with Run(path) as run:
-        before = (run.state, run.trace.sample_count, run.point_count, [e.kind for e in run.events()])
+        before = (run.record.state, run.trace.sample_count, run.record.point_count, [e.kind for e in run.events()])
     assert main(["verify", str(path), "--repair"]) == ExitCode.DONE
     assert "left by a program that was killed; it is repaired" in capsys.readouterr().err
     with h5py.File(path, "r") as file:
         assert file["entry/trace/drive"].shape == (2000,)
     with Run(path) as run:
-        assert (run.state, run.trace.sample_count, run.point_count, [e.kind for e in run.events()]) == before
+        assert (
+            run.record.state,
+            run.trace.sample_count,
+            run.record.point_count,
+            [e.kind for e in run.events()],
+        ) == before
     assert verify_run(path).state is FileState.GOOD
     assert repair_run(path) == ""
     assert list(repair_folder(tmp_path)) == []
@@ -226,12 +231,12 @@ def test_results_interrupted_by_a_kill_are_stored_by_the_next_start(tmp_path: Pa
     with h5py.File(path, "r") as file:
         assert file["entry/more"][()] == 1.0
     assert verify_run(path).state is FileState.GOOD
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
     after = path.read_bytes()
     journal_path(path).write_bytes(journal[:-40])  # the program died while it wrote the journal
     repair_run(path)
     assert path.read_bytes() == after
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
 
 
 @pytest.mark.one_in(100)
@@ -262,7 +267,7 @@ def test_a_kill_between_two_pages_of_the_results_is_completed_by_the_next_start(
     (sentence,) = repair_folder(tmp_path)
     assert "are stored now" in sentence
     assert verify_run(path).state is FileState.GOOD
-    assert [path] == list(tmp_path.iterdir())
+    assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
     with h5py.File(path, "r") as after:
         assert after["entry/more"].shape == (5000,)
 

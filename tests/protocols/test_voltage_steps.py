@@ -70,7 +70,7 @@ def test_every_level_is_where_the_closed_form_says(ran) -> None:
 
 def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
     with Run(ran.path) as file:
-        found = {e.name: e for e in file.estimates()}
+        found = {e.name: e for e in file.record.estimates}
     assert abs(found["creep_per_decade"].value) < 4 * found["creep_per_decade"].standard_error
     assert abs(found["loop_width"].value) < 4 * found["loop_width"].standard_error
     assert 0 < found["repeatability"].value < 1e-6
@@ -82,7 +82,7 @@ def test_what_does_not_creep_has_no_creep_and_no_loop(ran) -> None:
 def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
     plan = BRIEF.plan(2.5)
     with Run(ran.path) as file:
-        again = [BRIEF.point(plan[r.entry].key, [r], file.simulated) for r in file.recordings()]
+        again = [BRIEF.point(plan[r.entry].key, [r], file.record.simulated) for r in file.recordings()]
     assert again == ran.points
 
 

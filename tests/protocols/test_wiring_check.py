@@ -35,7 +35,7 @@ def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
     assert ran.report.lowest_v >= 2.4 - 1e-6
     with Run(ran.path) as file:
         assert file.points()["commanded"].tolist() == [2.5, 2.6, 2.4, 2.5]
-        names = {estimate.name for estimate in file.estimates()}
+        names = {estimate.name for estimate in file.record.estimates}
         assert names == {"static_gain_above_rest", "static_gain_below_rest", "bench_latency", "noise_floor"}
         again = [CHECK.point((), [recording], simulated=True) for recording in file.recordings()]
     assert [p.displacement for p in again] == pytest.approx([p.displacement for p in ran.points], rel=1e-9)

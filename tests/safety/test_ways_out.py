@@ -27,7 +27,7 @@ def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> 
         assert safe(run.bench).outside_rest_s > 0.5
         assert "SIMULATED" not in run.text  # to the program this is a real bench
     with Run(run.file) as file:
-        assert file.status == RunStatus.COMPLETED
+        assert file.record.status == RunStatus.COMPLETED
         assert len(file.points()["frequency"]) == 2
 
 
@@ -43,7 +43,7 @@ def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, m
         assert run.end() == ExitCode.FAILED, run.text
         safe(run.bench)
     with Run(run.file) as file:
-        assert file.status == RunStatus.STOPPED
+        assert file.record.status == RunStatus.STOPPED
         assert (len(file.points()["frequency"]) > 0) == (moment == "25.0")
 
 
@@ -65,7 +65,7 @@ def test_burst_of_a_killed_program_ends_at_rest_by_itself(tmp_path: Path) -> Non
             bench.clock.sleep(0.05)
         safe(bench)
     with Run(run.file) as file:
-        assert file.state == "crashed"
+        assert file.record.state == "crashed"
         assert file.trace.sample_count > 1000
 
 
@@ -93,7 +93,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
         assert "UNSAFE: rest could not be confirmed" in run.text
         assert "switch the high voltage OFF at the amplifier itself" in run.text
     with Run(run.file) as file:
-        assert file.status == RunStatus.UNSAFE
+        assert file.record.status == RunStatus.UNSAFE
         assert len(file.points()["frequency"]) >= 1
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
-from app.common import NO_PROGRESS, OperationCancelled, Progress, Table, replacing
+from app.common import NO_PROGRESS, OperationCancelled, Progress, Table
+from protocols.base import replacing
 from protocols.runfile.reader import Run, translate_read_errors
 
 Format = Literal["csv", "json", "mat", "mat73", "parquet", "xlsx", "uff"]
@@ -81,7 +82,7 @@ def export_run(
 
 def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str, FileWriter]]:
     """Yield the name of each file and the function that writes it, with everything read but the raw samples."""
-    stem = run.path.stem + ("_SIMULATED" if run.simulated else "")
+    stem = run.path.stem + ("_SIMULATED" if run.record.simulated else "")
     if kind in ("csv", "parquet"):
         write = _function("text_files" if kind == "csv" else "parquet", f"write_{kind}")
         for part in parts:

@@ -94,7 +94,7 @@ def _record(run: Run, parts: Sequence[Part]) -> dict[str, Any]:
         record["estimates"] = _legal(
             {
                 e.name: {"name": e.name, "value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-                for e in run.estimates()
+                for e in run.record.estimates
             }
         )
     if "events" in parts:

@@ -46,8 +46,8 @@ def _plain(values: Iterable[Any]) -> Any:
 def _file_metadata(run: Run) -> dict[str, str]:
     return {
         "run": run.path.name,
-        "protocol": run.protocol,
-        "specimen": run.specimen,
-        "start_time": run.start_time,
-        "simulated": str(run.simulated).lower(),
+        "protocol": run.record.protocol,
+        "specimen": run.record.specimen,
+        "start_time": run.record.start_time,
+        "simulated": str(run.record.simulated).lower(),
     }

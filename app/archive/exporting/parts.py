@@ -98,7 +98,7 @@ def part_tables(run: Run, part: Part) -> Iterator[Table]:
             yield from _series_tables(run.series())
         case "estimates":
             names = ("name", "value", "standard error", "unit", "source")
-            estimates = [(e.name, e.value, e.standard_error, e.unit, str(e.source)) for e in run.estimates()]
+            estimates = [(e.name, e.value, e.standard_error, e.unit, str(e.source)) for e in run.record.estimates]
             yield Table.of_rows(part, names, estimates)
         case "events":
             events = [
@@ -148,7 +148,7 @@ def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
 def points_series(run: Run) -> Series:
     """Return the usable points over the axes of their protocol; sines, whose phase is known, as displacement over drive."""
     points, units = run.points(), run.units()
-    x, y = run.axes
+    x, y = run.record.axes
     usable = usable_mask(points["quality"])
     if {"frequency", "fundamental", "phase", "drive_amplitude"} <= points.keys():
         x, drive = "frequency", points["drive_amplitude"]
@@ -217,13 +217,13 @@ def about_rows(run: Run) -> Iterator[tuple[str, Any]]:
     """Yield names and values of the run's metadata, parameters one by one."""
     yield "file", run.path.name
     for name in ("protocol", "specimen", "state", "reason", "start_time"):
-        yield name, str(getattr(run, name))
-    yield "simulated", int(run.simulated)
+        yield name, str(getattr(run.record, name))
+    yield "simulated", int(run.record.simulated)
     yield "sample_rate_hz", run.trace.rate_hz
     yield "samples", run.trace.sample_count
-    for name, value in run.parameters.items():
+    for name, value in run.record.parameters.items():
         yield f"parameter_{name}", value if isinstance(value, int | float | str) else json.dumps(value)
-    for name, value in run.software.items():
+    for name, value in run.record.software.items():
         yield f"software_{name}".replace("-", "_"), value
 
 

@@ -49,7 +49,7 @@ def json_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
     """Return the function that writes the parts of a run as one object; it raises OperationCancelled."""
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
-    record: dict[str, Any] = about | {"configuration": run.configuration} if "about" in parts else {}
+    record: dict[str, Any] = about | {"configuration": run.record.configuration} if "about" in parts else {}
     if "points" in parts:
         record |= {"points": whole["points"], "units": whole["units"]}
     if "estimates" in parts:

@@ -67,11 +67,11 @@ def _write_sets(sets: Sequence[dict[str, Any]], path: Path, progress: Progress) 
 
 
 def _header(run: Run) -> dict[str, Any]:
-    date, time = _date_and_time(run.start_time)
+    date, time = _date_and_time(run.record.start_time)
     return {
         "type": 151,
-        "model_name": _line(run.specimen),
-        "description": _line(f"{_mark(run)}{run.protocol}, {run.path.name}"),
+        "model_name": _line(run.record.specimen),
+        "description": _line(f"{_mark(run)}{run.record.protocol}, {run.path.name}"),
         "db_app": "Tactor Bench",
         "program": _line(f"Tactor Bench {version()}"),
         # Times of the measurement, so that two exports of a run are equal.
@@ -98,8 +98,8 @@ def _function_sets(run: Run, series: Series, number: int) -> Iterator[dict[str, 
     x, y, axis = series.x, series.y_axis, series.x_axis
     response = "Frequency response: displacement of the centre / amplifier input voltage"
     common = {
-        "id2": _line(f"{_mark(run)}{run.specimen}, {run.protocol}, {series.title}"),
-        "id3": _line(run.start_time),
+        "id2": _line(f"{_mark(run)}{run.record.specimen}, {run.record.protocol}, {series.title}"),
+        "id3": _line(run.record.start_time),
         "id4": _line(run.path.name),
         "id5": _line(_drive_line(run, series)),
         "type": 58,
@@ -187,7 +187,7 @@ def _evenly_spaced(values: Array) -> bool:
 
 
 def _mark(run: Run) -> str:
-    return "SIMULATED " if run.simulated else ""
+    return "SIMULATED " if run.record.simulated else ""
 
 
 def _line(text: str, characters: int = ID_CHARACTERS) -> str:

@@ -34,7 +34,7 @@ def xlsx_writer(run: Run, parts: Sequence[Part]) -> Callable[[Path, Progress], N
 def _write_xlsx(run: Run, tables: Sequence[Table | None], path: Path, progress: Progress) -> None:
     with xlsxwriter.Workbook(str(path), {**OPTIONS, "constant_memory": True}) as book:
         heading = book.add_format({"bold": True})
-        title = f"{run.specimen} {run.protocol}{' SIMULATED' if run.simulated else ''}"
+        title = f"{run.record.specimen} {run.record.protocol}{' SIMULATED' if run.record.simulated else ''}"
         book.set_properties({"title": title, "comments": run.path.name})
         for table in tables:
             sheet = book.add_worksheet("raw" if table is None else table.name)

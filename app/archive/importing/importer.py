@@ -34,6 +34,7 @@ from app.session import load_protocol_class
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
 from protocols.runfile.schema import HDF5_SIGNATURE
+from protocols.runfile.sidecar import notes_path
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
@@ -76,7 +77,7 @@ def import_files(
             else [write_imported_run(each, table_options, options.folder) for each, table_options in taken]
         )
     if written:
-        record_audit("import", *written, sources=[str(path) for path in options.files])
+        record_audit("import", *written, *map(notes_path, written), sources=[str(path) for path in options.files])
     return [each for each, _ in taken], written
 
 

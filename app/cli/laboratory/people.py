@@ -6,7 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 from app.archive.checking import check_run
-from app.archive.notes import NotesError
 from app.cli.options import JSON_OBJECT, RUN_FILES, argument, command, option
 from app.common import (
     ExitCode,
@@ -19,6 +18,7 @@ from app.common import (
     usage_errors,
 )
 from protocols.runfile.reader import RunReadError
+from protocols.runfile.sidecar import NotesError
 
 
 @command("example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'")

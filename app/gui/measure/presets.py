@@ -12,9 +12,8 @@ from pydantic import ValidationError
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QMenu, QMessageBox, QToolButton, QWidgetAction
 
-from app.common import write_atomic
 from app.gui.widgets import Menu, configure
-from protocols.base import Protocol
+from protocols.base import Protocol, write_atomic
 
 MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
 """Parameter that moves frequencies off the mains, and how far the menu moves them."""

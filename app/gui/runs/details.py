@@ -228,8 +228,10 @@ def _people_text(run: RunSummary) -> str:
     parts = (
         f"measured by {run.operator}" if run.operator else "",
         f"checked by {run.checked_by}" if run.checked_by else "",
-        "" if run.temperature_c is None else f"{run.temperature_c:.1f} °C",
-        "" if run.humidity is None else f"{100 * run.humidity:.0f} % relative humidity",
+        "" if run.record.conditions.temperature_c is None else f"{run.record.conditions.temperature_c:.1f} °C",
+        ""
+        if run.record.conditions.humidity is None
+        else f"{100 * run.record.conditions.humidity:.0f} % relative humidity",
     )
     return ", ".join(filter(None, parts))
 

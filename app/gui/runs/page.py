@@ -113,7 +113,7 @@ class RunsPage(QStackedWidget):
         if chosen and chosen[0].readable:
             self.open_run(self.list.path_of(chosen[0]))
         elif chosen:
-            self.details.show_message(chosen[0].reason, is_error=True)
+            self.details.show_message(chosen[0].record.reason, is_error=True)
 
     def open_run(self, path: Path) -> None:
         """Open a run in the viewer."""

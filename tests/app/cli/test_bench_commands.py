@@ -234,7 +234,7 @@ def test_an_expired_calibration_is_a_warning_in_events_points_and_file(day: str,
     assert (Quality.CALIBRATION_EXPIRED in quality) == flagged
     assert quality.usable
     with Run(ran.path) as file:
-        assert file.configuration["sensor"]["expires"] == day
+        assert file.record.configuration["sensor"]["expires"] == day
         assert any(event.kind == "Noted" for event in file.events()) == flagged
 
 

@@ -28,7 +28,7 @@ def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytes
     assert "good: all points measured" in shown
     assert "160.000" in shown
     with Run(file) as run:
-        assert run.configuration["simulation"]["seed"] == 5
+        assert run.record.configuration["simulation"]["seed"] == 5
 
 
 def test_json_is_one_object_a_line_in_si_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -181,7 +181,7 @@ def test_the_reason_is_stored_in_the_run_and_logged(tmp_path: Path) -> None:
         lab.bench.configuration = {**lab.bench.configuration, "commissioning": state.stored}
         ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
     with Run(ran.path) as stored:
-        assert stored.configuration["commissioning"]["reason"] == "first look"
+        assert stored.record.configuration["commissioning"]["reason"] == "first look"
     assert any(
         "High voltage without a valid commissioning of the source: first look" in getattr(e, "text", "")
         for e in ran.events

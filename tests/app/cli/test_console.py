@@ -246,7 +246,7 @@ def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], 
     os.close(write)
     assert "Traceback" not in (done.stderr or "")
     with Run(next(tmp_path.glob("*.h5"))) as file:
-        assert file.state == "completed"
+        assert file.record.state == "completed"
 
 
 @pytest.mark.deep

@@ -69,7 +69,7 @@ def test_a_series_is_added_measured_and_drawn(window: MainWindow, tmp_path: Path
     largest = {}  # runs of one second are numbered in their names, which are not in order then
     for path in tmp_path.glob("*.h5"):
         with Run(path) as run:
-            largest[run.parameters["peak_to_peak_v"]] = 1e6 * run.points()["peak_to_peak"].max()
+            largest[run.record.parameters["peak_to_peak_v"]] = 1e6 * run.points()["peak_to_peak"].max()
     line, _ = pane.plots.curves.drawn_curves[-1]
     assert line.getData()[0].tolist() == [1.0, 2.0, 3.0]
     assert line.getData()[1].tolist() == pytest.approx([largest[volts] for volts in (1.0, 2.0, 3.0)])

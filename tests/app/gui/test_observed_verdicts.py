@@ -119,8 +119,13 @@ def test_a_fault_of_the_setup_is_named_in_terminal_window_list_and_report(
     assert case.cause in plain(" ".join(said))
 
     with Run(path) as run:
-        verdict, protocol, status, reason = run.verdict, run.protocol, run.status, run.reason
-        parameters = PROTOCOLS[protocol].model_validate(run.parameters)
+        verdict, protocol, status, reason = (
+            run.record.verdict,
+            run.record.protocol,
+            run.record.status,
+            run.record.reason,
+        )
+        parameters = PROTOCOLS[protocol].model_validate(run.record.parameters)
     assert verdict.outcome is case.outcome
     stage.window.measure_page.run_panel.set_protocol(parameters)
     stage.happen(OPENED)

@@ -11,7 +11,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from app.archive.catalogue import Catalogue
-from app.archive.notes import Notes, notes_path, read_notes
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
 from app.gui.widgets.theme import WindowTheme
@@ -19,6 +18,8 @@ from app.live.overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
+from protocols.runfile.sidecar import notes_path, read_notes
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, drop_file, find, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
@@ -215,8 +216,8 @@ def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -
     QTest.keyClicks(find(page, "runs.tags"), "good, glued")
     QTest.keyClick(find(page, "runs.tags"), Qt.Key.Key_Return)
     run = next(folder.glob("*_T7_*.h5"))
-    until(lambda: notes_path(run).exists(), "for the notes")
-    assert read_notes(notes_path(run)) == Notes(("good", "glued"))
+    until(lambda: read_notes(notes_path(run)).tags != (), "for the notes")
+    assert read_notes(notes_path(run)).tags == ("good", "glued")
     until(lambda: any(e.tags == "good, glued" for e in page.list.folder_model.summaries), "for the list")
     find(page, "runs.search").setText("glued")
     assert names(page) == ["T7"]
@@ -233,7 +234,8 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
     QTest.keyClicks(find(page, "runs.note"), "twice")
     page.list.table.setFocus()
     run = next(folder.glob("*_T7_*.h5"))
-    until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
+    until(lambda: read_notes(notes_path(run)).note == "glued twice", "for the notes")
+    assert read_notes(notes_path(run)).tags == ("good",)
 
 
 @pytest.mark.deep
@@ -241,7 +243,9 @@ def test_run_without_response_shows_text_and_shortens_long_reason(page: RunsPage
     page.details.show_runs((), 1)
     assert page.details.empty_label.isVisible()
     assert not page.details.plot.isVisible()
-    page.details.show_selection([page.list.folder_model.summaries[0]._replace(reason="word " * 400)])
+    page.details.show_selection(
+        [page.list.folder_model.summaries[0]._replace(record_json=RunRecord(reason="word " * 400).to_json())]
+    )
     assert len(page.details.facts_label.text()) < 500
 
 
@@ -326,7 +330,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     until(lambda: "imported" in find(page, "runs.message").text(), "for the import")
     (made,) = set(folder.glob("*.h5")) - before
     with Run(made) as run:
-        assert (run.specimen, run.state, run.simulated) == ("T7", "imported", False)
+        assert (run.record.specimen, run.record.state, run.record.simulated) == ("T7", "imported", False)
         np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
     assert find(page, "runs.message").text().startswith("fig4.csv: 1 run of T7 imported\n")
     assert "the uncertainty of the values is not given" in find(page, "runs.message").text()
@@ -418,7 +422,8 @@ def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: Ru
     assert "1 run moved to the trash" in page.toast.label.text()
     page.toast.undo_button.click()
     until(lambda: names(page).count("T7") == 1 and page.list.folder_model.is_idle, "for the list")
-    assert read_notes(notes_path(run)) == Notes(("good",), "the one")
+    notes = read_notes(notes_path(run))
+    assert (notes.tags, notes.note) == (("good",), "the one")
 
 
 @pytest.mark.deep

@@ -20,7 +20,7 @@ def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path
     with laboratory() as lab:
         ran = run(MembraneSag(repeats=3, sample_rate_hz=1000), tmp_path, lab)
     with Run(ran.path) as file:
-        (told,) = [e for e in file.estimates() if e.name == "E_m"]
+        (told,) = [e for e in file.record.estimates if e.name == "E_m"]
     for found in (identify([ran.path], "chain"), identify([ran.path], "joint", FitOptions(free=("E_m",)))):
         (E_m,) = [e for e in found.estimates if e.name == "E_m"]
         assert E_m.value == pytest.approx(told.value, rel=1e-3)

@@ -107,7 +107,7 @@ def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None
     assert few.adequacy.adequate is False
     # only the plant's parameters have their number
     with Run(runs[0]) as measured:
-        assert measured.configuration["simulation"]["modes"] == 20
+        assert measured.record.configuration["simulation"]["modes"] == 20
 
 
 @pytest.mark.deep
@@ -305,11 +305,11 @@ def test_a_bench_file_corrects_what_stands_in_it_alone(made: Made, tmp_path: Pat
     amplifier = tmp_path / "amplifier.toml"
     amplifier.write_text('name = "a"\n[generator]\nresource = "x"\n[amplifier]\nslope_above = 610.0\n')
     with Run(path) as was, Correction.from_bench_file(amplifier).open(path) as now:
-        assert now.sensor == was.sensor
-        assert now.configuration["amplifier"]["slope_above"] == 610.0
+        assert now.record.sensor == was.record.sensor
+        assert now.record.configuration["amplifier"]["slope_above"] == 610.0
     with Run(path) as was, Correction.from_bench_file(bench(tmp_path / "s.toml", 1.1e-4)).open(path) as now:
-        assert now.sensor.gain_m_per_v == 1.1e-4
-        assert now.configuration == was.configuration
+        assert now.record.sensor.gain_m_per_v == 1.1e-4
+        assert now.record.configuration == was.record.configuration
     neither = tmp_path / "neither.toml"
     neither.write_text('name = "n"\n[generator]\nresource = "x"\n')
     with pytest.raises(ConfigError, match="neither \\[sensor\\] nor \\[amplifier\\]"):

@@ -108,7 +108,7 @@ def test_an_elongation_makes_it_a_membrane_series(tmp_path: Path) -> None:
     )
     path = brought(tmp_path / "m.csv", *FULL, "--uncertainty", "peak_to_peak=1 %")
     with Run(path) as run:
-        assert run.protocol == "membrane-series"
+        assert run.record.protocol == "membrane-series"
         found = [o.elongation_m for o in run_observations(run) if isinstance(o, FrequencyResponseObservation)]
     assert found == [None, pytest.approx(1.27e-3)]
     (tmp_path / "one.csv").write_text("frequency [Hz],pp [um]\n100,437\n")
@@ -135,7 +135,7 @@ def test_a_time_series_gives_amplitude_and_phase(tmp_path: Path) -> None:
     np.testing.assert_allclose(got["phase"], -0.7 + 2 * np.pi * 160 * 1e-4, atol=1e-5)
     np.testing.assert_allclose(got["drive_amplitude"], 2.0, rtol=1e-6)
     with Run(path) as run:
-        assert run.protocol == "sine-dwell"
+        assert run.record.protocol == "sine-dwell"
         assert run.trace.sample_count == 0
         assert {s.label: s.y.size for s in run.series() if s.name == "time series"} == {
             "160 Hz, a.csv": 5000,
@@ -183,7 +183,7 @@ def test_what_looks_odd_is_told_and_kept(
     path = brought(tmp_path / "t.csv", *FULL)
     assert message in capsys.readouterr().out
     with Run(path) as run:
-        assert any(message in caution for caution in run.imported["cautions"])
+        assert any(message in caution for caution in run.record.imported["cautions"])
 
 
 def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,7 +34,7 @@ def test_sags_need_no_number_of_the_row(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("sag_mm,sag_errors_mm\n3.46,0.02\n3.48,0.02\n3.46,0.02\n")
     path = brought(tmp_path / "s.csv")
     with Run(path) as run:
-        assert run.protocol == "membrane-sag"
+        assert run.record.protocol == "membrane-sag"
     np.testing.assert_allclose(points(path)["sag"], [3.46e-3, 3.48e-3, 3.46e-3])
     np.testing.assert_array_equal(points(path)["repeat"], [1, 2, 3])
 
@@ -54,7 +54,7 @@ def test_even_samples_are_a_time_series_and_an_unknown_delay_is_said(
 ) -> None:
     path = brought(series(tmp_path / "t.csv"))
     with Run(path) as run:
-        assert run.protocol == "sine-dwell"
+        assert run.record.protocol == "sine-dwell"
     assert "the delay of the sensor's output is not given and taken as 0" in " ".join(capsys.readouterr().out.split())
     brought(tmp_path / "t.csv", "--sensor-delay", "0 s")
     assert "the delay of the sensor" not in capsys.readouterr().out

@@ -130,8 +130,8 @@ def test_what_is_exported_and_imported_again_is_the_same(name: str, kind: Any, t
         (file,) = export_run(run, tmp_path, kind, ("about", "points") if kind == "mat" else ("points",))
     got, wanted = points(brought(file)), points(original)
     with Run(next((tmp_path / "runs").glob("*.h5"))) as run:
-        assert run.protocol == name
-        assert run.specimen == ("T9" if kind == "mat" else "unnamed")
+        assert run.record.protocol == name
+        assert run.record.specimen == ("T9" if kind == "mat" else "unnamed")
     assert got.keys() == wanted.keys()
     for column, values in wanted.items():
         if column == "quality":
@@ -159,11 +159,11 @@ def test_what_was_simulated_stays_simulated(tmp_path: Path) -> None:
     assert points(brought(cut))["quality"] == [int(Quality.SIMULATED | Quality.IMPORTED)]
     for file in (renamed, files[1]):
         with Run(brought(file)) as run:
-            assert run.simulated
+            assert run.record.simulated
             assert Quality(int(run.points()["quality"][0])) == Quality.SIMULATED | Quality.IMPORTED
 
 
 def test_a_measured_run_is_not_imported(tmp_path: Path) -> None:
     with Run(finished_run(tmp_path)) as run:
-        assert run.imported == {}
-        assert run.state == "completed"
+        assert run.record.imported == {}
+        assert run.record.state == "completed"

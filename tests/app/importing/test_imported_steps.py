@@ -32,12 +32,16 @@ def test_exported_and_imported_steps_fit_to_the_parameters_of_the_measured_ones(
     assert main(["export", str(measured), "--format", "csv", "--out", str(tmp_path)]) == 0
     (table,) = tmp_path.glob("*_points.csv")
     with Run(measured) as file:
-        sensor = f"{file.sensor.name} {file.sensor.serial}".strip()
-        gain = file.sensor.gain_relative_uncertainty
-        parameters, specimen = file.parameters, file.specimen
+        sensor = f"{file.record.sensor.name} {file.record.sensor.serial}".strip()
+        gain = file.record.sensor.gain_relative_uncertainty
+        parameters, specimen = file.record.parameters, file.record.specimen
     imported = brought(table, "--sensor", sensor, "--gain-error", str(gain))
     with Run(imported) as file:
-        assert (file.specimen, file.parameters, bool(file.imported)) == (specimen, parameters, True)
+        assert (file.record.specimen, file.record.parameters, bool(file.record.imported)) == (
+            specimen,
+            parameters,
+            True,
+        )
     one, other = (identify([path], options=FREE, sheet="none") for path in (measured, imported))
     assert [e.name for e in one.identified] == ["mu", "creep", "hysteresis"]
     for a, b in zip(one.estimates, other.estimates, strict=True):

@@ -65,8 +65,8 @@ def test_the_errors_of_a_chirp_are_what_its_lines_are_off() -> None:
 def test_a_chirp_becomes_a_sweep_whose_lines_are_those_of_finite_elements(tmp_path: Path) -> None:
     path = brought(chirp(tmp_path / "chirp.csv"), "--sensor-delay", "100 us", "--gain-error", "0.2 %")
     with Run(path) as run:
-        assert run.protocol == "sweep"
-        assert run.imported
+        assert run.record.protocol == "sweep"
+        assert run.record.imported
         response, _, series = run.series()
         assert response.name == "frequency response"
         assert series.y.size == round(11 * RATE_HZ)

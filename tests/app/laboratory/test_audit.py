@@ -9,7 +9,7 @@ import h5py
 import pytest
 
 from app.archive.audit import begin_audit, verify_audit
-from app.archive.notes import Notes, write_notes
+from app.archive.notes import write_notes
 from app.archive.trash import move_to_trash, restore_from_trash
 from app.cli.main import main
 from app.common import ExitCode
@@ -17,6 +17,7 @@ from app.common.audit import record_audit
 from app.common.audit_log import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
 from protocols.base import Outcome, Verdict
 from protocols.runfile.results import append_results, store_verdict
+from protocols.runfile.sidecar import notes_path
 from protocols.runfile.verify import run_fingerprint
 from tests.helpers.run_files import finished_run
 
@@ -82,7 +83,7 @@ def test_a_line_that_a_power_cut_left_incomplete_stays_on_record(tmp_path: Path,
 
 def test_nothing_is_written_where_no_trail_was_begun(tmp_path: Path) -> None:
     run = finished_run(tmp_path)
-    write_notes(run, Notes(("good",)))
+    write_notes(run, tags=("good",))
     assert audited_folder(run) is None
     assert not (tmp_path / LOG_NAME).exists()
     assert main(["audit", "verify", str(tmp_path)]) == ExitCode.USAGE
@@ -91,16 +92,15 @@ def test_nothing_is_written_where_no_trail_was_begun(tmp_path: Path) -> None:
 def test_files_that_were_changed_by_other_programs_are_named(tmp_path: Path) -> None:
     run, other = finished_run(tmp_path / "deep", "T1"), finished_run(tmp_path, "T2")
     begin_audit(tmp_path)
-    write_notes(run, Notes(("good",), "glued"))
+    write_notes(run, tags=("good",), note="glued")
     assert verify_audit(tmp_path).problems == ()
     before = run_fingerprint(run)
     with append_results(run) as file:
         store_verdict(file, Verdict(Outcome.DOUBTFUL, ("later",)))
     assert run_fingerprint(run).immutable == before.immutable, "a verdict of later leaves what was measured as it is"
     assert run_fingerprint(run).results != before.results
-    (problem,) = verify_audit(tmp_path).problems
-    assert "has other results since entry 1" in problem
-    record_audit("judge", run)
+    assert "has other results since entry 1" in verify_audit(tmp_path).problems[0]
+    record_audit("repair", run, notes_path(run))
     assert verify_audit(tmp_path).problems == ()
     with h5py.File(other, "r+") as file:
         file["entry/trace/displacement"][3] += 1
@@ -123,7 +123,7 @@ def test_deletions_are_recorded_and_others_are_detected(tmp_path: Path) -> None:
     (problem,) = verify_audit(tmp_path).problems
     assert problem.startswith(f"{second.name} is missing since entry 1")
     third = finished_run(tmp_path, "T3")
-    assert verify_audit(tmp_path).unrecorded == (third.name,)
+    assert verify_audit(tmp_path).unrecorded == (third.name, notes_path(third).name)
 
 
 WRITER = """

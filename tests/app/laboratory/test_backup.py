@@ -16,6 +16,7 @@ from app.cli.main import main
 from app.common import ExitCode, UsageError
 from app.config import BackupTable, BenchConfig, load_bench
 from protocols.base import LogMessage, RunEnded, RunStatus
+from protocols.runfile.sidecar import notes_path
 from protocols.runfile.verify import FileState, verify_run
 from tests.helpers.run_files import finished_run
 
@@ -48,15 +49,20 @@ def test_new_and_changed_files_are_copied_and_nothing_is_deleted(
     (runs / ".trash" / "old.h5").write_text("")
     assert main(["backup", str(copies), "--folder", str(runs), "--json"]) == ExitCode.DONE
     found = json.loads(capsys.readouterr().out)
-    assert sorted(found["copied"]) == sorted([first.name, "campaign/T1.json"])
+    assert sorted(found["copied"]) == sorted([first.name, notes_path(first).name, "campaign/T1.json"])
     assert (copies / first.name).read_bytes() == first.read_bytes()
     first.unlink()
+    notes_path(first).unlink()
     second = finished_run(runs, "T2")
     (runs / "campaign" / "T1.json").write_text('{"changed": 1}')
     result = back_up(runs, copies)
-    assert set(result.copied) == {second.name, "campaign/T1.json"}
+    assert set(result.copied) == {second.name, notes_path(second).name, "campaign/T1.json"}
     assert verify_run(copies / first.name).state is FileState.GOOD
-    assert set(back_up(runs, copies, compare_all=True).unchanged) == {second.name, "campaign/T1.json"}
+    assert set(back_up(runs, copies, compare_all=True).unchanged) == {
+        second.name,
+        notes_path(second).name,
+        "campaign/T1.json",
+    }
 
 
 def test_a_damaged_run_does_not_replace_its_good_copy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,7 +70,7 @@ def test_a_damaged_run_does_not_replace_its_good_copy(tmp_path: Path, capsys: py
     path = finished_run(runs)
     back_up(runs, copies)
     damage(path)
-    assert back_up(runs, copies).unchanged == (path.name,)  # size and time are the same
+    assert back_up(runs, copies).unchanged == (path.name, notes_path(path).name)  # size and time are the same
     assert main(["backup", str(copies), "--folder", str(runs), "--compare"]) == ExitCode.FAILED
     assert f"{path} is damaged" in capsys.readouterr().out
     os.utime(path, ns=(0, path.stat().st_mtime_ns + 10**10))
@@ -88,6 +94,7 @@ def test_a_change_of_the_same_size_right_after_a_backup_is_copied(tmp_path: Path
 def test_a_copy_that_reads_back_differently_or_of_a_changing_file_is_none(tmp_path: Path) -> None:
     runs, copies = tmp_path / "runs", tmp_path / "copies"
     path = finished_run(runs)
+    notes_path(path).unlink()
     with mock.patch("app.archive.transfer.file_hash", return_value="0" * 64):
         assert "reads back differently" in back_up(runs, copies).problems[0]
     fsync = os.fsync

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.archive.notes import Notes, notes_path, read_notes, write_notes
+from app.archive.notes import write_notes
 from app.cli.main import main
 from app.common import ExitCode, UsageError, people
 from drivers.errors import LinkError
@@ -15,6 +15,7 @@ from drivers.sensors.environment import EnvironmentReading, TextEnvironmentSenso
 from drivers.transport.serial_port import SerialPort
 from protocols.base import RunConditions
 from protocols.runfile.reader import Run
+from protocols.runfile.sidecar import notes_path, read_notes
 from sim_hardware.wires.pty import PtyServer
 
 
@@ -146,7 +147,7 @@ def test_people_and_air_are_stored_in_a_run_and_found(tmp_path: Path, capsys: py
     paths = sorted(runs.glob("*.h5"), key=lambda path: "_T2_" in path.name)  # both may be of the same second
     for path in paths:
         with Run(path) as run:
-            found = run.conditions
+            found = run.record.conditions
         assert (found.operator, found.temperature_c, found.humidity) == ("Anna Muster", 23.4, 0.45)
         assert found.origin.startswith("typed ")
     capsys.readouterr()
@@ -175,7 +176,7 @@ def test_people_and_air_are_stored_in_a_run_and_found(tmp_path: Path, capsys: py
     assert [each["specimen"] for each in listed("--checked-by", "nobody")] == ["T2"]
     assert len(listed("--instrument", "my00000001")) == 2
     assert len(listed("--search", "muster 23.4 33511B")) == 2
-    write_notes(paths[0], Notes(("good",)))
+    write_notes(paths[0], tags=("good",))
     assert [check.name for check in read_notes(notes_path(paths[0])).checks] == ["Ben"], "a note keeps the check"
-    write_notes(paths[0], Notes())
+    write_notes(paths[0], tags=())
     assert listed("--checked-by", "ben")

@@ -270,7 +270,7 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
         f"voltage-steps, {steps.name}: △ DOUBTFUL, SIMULATED",
     ]
     with Run(dwell) as measured:
-        names = [typeset(estimate.name) for estimate in measured.estimates()]
+        names = [typeset(estimate.name) for estimate in measured.record.estimates]
     assert [row[0] for row in next(iter(cards.values())).rows] == names
     assert known.identification is not None
     assert len(known.identification.observations.runs) == 1

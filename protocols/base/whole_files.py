@@ -1,5 +1,6 @@
-"""Atomic writing of files."""
+"""Whole files: atomic writing, SHA-256."""
 
+import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,3 +28,16 @@ def write_atomic(path: Path, text: str) -> None:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file; empty for a missing file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        return ""

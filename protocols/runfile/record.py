@@ -1,0 +1,192 @@
+"""Run record: every fact of a run but its points, series, events and samples.
+
+A new fact of a run is a field here: the writer's `create_file` stores it, `Run` reads it, and lists, reports, exports and the public
+interface have it from `record`.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any, Self
+
+from drivers import LaserSensor
+from model import AmplifierMap
+from protocols.base import (
+    EstimatedQuantity,
+    RunConditions,
+    RunStatus,
+    Verdict,
+    parse_json_object,
+    to_jsonable,
+    visible_text,
+    visible_values,
+)
+
+NO_SENSOR = LaserSensor("", 0.0)
+LISTED_CONFIGURATION = ("name", "identities")
+"""Tables of the configuration that are in the JSON form."""
+DECODED_RECORDS = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class LargestPoint:
+    """The usable point with the largest max - min; `median_drive_v` is the median drive amplitude of all usable points."""
+
+    frequency_hz: float
+    peak_to_peak_m: float
+    error_m: float
+    median_drive_v: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunRecord:
+    """Facts of a run: identity, people and conditions, instruments, verdict, estimates, key figures.
+
+    Its JSON form, which lists and the sidecar use, has of the configuration only the bench's name and the identities, and neither
+    the reference model nor the software.
+    """
+
+    protocol: str = ""
+    title: str = ""
+    """Protocol and specimen."""
+    specimen: str = "unnamed"
+    start_time: str = ""
+    """ISO 8601, UTC."""
+    simulated: bool = False
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """The protocol's parameters by name, SI."""
+    requested: Mapping[str, Any] = field(default_factory=dict)
+    """Requested values of the parameters that were adapted to the source; empty if none was."""
+    imported: Mapping[str, Any] = field(default_factory=dict)
+    """Source files, hashes and columns of an imported run; empty for a measured one."""
+    continues: str = ""
+    """File of the run that this one continues, relative to its folder; empty if none."""
+    conditions: RunConditions = field(default_factory=RunConditions)
+    """Who measured, and the state of the air; empty in runs of earlier versions."""
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+    """The bench file's tables at the time of the run."""
+    sensor: LaserSensor = NO_SENSOR
+    """The displacement sensor with its calibration."""
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    """Model of the free specimen that the verdict compares with; empty in runs of earlier versions and imports."""
+    software: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the software that computed the results, by name."""
+    axes: tuple[str, str] = ("", "")
+    """Columns of the points that are plotted: x and y."""
+    status: RunStatus = RunStatus.RUNNING
+    crashed: bool = False
+    """Whether the status is `running` but the writing process is gone (known on the same computer, or once repaired)."""
+    reason: str = ""
+    """How and why it ended; empty until then."""
+    verdict: Verdict = field(default_factory=Verdict)
+    """Not judged if it is of an earlier version, imported, or has not ended."""
+    estimates: tuple[EstimatedQuantity, ...] = ()
+    """The most important first."""
+    series: tuple[str, ...] = ()
+    """Names of its series, each once."""
+    point_count: int = 0
+    entry_count: int = 0
+    """Entries of the plan that have a point."""
+    duration_s: float = 0.0
+    """Of the samples."""
+    largest: LargestPoint | None = None
+    """None for points without max - min."""
+    caution: str = ""
+    """Why what was stored about the run after its end is not used; empty without such a reason."""
+
+    @property
+    def state(self) -> str:
+        """The status as text, including `crashed`; `imported` for an imported run."""
+        if self.imported and self.status is RunStatus.COMPLETED:
+            return "imported"
+        return "crashed" if self.crashed else str(self.status)
+
+    @property
+    def bench_name(self) -> str:
+        """Name of the bench; empty in an imported run."""
+        return str(self.configuration.get("name", ""))
+
+    @property
+    def sensor_text(self) -> str:
+        """Name and serial number of the displacement sensor."""
+        return " ".join(filter(None, (self.sensor.name, self.sensor.serial and f"#{self.sensor.serial}")))
+
+    @property
+    def identities(self) -> dict[str, Any]:
+        """Identities of the instruments with serial numbers, by role; empty in an imported run."""
+        return dict(self.configuration.get("identities", {}))
+
+    @property
+    def amplifier_map(self) -> AmplifierMap:
+        """The amplifier's static map as it was then."""
+        table = self.configuration.get("amplifier", {})
+        return AmplifierMap(**{f.name: float(table[f.name]) for f in fields(AmplifierMap) if f.name in table})
+
+    def for_lists(self) -> Self:
+        """Return the record without what lists do not use."""
+        kept = {name: self.configuration[name] for name in LISTED_CONFIGURATION if name in self.configuration}
+        return replace(self, configuration=kept, reference={}, software={})
+
+    def to_json(self) -> str:
+        """Return the JSON form for lists; values that are not finite are null, and defaults are left out."""
+        listed = self.for_lists()
+        plain = {
+            name: to_jsonable(value)
+            for name, default in _DEFAULTS.items()
+            if (value := getattr(listed, name)) is not default and value != default
+        }
+        return json.dumps(plain, ensure_ascii=False, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the record of a JSON form; see `from_plain`."""
+        return cls.from_plain(parse_json_object(text), text)
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any], text: str) -> Self:
+        """Return the record of a parsed JSON form, of which `text` is the text.
+
+        Raises:
+            ArithmeticError, AttributeError, LookupError, TypeError, ValueError: it is none of this version.
+        """
+        if "\\" in text or not text.isprintable():
+            plain = visible_values(plain)
+        for name, kind in _PLAIN.items():
+            if name in plain and not isinstance(plain[name], kind):
+                raise TypeError(f"{name} has another type")
+            if kind is str and name in plain:
+                plain[name] = visible_text(plain[name])
+        return cls(**plain | {name: read(plain[name]) for name, read in _COMPOSED.items() if name in plain})
+
+
+@lru_cache(DECODED_RECORDS)
+def decode_record(text: str) -> RunRecord:
+    """Return the record of a JSON form that this program wrote."""
+    return RunRecord.from_json(text)
+
+
+def _numbers(plain: Mapping[str, Any], *texts: str) -> dict[str, Any]:
+    """Return the fields of a class of numbers, null as NaN, and texts."""
+    return {
+        name: value if name in texts else float("nan") if value is None else float(value)
+        for name, value in plain.items()
+    }
+
+
+_DEFAULTS = {f.name: getattr(RunRecord(), f.name) for f in fields(RunRecord)}
+_PLAIN: Mapping[str, Any] = {
+    name: type(default) for name, default in _DEFAULTS.items() if type(default) in (str, bool, int, dict)
+} | {"duration_s": (int, float)}
+"""Types of the fields that are stored as they are."""
+_COMPOSED: Mapping[str, Any] = {
+    "conditions": lambda plain: RunConditions(**plain),
+    "sensor": lambda plain: LaserSensor(**_numbers(plain, "name", "serial", "calibrated", "expires")),
+    "axes": lambda plain: (str(plain[0]), str(plain[1])),
+    "status": RunStatus,
+    "verdict": Verdict.from_record,
+    "estimates": lambda plain: tuple(EstimatedQuantity(**_numbers(each, "name", "unit", "source")) for each in plain),
+    "series": lambda plain: tuple(map(str, plain)),
+    "largest": lambda plain: LargestPoint(**_numbers(plain)),
+}
+"""Readers of the other fields."""

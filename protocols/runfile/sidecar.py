@@ -1,0 +1,202 @@
+"""Sidecar of a run file: tags, note, checks, a later verdict and the record for lists, in a small JSON file beside it.
+
+A run file is not touched after its end. What belongs to one state of it is bound to that state by its SHA-256 and not believed of another.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from protocols.base import (
+    Verdict,
+    file_hash,
+    read_json_file,
+    to_jsonable,
+    visible_text,
+    visible_values,
+    write_atomic,
+)
+from protocols.runfile.record import RunRecord
+
+NOTES_SUFFIX = ".notes.json"
+MAX_HASHED_BYTES = 16_000_000
+"""Files up to this length are hashed at the end of a run and where a list finds a copy; reading longer ones by HDF5 is faster."""
+_DIGEST_BYTES = 16
+
+
+class NotesError(Exception):
+    """A sidecar cannot be read or written; the message gives file, reason and remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunCheck:
+    """A run was checked by a second person.
+
+    Attributes:
+        name: of that person.
+        time: ISO 8601, UTC.
+        sha256: of the run file as it was checked.
+        remark: what was found.
+    """
+
+    name: str
+    time: str
+    sha256: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LaterVerdict:
+    """A verdict that was stored after the end of the run.
+
+    Attributes:
+        verdict: the verdict.
+        time: ISO 8601, UTC.
+        sha256: of the run file as it was judged.
+    """
+
+    verdict: Verdict
+    time: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Content of a sidecar: tags, each a word or a few without a comma, free text, and what belongs to one state of the file."""
+
+    tags: tuple[str, ...] = ()
+    note: str = ""
+    checks: tuple[RunCheck, ...] = ()
+    """Second persons who checked the run."""
+    later_verdict: LaterVerdict | None = None
+    listed: Mapping[str, Any] | None = None
+    """The record for lists with size, time of modification and SHA-256 of its file, and its digest."""
+
+
+def notes_path(run: Path) -> Path:
+    """Return the path of a run's sidecar."""
+    return run.with_suffix(NOTES_SUFFIX)
+
+
+def read_notes(path: Path) -> Notes:
+    """Read a sidecar; empty notes if there is no file.
+
+    Raises:
+        NotesError: the file is there and cannot be understood.
+    """
+    try:
+        record = read_json_file(path)
+        tags, note, verdict = record.get("tags", []), record.get("note", ""), record.get("later_verdict")
+        if not (isinstance(tags, list) and isinstance(note, str) and all(isinstance(tag, str) for tag in tags)):
+            raise ValueError("tags are a list of texts, and a note is a text")
+        return Notes(
+            tuple(map(_storable, tags)),
+            _storable(note),
+            tuple(
+                RunCheck(*(_storable(str(each.get(key, ""))) for key in ("name", "time", "sha256", "remark")))
+                for each in record.get("checks", [])
+            ),
+            None if verdict is None else _later_verdict(verdict),
+            record.get("listed"),
+        )
+    except FileNotFoundError:
+        return Notes()
+    except (OSError, ValueError, TypeError, AttributeError, LookupError) as error:
+        raise NotesError(
+            f"the notes {path} cannot be read ({error}); correct the file or take it away, the run itself is untouched"
+        ) from None
+
+
+def change_notes(run: Path, **changes: Any) -> Notes:
+    """Replace fields of a run's sidecar, atomically, and return it; a sidecar without content is removed.
+
+    Raises:
+        NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.
+    """
+    path = notes_path(run)
+    notes = replace(read_notes(path), **changes)
+    record = {name: value for name, value in asdict(notes).items() if value}
+    try:
+        if record:
+            shown = {"tags": [], "note": ""} | record if record.keys() - {"listed", "later_verdict"} else record
+            write_atomic(path, json.dumps(to_jsonable(shown), indent=2, ensure_ascii=False) + "\n")
+        else:
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None
+    return notes
+
+
+def store_listed(run: Path, record: RunRecord) -> None:
+    """Store the record of an ended run for lists; nothing for one that its JSON form changes, such as a parameter that is NaN.
+
+    Raises:
+        NotesError: the sidecar cannot be read or written.
+        OSError: the run file cannot be read.
+    """
+    text = record.to_json()
+    if repr(RunRecord.from_json(text)) != repr(record.for_lists()):
+        return
+    stat = run.stat()
+    listed = {
+        "size": stat.st_size,
+        "modified_ns": stat.st_mtime_ns,
+        "sha256": file_hash(run) if stat.st_size <= MAX_HASHED_BYTES else "",
+        "digest": _digest(text),
+        "record": json.loads(text),
+    }
+    change_notes(run, listed=listed)
+
+
+def listed_record(run: Path, notes: Notes) -> tuple[RunRecord, str] | None:
+    """Return the record for lists with its JSON form if it is of the file as it is; None otherwise."""
+    try:
+        listed = notes.listed
+        if listed is None:
+            return None
+        stat = run.stat()
+        if (stat.st_size, stat.st_mtime_ns) != (listed["size"], listed["modified_ns"]):
+            copied = stat.st_size == listed["size"] <= MAX_HASHED_BYTES and file_hash(run) == listed["sha256"]
+            if not copied:
+                return None
+        text = json.dumps(listed["record"], ensure_ascii=False)
+        return (RunRecord.from_plain(listed["record"], text), text) if _digest(text) == listed["digest"] else None
+    except (OSError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        return None
+
+
+def with_later_verdict(record: RunRecord, run: Path, notes: Notes) -> RunRecord:
+    """Return the record with the verdict that was stored after the end of the run; with a caution if that is of another state of the file.
+
+    Raises:
+        OSError: the run file cannot be read.
+    """
+    later = notes.later_verdict
+    if later is None:
+        return record
+    if file_hash(run) == later.sha256:
+        return replace(record, verdict=later.verdict)
+    caution = (
+        f"the file has changed since {later.time[:16].replace('T', ' ')} UTC: the verdict '{later.verdict.outcome}', "
+        f"which was then stored in {notes_path(run).name}, is not used; judge it again"
+    )
+    return replace(record, caution=caution)
+
+
+def _later_verdict(record: Mapping[str, Any]) -> LaterVerdict:
+    verdict = Verdict.from_record(visible_values(record["verdict"]))
+    verdict.describe("".join(check.text for check in verdict.failed_checks))  # raises for values of a wrong type
+    return LaterVerdict(verdict, visible_text(str(record["time"])), str(record["sha256"]))
+
+
+def _digest(text: str) -> str:
+    return hashlib.blake2b(text.encode("utf-8", "replace"), digest_size=_DIGEST_BYTES).hexdigest()
+
+
+def _storable(text: str) -> str:
+    """Return a text without halves of characters, which no file and no index can hold."""
+    return text.encode("utf-8", "replace").decode()
