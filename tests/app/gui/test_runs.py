@@ -159,7 +159,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     view = page.viewer
     x, y = view.plots.response.scatters[0].getData()
     np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
-    with Run(next(folder.glob("*_T7_*"))) as run:
+    with Run(next(folder.glob("*_T7_*.h5"))) as run:
         drive, length = run.trace.drive_v(), run.trace.time_s()[-1]
     t, v = view.trace_plot.curves[1].getData()
     assert (v.min(), v.max()) == (drive.min(), drive.max())
@@ -190,7 +190,7 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     traces._plots[0].setXRange(0.1, 0.13, padding=0)
     until(lambda: len(traces.curves[0].getData()[0]) < 190, "for the samples")
     seen_s, seen_um = traces.curves[0].getData()
-    with Run(next(folder.glob("*_T7_*"))) as run:
+    with Run(next(folder.glob("*_T7_*.h5"))) as run:
         at = (run.trace.time_s() > 0.0999) & (run.trace.time_s() < 0.1301)
         times, moved = run.trace.time_s()[at], 1e6 * run.trace.displacement_m()[at]
     np.testing.assert_allclose(np.interp(times, seen_s, seen_um), moved)
