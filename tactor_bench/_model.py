@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.identification import ActiveModel
+from app.identification import PAPER_MODEL, ActiveModel
 from model import (
     AmplifierMap,
     Array,
@@ -114,24 +114,9 @@ def response(
     """
     if tactor is not None and calibration is not None:
         raise ValueError("the tactor is given twice, by tactor and by calibration; leave one out")
-    if sum(given is not None for given in (skin, elongation_m, pre_stretch)) > 1:
-        raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
-    if skin is not None and membrane is not None:
-        raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
-    known = None if calibration is None else _known_model(calibration)
-    stretched = membrane is not None or elongation_m is not None or pre_stretch is not None
-    if stretched and membrane is None:
-        membrane = known.membrane if known else Membrane()
-    own_damping = known.skin_damping(elongation_m) if known and elongation_m is not None else None
-    specimen = Specimen(
-        tactor or (known.tactor if known else Tactor()),
-        membrane,
-        elongation_m / membrane.L_m if membrane and elongation_m is not None else pre_stretch or 0.0,
-        k_s=skin.k_s if skin else None,
-        c_s=skin.c_s if skin else own_damping,
-    )
-    specimen = replace_variables(specimen, known.nonideal if known else {})
-    if shapes is None and known is None:
+    known = PAPER_MODEL if calibration is None else _known_model(calibration)
+    specimen = _make_specimen(known, tactor, skin, membrane, elongation_m, pre_stretch)
+    if shapes is None and calibration is None:
         highest_hz = float(np.max(check_frequency(frequencies_hz)))
         shapes = choose_shapes(specimen.tactor, specimen.skin, highest_hz=highest_hz).n
     identified = None if calibration is None or isinstance(calibration, Calibration) else calibration.shapes
@@ -146,7 +131,7 @@ def response(
 
     got = driven(specimen, frequencies_hz)
     bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
-    if known is not None and (estimates := known.estimates_for(specimen)) is not None:
+    if (estimates := known.estimates_for(specimen)) is not None:
         bands = _bands(driven, got, specimen, estimates, coverage)
     return Response(
         got.frequency_hz,
@@ -156,6 +141,33 @@ def response(
         *bands,
         specimen,
     )
+
+
+def _make_specimen(
+    known: ActiveModel,
+    tactor: Tactor | None,
+    skin: Skin | None,
+    membrane: Membrane | None,
+    elongation_m: float | None,
+    pre_stretch: float | None,
+) -> Specimen:
+    """Return the specimen; what is not given is that of the known model.
+
+    Raises:
+        ValueError: the skin is given twice.
+    """
+    if sum(given is not None for given in (skin, elongation_m, pre_stretch)) > 1:
+        raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
+    if skin is not None and membrane is not None:
+        raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
+    tactor = tactor or known.tactor
+    if skin is not None:
+        return replace_variables(Specimen(tactor, k_s=skin.k_s, c_s=skin.c_s), known.nonideal)
+    if membrane is None and (elongation_m is not None or pre_stretch is not None):
+        membrane = known.membrane
+    own_damping = known.skin_damping(elongation_m) if elongation_m is not None else None
+    stretch = elongation_m / membrane.L_m if membrane and elongation_m is not None else pre_stretch or 0.0
+    return replace_variables(Specimen(tactor, membrane, stretch, c_s=own_damping), known.nonideal)
 
 
 def _known_model(source: "Calibration | Identification") -> ActiveModel:

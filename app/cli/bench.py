@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -58,16 +58,11 @@ class CheckCommand(ProtocolOptions):
         events: list[Any] = []
         # The run itself is shown to the operator; only the table is JSON.
         code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)
-        points = [event.point for event in events if isinstance(event, PointMeasured)]
         ended = next((event for event in events if isinstance(event, RunEnded)), None)
         verdict = ended.verdict if ended else Verdict(Outcome.FAILED, ("the bench could not be opened",))
-        checks = verdict.checks
-        if checks and points:
-            rest = next((event for event in events if isinstance(event, RestMeasured)), None)
-            checks = (*checks, _rest_check(rest, points[0].drive))
-        passed = verdict.outcome.has_result and not any(
-            check.consequence is Outcome.DID_NOT_PASS for check in checks if not check.passed
-        )
+        checks = (*verdict.checks, *_rest_check(events)) if verdict.checks else ()
+        failed = [check for check in checks if not check.passed]
+        passed = verdict.outcome.has_result and all(check.consequence is not Outcome.DID_NOT_PASS for check in failed)
         if self.json:
             record = {
                 "passed": passed,
@@ -75,37 +70,38 @@ class CheckCommand(ProtocolOptions):
                 "status": ended.status if ended else "failed",
                 "reason": ended.reason if ended else "the bench could not be opened",
                 "file": str(path) if path else None,
-                "checks": [
-                    {
-                        "name": check.name,
-                        "value": check.value,
-                        "unit": check.unit,
-                        "low": check.low,
-                        "high": check.high,
-                        "passed": check.passed,
-                        "remedy": "" if check.passed else check.remedy,
-                    }
-                    for check in checks
-                ],
+                "checks": [_check_record(check) for check in checks],
             }
             print_json(record)
         else:
-            Console(markup=False).print(
-                _check_table(checks) if checks else "The check was not completed: there is no table."
-            )
-            for remedy, same in checks_by_remedy(check for check in checks if not check.passed).items():
-                names = ", ".join(check.name for check in same)
-                Console(stderr=True, markup=False).print(f"{names}: {remedy}", highlight=False, soft_wrap=True)
-        if passed and not self.json:
-            print_message(f"Next: tactor-bench run sine-dwell --bench {self.bench} --set 'peak_to_peak_v=1 V'")
+            _print_checks(checks, failed)
+            if passed:
+                print_message(f"Next: tactor-bench run sine-dwell --bench {self.bench} --set 'peak_to_peak_v=1 V'")
         return code if passed or code != ExitCode.DONE else ExitCode.FAILED
 
 
-def _rest_check(rest: RestMeasured | None, initial_v: float) -> CheckResult:
+def _check_record(check: CheckResult) -> dict[str, Any]:
+    record = {name: getattr(check, name) for name in ("name", "value", "unit", "low", "high", "passed")}
+    return {**record, "remedy": "" if check.passed else check.remedy}
+
+
+def _print_checks(checks: Sequence[CheckResult], failed: Sequence[CheckResult]) -> None:
+    Console(markup=False).print(_check_table(checks) if checks else "The check was not completed: there is no table.")
+    for remedy, same in checks_by_remedy(failed).items():
+        names = ", ".join(check.name for check in same)
+        Console(stderr=True, markup=False).print(f"{names}: {remedy}", highlight=False, soft_wrap=True)
+
+
+def _rest_check(events: Sequence[Any]) -> Iterator[CheckResult]:
+    """Yield whether rest at the end is the drive of the first point, if a point was measured."""
+    point = next((event.point for event in events if isinstance(event, PointMeasured)), None)
+    if point is None:
+        return
+    rest = next((event for event in events if isinstance(event, RestMeasured)), None)
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
-    low, high = initial_v - REST_REPEATABILITY_V, initial_v + REST_REPEATABILITY_V
+    low, high = point.drive - REST_REPEATABILITY_V, point.drive + REST_REPEATABILITY_V
     remedy = "see the run's own sentence above"
-    return CheckResult("rest confirmed at the end", measured_v, "V", low, high, remedy, Outcome.DID_NOT_PASS)
+    yield CheckResult("rest confirmed at the end", measured_v, "V", low, high, remedy, Outcome.DID_NOT_PASS)
 
 
 def _check_table(checks: Sequence[CheckResult]) -> Table:

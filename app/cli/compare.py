@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from app.cli.options import JSON_OBJECT, argument, command
 from app.cli.output import CommandResult, render
 from app.common import Column, Table, UsageError, usage_errors
 from model.identification import format_p_value
-from protocols.base import usable_mask
+from protocols.base import Protocol, usable_mask
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
@@ -37,63 +37,63 @@ class CompareCommand:
 
 
 def _comparison_result(a: Run, b: Run) -> CommandResult:
-    if a.record.protocol != b.record.protocol:
-        raise UsageError(
-            f"{a.path.name} is a {a.record.protocol} and {b.path.name} a {b.record.protocol}: compare runs of one kind"
-        )
-    from protocols.registry import PROTOCOLS
-
-    kind = PROTOCOLS.get(a.record.protocol)
-    if kind is None:
-        raise UsageError(f"{a.path.name} is a run of '{a.record.protocol}', a protocol that is not known here")
+    kind = _common_protocol(a, b)
     x, y = kind.axes
     units, left, right = a.units(), _usable_points(a), _usable_points(b)
     pairs = _match_points(left, right, x)
     if not pairs:
         raise UsageError(f"these runs have no usable point at the same {x.replace('_', ' ')} in common")
-    rows: dict[str, list[float | None]] = {"x": [], "first": [], "second": [], "difference": [], "errors": []}
-    for one, two in pairs:
-        error = math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0))
-        change = two[y] - one[y]
-        values = (one[x], one[y], two[y], change, change / error if error > 0 else None)
-        for name, value in zip(rows, values, strict=True):
-            rows[name].append(value)
-    deviations = [v for v in rows["errors"] if v is not None]
+    changes = [two[y] - one[y] for one, two in pairs]
+    errors = [math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0)) for one, two in pairs]
+    deviations = [change / error if error > 0 else None for change, error in zip(changes, errors, strict=True)]
     shown = {"m": "µm"}.get(units[y], "")
-    apart = [
-        n
-        for n in (*MATCH_COLUMNS, "elongation")
-        if n != x and n in units and len({f"{p.get(n)}" for p, _ in pairs}) > 1
+    columns = [
+        *_setting_columns(pairs, x, units),
+        Column(x, units[x].removesuffix("1"), [one[x] for one, _ in pairs]),
+        Column(f"{y} first", units[y], [one[y] for one, _ in pairs], display_unit=shown),
+        Column(f"{y} second", units[y], [two[y] for _, two in pairs], display_unit=shown),
+        Column("difference", units[y], changes, display_unit=shown, format_spec="+.3g"),
     ]
-    columns = (
-        *(
-            Column(
-                n,
-                units[n].removesuffix("1"),
-                [p[n] if math.isfinite(p[n]) else "none" for p, _ in pairs],
-                format_spec=".4g",
-            )
-            for n in apart
-        ),
-        Column(x, units[x].removesuffix("1"), rows["x"]),
-        Column(f"{y} first", units[y], rows["first"], display_unit=shown),
-        Column(f"{y} second", units[y], rows["second"], display_unit=shown),
-        Column("difference", units[y], rows["difference"], display_unit=shown, format_spec="+.3g"),
-        Column("standard errors", "", rows["errors"], format_spec="+.1f"),
-    )
-    title = f"{kind.title}: {b.path.name} less {a.path.name}"
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
-    if deviations:
-        chi = sum(v * v for v in deviations)
+    if known := [deviation for deviation in deviations if deviation is not None]:
+        columns.append(Column("standard errors", "", deviations, format_spec="+.1f"))
+        chi = sum(deviation**2 for deviation in known)
+        p_value = format_p_value(float(chdtrc(len(known), chi)), 2)
         notes[0] += (
-            f"; chi-square of the differences {chi:.1f} for {len(deviations)} points ({format_p_value(float(chdtrc(len(deviations), chi)), 2)}), statistical errors only"
+            f"; chi-square of the differences {chi:.1f} for {len(known)} points ({p_value}), statistical errors only"
         )
-    if len(deviations) < len(pairs):
-        notes.append(f"of {len(pairs) - len(deviations)} points no uncertainty is given")
+    if len(known) < len(pairs):
+        notes.append(f"of {len(pairs) - len(known)} points no uncertainty is given")
     notes += _drive_differences(a, b, left, right)
-    return CommandResult(
-        "compare", {}, (Table("points", title, columns if deviations else columns[:-1]),), tuple(notes)
-    )
+    title = f"{kind.title}: {b.path.name} less {a.path.name}"
+    return CommandResult("compare", {}, (Table("points", title, tuple(columns)),), tuple(notes))
+
+
+def _common_protocol(a: Run, b: Run) -> type[Protocol]:
+    """Return the protocol of both runs.
+
+    Raises:
+        UsageError: they are of two protocols, or of one that is not known here.
+    """
+    from protocols.registry import PROTOCOLS
+
+    protocols = a.record.protocol, b.record.protocol
+    if protocols[0] != protocols[1]:
+        raise UsageError(
+            f"{a.path.name} is a {protocols[0]} and {b.path.name} a {protocols[1]}: compare runs of one kind"
+        )
+    kind = PROTOCOLS.get(protocols[0])
+    if kind is None:
+        raise UsageError(f"{a.path.name} is a run of '{protocols[0]}', a protocol that is not known here")
+    return kind
+
+
+def _setting_columns(pairs: Sequence[tuple[Point, Point]], x: str, units: Mapping[str, str]) -> Iterator[Column]:
+    """Yield the settings besides x that differ between the points."""
+    for name in (*MATCH_COLUMNS, "elongation"):
+        if name != x and name in units and len({f"{one.get(name)}" for one, _ in pairs}) > 1:
+            values = [one[name] if math.isfinite(one[name]) else "none" for one, _ in pairs]
+            yield Column(name, units[name].removesuffix("1"), values, format_spec=".4g")
 
 
 def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:

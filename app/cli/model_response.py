@@ -255,16 +255,9 @@ class MembraneTopic(Topic):
             raise UsageError(
                 "--set delta: the membrane is computed at several pre-stretches; write --pre-stretch 0.0075"
             )
-        if self.pre_stretch is not None and self.elongation is not None:
-            raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
         specimen = replace_variables(Specimen(membrane=Membrane()), values)
         m = specimen.membrane or Membrane()
-        if self.pre_stretch is not None:
-            delta = np.array(read_values(self.pre_stretch, PRE_STRETCH))
-        else:
-            default = ELONGATION_CURVE if self.files.csv or self.files.picture else ELONGATIONS
-            elongations = default if self.elongation is None else self.elongation
-            delta = np.array(read_values(elongations, ELONGATION)) / m.L_m
+        delta = self._pre_stretches(m)
         q = (
             weight_per_length(m, read_number(self.density, DENSITY))
             if self.load is None
@@ -291,29 +284,39 @@ class MembraneTopic(Topic):
             "Sag: bending with the tension that the deflection itself makes (von Karman) and the pre-stretch; linear theory leaves "
             "the former out. k_s and c_s are those of the weightless membrane at its pre-stretch."
         )
-        lines = {c.name: c for c in table.columns}
-        panels = tuple(
-            PaperFigure(
-                name,
-                "elongation of the membrane",
-                "m",
-                label,
-                lines[names[0]].unit or "",
-                curves,
-                label.capitalize() + ".",
-            )
-            for name, label, names in (
-                ("sag", "sag of the centre", ("sag", "linear_sag")),
-                ("k_s", "skin stiffness k_s", ("k_s",)),
-                ("c_s", "skin damping c_s", ("c_s",)),
-            )
-            for curves in [
-                tuple(FigureCurve(lines[n].heading or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)
-            ]
-        )
         question = plausibility_note("delta", float(delta.max()))
         notes = (note, question) if question else (note,)
-        return CommandResult("model membrane", specimen_record(specimen), (table,), notes, figures=panels)
+        return CommandResult(
+            "model membrane", specimen_record(specimen), (table,), notes, figures=_membrane_figures(table)
+        )
+
+    def _pre_stretches(self, membrane: Membrane) -> Array:
+        if self.pre_stretch is not None and self.elongation is not None:
+            raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
+        if self.pre_stretch is not None:
+            return np.array(read_values(self.pre_stretch, PRE_STRETCH))
+        default = ELONGATION_CURVE if self.files.csv or self.files.picture else ELONGATIONS
+        elongations = default if self.elongation is None else self.elongation
+        return np.array(read_values(elongations, ELONGATION)) / membrane.L_m
+
+
+def _membrane_figures(table: Table) -> tuple[PaperFigure, ...]:
+    """Return sag, stiffness and damping over the elongation of the membrane."""
+    columns = {column.name: column for column in table.columns}
+    elongation = np.asarray(columns["elongation"].values)
+    panels = []
+    for title, *names in (
+        ("sag of the centre", "sag", "linear_sag"),
+        ("skin stiffness k_s", "k_s"),
+        ("skin damping c_s", "c_s"),
+    ):
+        lines = tuple(
+            FigureCurve(column.displayed_name, elongation, np.asarray(column.values))
+            for column in (columns[name] for name in names)
+        )
+        unit, caption = columns[names[0]].unit or "", f"{title.capitalize()}."
+        panels.append(PaperFigure(names[0], "elongation of the membrane", "m", title, unit, lines, caption))
+    return tuple(panels)
 
 
 def _sag_result(m: Membrane, q: float, delta: float) -> SagSolution:
