@@ -80,18 +80,7 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
         tables = parse_toml(text)
     except ValueError as error:
         raise SheetError(f"{path} is not valid TOML: {error}") from error
-    if unknown := sorted(set(tables) - {"specimen", "simulated", *TEXTS, *GROUPS}):
-        raise SheetError(
-            f"{path}: unknown {truncate_text(', '.join(unknown))}; a specimen sheet has specimen, {', '.join(TEXTS)}, and the tables "
-            f"{', '.join(f'[{group}]' for group in GROUPS)}"
-        )
-    for name in ("specimen", *TEXTS):
-        if not isinstance(tables.get(name, ""), str):
-            raise SheetError(f"{path}: {name} must be a text in quotation marks")
-    if not isinstance(tables.get("simulated", False), bool):
-        raise SheetError(f"{path}: simulated must be true or false")
-    if not tables.get("specimen"):
-        raise SheetError(f'{path}: the name of the specimen is missing; write specimen = "T7"')
+    _check_header(tables, path)
     entries: dict[str, SheetEntry] = {}
     descriptions = {}
     for group in GROUPS:
@@ -116,6 +105,22 @@ def parse_sheet(text: str, path: Path) -> SpecimenSheet:
     except ParameterError as error:
         raise SheetError(f"{path}: {error}") from None
     return sheet
+
+
+def _check_header(tables: Mapping[str, Any], path: Path) -> None:
+    """Raise SheetError for an unknown name, or for a text or mark that is none."""
+    if unknown := sorted(set(tables) - {"specimen", "simulated", *TEXTS, *GROUPS}):
+        raise SheetError(
+            f"{path}: unknown {truncate_text(', '.join(unknown))}; a specimen sheet has specimen, {', '.join(TEXTS)}, and the tables "
+            f"{', '.join(f'[{group}]' for group in GROUPS)}"
+        )
+    for name in ("specimen", *TEXTS):
+        if not isinstance(tables.get(name, ""), str):
+            raise SheetError(f"{path}: {name} must be a text in quotation marks")
+    if not isinstance(tables.get("simulated", False), bool):
+        raise SheetError(f"{path}: simulated must be true or false")
+    if not tables.get("specimen"):
+        raise SheetError(f'{path}: the name of the specimen is missing; write specimen = "T7"')
 
 
 def _read_entry(where: str, name: str, given: Any) -> SheetEntry:

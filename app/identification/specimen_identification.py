@@ -146,9 +146,10 @@ def identify(
     known = (
         None if sheet == "none" else load_sheet(paths[0].parent, specimen) if sheet is None else read_sheet(Path(sheet))
     )
-    return identify_observations(
-        specimen, campaign, method, options, left_out, progress, sheet=known, plain=plain, cancelled=cancelled
+    result = identify_observations(
+        specimen, campaign, method, options, progress, sheet=known, plain=plain, cancelled=cancelled
     )
+    return replace(result, notes=(*left_out, *result.notes))
 
 
 def identify_observations(
@@ -156,13 +157,12 @@ def identify_observations(
     observations: ObservationSet,
     method: Method,
     options: FitOptions,
-    exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
     sheet: SpecimenSheet | None = None,
     plain: bool = False,
     cancelled: Callable[[], bool] | None = None,
 ) -> IdentificationResult:
-    """Identify from observations already read; `exclusions` are messages that are added to the notes.
+    """Identify from observations already read.
 
     With a `sheet`, dimensions and masses are those of it, free within their uncertainties, and so are the usual nonidealities
     unless the fit is `plain`; else those of the options.
@@ -182,39 +182,13 @@ def identify_observations(
             )
         options = sheet.fit_options(options, observations, plain or method == "chain")
     if method == "chain":
-        observations, left_out = _paper_observations(observations)
-        exclusions = (*exclusions, *left_out)
-        chosen = PaperChainOptions(
-            tactor=options.tactor, membrane=options.membrane, amplifier=options.amplifier, n=options.n
-        )
-        found = identify_by_paper_chain(observations, chosen)
-        estimates, covariance = linearized_errors(observations, chosen, found)
-        return IdentificationResult(
-            specimen,
-            method,
-            observations,
-            estimates,
-            covariance,
-            _fixed_parameters(default_values(options.tactor, options.membrane, None), estimates),
-            "the paper's chain: every step takes the results of those before it; errors are carried through all steps",
-            validation=found.validation,
-            notes=(
-                *exclusions,
-                *([] if sheet is None else [CHAIN_SHEET_NOTE]),
-                *(step.summary for step in found.steps),
-            ),
-            shapes=options.n,
-            sheet=sheet,
-        )
-    fit = first_fit = joint_fit(observations, options, progress, cancelled)
-    adequacy = assess_adequacy(fit, cancelled=cancelled)
-    steps = () if plain or sheet is None else tuple(extend_stepwise(fit, adequacy, cancelled))
-    if steps:
-        fit, adequacy = steps[-1].fit, steps[-1].adequacy
-        before = (first_fit, *(step.fit for step in steps[:-1]))
-        fit = with_model_error(fit, adequacy, before)
-    else:
-        fit = with_model_error(fit, adequacy)
+        return _chain_result(specimen, observations, options, sheet)
+    first_fit = joint_fit(observations, options, progress, cancelled)
+    adequacy = assess_adequacy(first_fit, cancelled=cancelled)
+    steps = () if plain or sheet is None else tuple(extend_stepwise(first_fit, adequacy, cancelled))
+    fits = (first_fit, *(step.fit for step in steps))
+    adequacy = steps[-1].adequacy if steps else adequacy
+    fit = with_model_error(fits[-1], adequacy, fits[:-1])
     estimates = fit.estimates()
     return IdentificationResult(
         specimen,
@@ -226,7 +200,7 @@ def identify_observations(
         fit.verdict,
         misfits=fit.residuals,
         unidentified=tuple(c.description for c in fit.unidentified_combinations),
-        notes=(*exclusions, *([] if fit.converged else [fit.message])),
+        notes=() if fit.converged else (fit.message,),
         duration_s=fit.duration_s,
         joint_fit=fit,
         adequacy=adequacy,
@@ -235,6 +209,31 @@ def identify_observations(
         sheet=sheet,
         steps=steps,
         first_fit=first_fit,
+    )
+
+
+def _chain_result(
+    specimen: str, observations: ObservationSet, options: FitOptions, sheet: SpecimenSheet | None
+) -> IdentificationResult:
+    """Return the result of the paper's chain, from the runs that it has a step for."""
+    observations, left_out = _paper_observations(observations)
+    chosen = PaperChainOptions(
+        tactor=options.tactor, membrane=options.membrane, amplifier=options.amplifier, n=options.n
+    )
+    chain = identify_by_paper_chain(observations, chosen)
+    estimates, covariance = linearized_errors(observations, chosen, chain)
+    return IdentificationResult(
+        specimen,
+        "chain",
+        observations,
+        estimates,
+        covariance,
+        _fixed_parameters(default_values(options.tactor, options.membrane, None), estimates),
+        "the paper's chain: every step takes the results of those before it; errors are carried through all steps",
+        validation=chain.validation,
+        notes=(*left_out, *([] if sheet is None else [CHAIN_SHEET_NOTE]), *(step.summary for step in chain.steps)),
+        shapes=options.n,
+        sheet=sheet,
     )
 
 

@@ -194,6 +194,35 @@ def default_candidates(
 
     Their errors follow from the fit's predictions and the `expected` precision.
     """
+    plan = _planned_runs(expected, elongations_m)
+    values = {n: v for n, v in fit.values.items() if v is not None}
+    fixed = {
+        n: v for n, v in values.items() if n not in fit.free_parameters and n not in fit.observations.shared_errors
+    }
+    own = {n: v for n, v in fixed.items() if n in known.SPECIMEN_PARAMETERS or known.parse_elongation(n) is not None}
+    setting = replace(
+        fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
+    )
+    campaign = ObservationSet(tuple(run for run, _ in plan))
+    problem = LeastSquaresProblem(campaign, setting)
+    theta = np.array([values.get(n, 0.0) for n in problem.names])
+    predicted = with_predictions(campaign, problem.forward_model, theta)
+    again = tuple(
+        Candidate(
+            BetterKnowledge(f"{name} measured {AGAIN_BETTER:g} times as well", name, error / AGAIN_BETTER),
+            AGAIN_MINUTES,
+        )
+        for name, (_, error) in fit.options.priors.items()
+        if name in fit.free_parameters
+    )
+    runs = tuple(
+        Candidate(_with_errors(run, expected), minutes) for run, (_, minutes) in zip(predicted.runs, plan, strict=True)
+    )
+    return (*runs, *again)
+
+
+def _planned_runs(expected: ExpectedPrecision, elongations_m: Sequence[float]) -> list[tuple[Observation, float]]:
+    """Return the runs without their values, each with its minutes."""
     e = expected
     loads, masses = GRAVITY * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)
     lines = np.arange(26.0, 526, 2)
@@ -233,30 +262,7 @@ def default_candidates(
         run = dwell(f"sine dwell, membrane at {1e3 * x:.3g} mm", f, x)
         plan.append((run, e.minutes_per_frequency * f.size + e.mounting_minutes))
     plan.append((MembraneSagObservation("membrane sag", *rows(np.ones(5))), e.mounting_minutes))
-    values = {n: v for n, v in fit.values.items() if v is not None}
-    fixed = {
-        n: v for n, v in values.items() if n not in fit.free_parameters and n not in fit.observations.shared_errors
-    }
-    own = {n: v for n, v in fixed.items() if n in known.SPECIMEN_PARAMETERS or known.parse_elongation(n) is not None}
-    setting = replace(
-        fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
-    )
-    campaign = ObservationSet(tuple(run for run, _ in plan))
-    problem = LeastSquaresProblem(campaign, setting)
-    theta = np.array([values.get(n, 0.0) for n in problem.names])
-    predicted = with_predictions(campaign, problem.forward_model, theta)
-    again = tuple(
-        Candidate(
-            BetterKnowledge(f"{name} measured {AGAIN_BETTER:g} times as well", name, error / AGAIN_BETTER),
-            AGAIN_MINUTES,
-        )
-        for name, (_, error) in fit.options.priors.items()
-        if name in fit.free_parameters
-    )
-    runs = tuple(
-        Candidate(_with_errors(run, e), minutes) for run, (_, minutes) in zip(predicted.runs, plan, strict=True)
-    )
-    return (*runs, *again)
+    return plan
 
 
 def _with_errors(run: Observation, expected: ExpectedPrecision) -> Observation:

@@ -1,6 +1,6 @@
 """Fit options: free, fixed and tied parameters, priors, start values and loss of a joint fit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -81,6 +81,14 @@ class FitOptions:
                 free = tuple(name for name in free if name != "m_add")
         free += tuple(name for name in self.also if name not in free)
         free = known.validate_names(free, observations)
+        self._check_free(free, observations)
+        for name in self.start:
+            if name in free:
+                known.parameter_spec(name).check(self.start[name])
+        return free
+
+    def _check_free(self, free: Sequence[str], observations: ObservationSet) -> None:
+        """Raise ParameterError for a parameter that is free and held at once, a wrong tie or a wrong prior."""
         for name in free:
             if name in self.fixed or name in self.tied:
                 raise ParameterError(f"{name} is both free and {'fixed' if name in self.fixed else 'tied'}: choose one")
@@ -99,10 +107,6 @@ class FitOptions:
             known.parameter_spec(name).check(value)
             if not (np.isfinite(error) and error > 0):
                 raise ParameterError(f"{name} has a standard error of {error:g} beforehand: it must be positive")
-        for name in self.start:
-            if name in free:
-                known.parameter_spec(name).check(self.start[name])
-        return free
 
     @property
     def _mass_put_in_known(self) -> bool:

@@ -366,28 +366,34 @@ def _resampled_run(run: Observation, shared_errors: dict[str, float], rng: np.ra
             turned = run.phase_errors_rad * rng.standard_normal(run.frequency_hz.size)
             return run.with_pole(run.pole_hz * (1 + noise + 1j * turned))
         case FrequencyResponseObservation():
-            width = run.peak_to_peak_m
-            if width is not None and run.peak_to_peak_errors_m is not None:
-                width = width * gain + run.peak_to_peak_errors_m * rng.standard_normal(width.size)
-            F = run.fundamental_m
-            if F is not None and run.errors_m is not None:
-                F = F * gain
-                along: Any = 1.0
-                if np.iscomplexobj(F):
-                    F = F * np.exp(-2j * np.pi * run.frequency_hz * of("delay"))
-                    across = run.errors_m
-                    if run.phase_errors_rad is not None:
-                        along, across = np.exp(1j * np.angle(F)), np.abs(F) * run.phase_errors_rad
-                    F = F + 1j * along * across * rng.standard_normal(F.size)
-                F = F + along * run.errors_m * rng.standard_normal(F.size)
-            h = run.harmonics_m
-            error = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
-            if h is not None and error is not None:
-                noise = rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape)
-                h = np.abs(h * gain + error[:, None] * noise)
-            return replace(run, fundamental_m=F, peak_to_peak_m=width, harmonics_m=h)
+            return _resampled_response(run, gain, of("delay"), rng)
     w = run.deflection_m * gain
     return replace(run, deflection_m=w + run.errors_m * rng.standard_normal(w.size))
+
+
+def _resampled_response(
+    run: FrequencyResponseObservation, gain: float, delay_s: float, rng: np.random.Generator
+) -> FrequencyResponseObservation:
+    width = run.peak_to_peak_m
+    if width is not None and run.peak_to_peak_errors_m is not None:
+        width = width * gain + run.peak_to_peak_errors_m * rng.standard_normal(width.size)
+    F = run.fundamental_m
+    if F is not None and run.errors_m is not None:
+        F = F * gain
+        along: Any = 1.0
+        if np.iscomplexobj(F):
+            F = F * np.exp(-2j * np.pi * run.frequency_hz * delay_s)
+            across = run.errors_m
+            if run.phase_errors_rad is not None:
+                along, across = np.exp(1j * np.angle(F)), np.abs(F) * run.phase_errors_rad
+            F = F + 1j * along * across * rng.standard_normal(F.size)
+        F = F + along * run.errors_m * rng.standard_normal(F.size)
+    h = run.harmonics_m
+    error = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
+    if h is not None and error is not None:
+        noise = rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape)
+        h = np.abs(h * gain + error[:, None] * noise)
+    return replace(run, fundamental_m=F, peak_to_peak_m=width, harmonics_m=h)
 
 
 def observed_values(run: Observation) -> tuple[Any, Array]:

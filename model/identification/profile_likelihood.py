@@ -41,53 +41,67 @@ def profile_interval(
     if not 0 < coverage < 1:
         raise ParameterError(f"coverage is {coverage:g}: it must lie between 0 and 1, e.g. 0.95")
     at = fit.names.index(name)
-    value = float(fit.theta[at])
     error = float(np.sqrt(fit.enlarged_covariance[at, at]))
     step = error if 0 < error < abs(fit.parameter_scale[at]) else 0.1 * float(fit.parameter_scale[at])
     enlarged = error**2 / float(fit.covariance[at, at]) if fit.covariance[at, at] > 0 else 1.0
-    limit_rise = float(chdtri(1, 1 - coverage)) * enlarged
-    others = tuple(n for n in fit.free_parameters if n != name)
-    prior = fit.options.priors.get(name)
-    limit = known.parameter_spec(name, fit.observations)
-    evaluated = {value: 0.0}
-    start = dict(zip(fit.names, fit.theta.tolist(), strict=True))
+    profile = _Profile(fit, name, float(chdtri(1, 1 - coverage)) * enlarged, cancelled)
+    low = profile.edge(-step)
+    profile.restart()
+    high = profile.edge(step)
+    values = np.array(sorted(profile.evaluated))
+    return ProfileInterval(name, coverage, low, high, values, np.array([profile.evaluated[v] for v in values]))
 
-    def rise(v: float) -> float:
-        if v not in evaluated:
-            setting = replace(
-                fit.options,
-                free=others,
-                fixed={**fit.options.fixed, name: v},
-                priors={n: k for n, k in fit.options.priors.items() if n != name},
-                start={n: start[n] for n in others},
-            )
-            if others:
-                repeat = joint_fit(fit.observations, setting, cancelled=cancelled, max_starts=1)
-                start.update(zip(repeat.names, repeat.theta.tolist(), strict=True))
-                cost = repeat.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
-            else:
-                cost = _single_parameter_cost(fit, v)
-            evaluated[v] = cost - fit.cost
-        return evaluated[v]
 
-    def edge(sign: int) -> float | None:
+class _Profile:
+    """Rise of chi-square over one parameter with the others refitted; every value is fitted once."""
+
+    def __init__(self, fit: JointFit, name: str, limit_rise: float, cancelled: CancelCheck | None) -> None:
+        self._fit, self._name, self._limit_rise, self._cancelled = fit, name, limit_rise, cancelled
+        self._value = float(fit.theta[fit.names.index(name)])
+        self._others = tuple(n for n in fit.free_parameters if n != name)
+        self.evaluated = {self._value: 0.0}
+        """Rise by value."""
+        self.restart()
+
+    def restart(self) -> None:
+        """Let the next fit start at the parameters of the fit."""
+        self._start = dict(zip(self._fit.names, self._fit.theta.tolist(), strict=True))
+
+    def rise(self, v: float) -> float:
+        """Return the rise of chi-square with the parameter held at a value."""
+        if v not in self.evaluated:
+            self.evaluated[v] = self._cost(v) - self._fit.cost
+        return self.evaluated[v]
+
+    def _cost(self, v: float) -> float:
+        if not self._others:
+            return _single_parameter_cost(self._fit, v)
+        options = self._fit.options
+        setting = replace(
+            options,
+            free=self._others,
+            fixed={**options.fixed, self._name: v},
+            priors={n: k for n, k in options.priors.items() if n != self._name},
+            start={n: self._start[n] for n in self._others},
+        )
+        repeat = joint_fit(self._fit.observations, setting, cancelled=self._cancelled, max_starts=1)
+        self._start.update(zip(repeat.names, repeat.theta.tolist(), strict=True))
+        prior = options.priors.get(self._name)
+        return repeat.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
+
+    def edge(self, reach: float) -> float | None:
+        """Return where chi-square has risen to the limit, searched in steps from `reach`, with its sign; None if nowhere."""
         from scipy.optimize import brentq
 
-        inside, reach = value, step
+        inside, limit = self._value, known.parameter_spec(self._name, self._fit.observations)
         for _ in range(12):
-            v = value + sign * reach
+            v = self._value + reach
             if not bool(limit.is_valid(v)):
                 return None
-            if rise(v) > limit_rise:
-                return float(brentq(lambda x: rise(x) - limit_rise, inside, v, xtol=1e-3 * abs(v - inside)))
+            if self.rise(v) > self._limit_rise:
+                return float(brentq(lambda x: self.rise(x) - self._limit_rise, inside, v, xtol=1e-3 * abs(v - inside)))
             inside, reach = v, 1.7 * reach
         return None
-
-    low = edge(-1)
-    start.update(zip(fit.names, fit.theta.tolist(), strict=True))
-    high = edge(1)
-    values = np.array(sorted(evaluated))
-    return ProfileInterval(name, coverage, low, high, values, np.array([evaluated[v] for v in values]))
 
 
 def _single_parameter_cost(fit: JointFit, value: float) -> float:

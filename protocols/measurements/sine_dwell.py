@@ -120,18 +120,13 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         sum((one.driven.standard_error / abs(one.driven.fundamental)) ** 2 for one in each if one.driven.fundamental)
     ) / len(each)
     phase_error = math.hypot(error / fundamental, drive_error) if fundamental > 0 else math.inf
-    drive_tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
+    tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
     detected = {
-        Quality.DRIVE_OFF: any(
-            abs(abs(one.driven.fundamental) - drive.amplitude_v) > drive_tolerance_v for one in each
-        ),
+        Quality.DRIVE_OFF: any(abs(abs(one.driven.fundamental) - drive.amplitude_v) > tolerance_v for one in each),
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
         Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
         Quality.FOLDED: any(
-            is_folded_onto(
-                recording.interference, drive.frequency_hz, (recording.rows[1] - recording.rows[0]) / recording.rate_hz
-            )
-            for recording in recordings
+            is_folded_onto(r.interference, drive.frequency_hz, (r.rows[1] - r.rows[0]) / r.rate_hz) for r in recordings
         ),
     }
     frequency = float(np.mean([one.frequency for one in each]))
