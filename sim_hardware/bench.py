@@ -34,7 +34,7 @@ from sim_hardware.supplies.dialects import make_supply_engine
 from sim_hardware.supplies.supply import SimulatedSupply
 from sim_hardware.wires.in_process_link import InProcessLink
 from sim_hardware.wires.port import MessagePort
-from sim_hardware.wires.scpi_engine import ScpiEngine
+from sim_hardware.wires.scpi_engine import ScpiEngine, ScpiInstrument
 
 
 class _Cable:
@@ -85,21 +85,22 @@ class SimulatedBench:
             self._segment_sink("generator"), parameters.seed, g.clock_ppm, g.relay_s, parameters.amplifier.open_v
         )
         self.generator.reset()
-        self._generator_model = make_generator(g, self.generator, self.clock.now, parameters.seed)
-        engine = ScpiEngine(self._generator_model)
-        self._generator_model.queue_error = engine.queue_error
-        self.message_port = MessagePort(engine, self.faults, self._make_other_instrument)
+        self.connect_generator(make_generator(g, self.generator, self.clock.now, parameters.seed))
         self.supply = SimulatedSupply(self._segment_sink("supply"), self.clock.now, parameters.supply)
-        if parameters.source == "supply":  # the link is that of the instrument at the cable
-            self.message_port = MessagePort(
-                make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial),
-                self.faults,
-                self._make_other_instrument,
-            )
-        self.message_port.set_processing(partial(self.clock.sleep, g.command_s))
+        if parameters.source == "supply":  # the link leads to the instrument at the cable
+            self._connect(make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial))
         self._listeners: list[Callable[[], None]] = []
         if parameters.amplifier.enabled:
             self.enable_hv()
+
+    def connect_generator(self, model: ScpiInstrument) -> None:
+        """Put an instrument on the link, in the place of the generator; it sets the output stage `self.generator`."""
+        self._generator_model = model
+        self._connect(_engine_of(model))
+
+    def _connect(self, engine: ScpiEngine) -> None:
+        self.message_port = MessagePort(engine, self.faults, self._make_other_instrument)
+        self.message_port.set_processing(partial(self.clock.sleep, self.parameters.generator.command_s))
 
     def _make_other_instrument(self) -> ScpiEngine:
         """Return an instrument of another model, whose output leads nowhere."""
@@ -107,10 +108,7 @@ class SimulatedBench:
         model = "33511B" if own.model.startswith("3322") else "33220A"
         output = SimulatedGenerator(self._discard_segment, 0, 0.0, own.relay_s, self.parameters.amplifier.open_v)
         output.reset()
-        instrument = make_generator(GeneratorParameters(model=model, serial="MY00000009"), output, self.clock.now)
-        engine = ScpiEngine(instrument)
-        instrument.queue_error = engine.queue_error
-        return engine
+        return _engine_of(make_generator(GeneratorParameters(model=model, serial="MY00000009"), output, self.clock.now))
 
     def _segment_sink(self, source: str) -> Callable[[SegmentFactory], None]:
         """Return the sink of an output's segments: the cable to the amplifier, or none."""
@@ -236,3 +234,10 @@ class SimulatedBench:
         return make_voltage_report(
             self.history.entries(), self.clock.now(), self.parameters.plant_rate_hz, rest_v, tolerance_v
         )
+
+
+def _engine_of(model: ScpiInstrument) -> ScpiEngine:
+    """Return the engine of an instrument, which may put errors into its queue."""
+    engine = ScpiEngine(model)
+    setattr(model, "queue_error", engine.queue_error)  # noqa: B010 - not of every instrument
+    return engine

@@ -68,7 +68,7 @@ def test_the_product_keeps_every_contract(contracts: dict[str, Any], graph: grim
         ("app.cli.output", "app.gui.widgets.form", "Front ends do not"),
         ("tactor_bench._bench", "app.cli.headless", "Front ends do not"),
         ("protocols.base.steps", "protocols.runfile.writer", "Protocol layers"),
-        ("drivers.transport.scpi", "drivers.generators.keysight_33500", "Driver layers"),
+        ("drivers.transport.scpi", "drivers.generators.keysight", "Driver layers"),
         ("model.skin_model", "model.identification.joint_least_squares", "Model layers"),
         ("sim_hardware.plant.plant", "sim_hardware.bench", "Simulator layers"),
         ("drivers.sensors.laser_sensor", "model.parameters", "Drivers use only"),

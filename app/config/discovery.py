@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver, supports_model
+from app.config.driver_registry import SOURCES, built_in_names, load_driver, supports_model
 from drivers import SUPPLY_DIALECTS, BenchError, Identity, reason_unsuitable
 
 LAN_PORTS = (5025, 5555)
@@ -68,7 +68,7 @@ def _query_instrument(resource: str) -> tuple[FoundDevice, str]:
 def _role_of(identity: Identity) -> tuple[str, str]:
     """Return an instrument's possible role on a bench, and its driver."""
     model = identity.model.upper()
-    for name in BUILT_IN[SOURCES]:
+    for name in built_in_names(SOURCES):
         if supports_model(load_driver(SOURCES, name), model):
             return "generator", name
     if any(re.match(dialect.model_pattern, model, re.IGNORECASE) for dialect in SUPPLY_DIALECTS):

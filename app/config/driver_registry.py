@@ -9,6 +9,7 @@ import inspect
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -21,6 +22,7 @@ from drivers import (
     Link,
     ScpiSession,
     Source,
+    generator_families,
     reason_unsuitable,
 )
 
@@ -29,19 +31,11 @@ SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
 ENVIRONMENT_SENSORS = "tactor_bench.environment_sensors"
 
 BUILT_IN = {
-    SOURCES: {
-        "keysight-33500": "drivers.generators.keysight_33500:Keysight33500",
-        "keysight-33200": "drivers.generators.keysight_33200:Keysight33200",
-        "rigol-dg": "drivers.generators.rigol_dg:RigolDg",
-        "rigol-dg800": "drivers.generators.rigol_dg800:RigolDg800",
-        "siglent-sdg": "drivers.generators.siglent_sdg:SiglentSdg",
-        "tektronix-afg": "drivers.generators.tektronix_afg:TektronixAfg",
-    },
     DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer"},
     ENVIRONMENT_SENSORS: {"text": "drivers.sensors.environment:TextEnvironmentSensor"},
 }
-"""Generators are called with (link, clock, *, step_v), digitizers like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors
-with (port, request)."""
+"""Drivers that are not of generators; digitizers are called like `drivers.nidaq.analog_input.NiDigitizer`, environment sensors with
+(port, request), and generators with (link, clock, *, step_v)."""
 
 INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer, ENVIRONMENT_SENSORS: EnvironmentSensor}
 
@@ -58,10 +52,15 @@ class PlugIn:
     problem: str = ""
 
 
+def built_in_names(group: str) -> tuple[str, ...]:
+    """Return the names of the drivers of this program; nothing is imported for it."""
+    return tuple(generator_families() if group == SOURCES else BUILT_IN[group])
+
+
 def driver_names(group: str) -> list[str]:
     """Return the names that a bench file may choose; nothing is imported for it."""
     chosen = [AUTO] if group == SOURCES else []
-    return [*chosen, *BUILT_IN[group], *(point.name for point in _entry_points(group))]
+    return [*chosen, *built_in_names(group), *(point.name for point in _entry_points(group))]
 
 
 def check_driver_name(group: str, name: str) -> str:
@@ -70,7 +69,7 @@ def check_driver_name(group: str, name: str) -> str:
     Raises:
         ValueError: there is no such driver; the message lists the drivers.
     """
-    ours = name in BUILT_IN[group] or (group == SOURCES and name == AUTO)
+    ours = (group == SOURCES and name == AUTO) or name in built_in_names(group)
     if not ours and name not in driver_names(group):  # looking for plug-ins takes a while
         raise ValueError(
             f"there is no driver {name!r}; choose from {', '.join(driver_names(group))}, or install the package that brings it"
@@ -89,9 +88,8 @@ def load_driver(group: str, name: str) -> Callable[..., Any]:
     Raises:
         BenchError: there is no such driver, or it is a broken plug-in.
     """
-    if name in BUILT_IN[group]:
-        built_in: Callable[..., Any] = EntryPoint(name, BUILT_IN[group][name], group).load()
-        return built_in
+    if name in built_in_names(group):
+        return _load_built_in(group, name)
     for point in _entry_points(group):
         if point.name == name:
             plug_in = _load_plug_in(point)
@@ -100,6 +98,15 @@ def load_driver(group: str, name: str) -> Callable[..., Any]:
             found: Callable[..., Any] = plug_in.driver
             return found
     raise BenchError(f"there is no driver '{name}'; choose from {', '.join(driver_names(group))}")
+
+
+def _load_built_in(group: str, name: str) -> Callable[..., Any]:
+    driver: Callable[..., Any]
+    if group == SOURCES:
+        driver = import_module(f"drivers.generators.{generator_families()[name].module}").DRIVERS[name]
+    else:
+        driver = EntryPoint(name, BUILT_IN[group][name], group).load()
+    return driver
 
 
 def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source:
@@ -136,7 +143,7 @@ def supports_model(driver: Any, model: str) -> bool:
 
 def _source_drivers() -> Iterator[Callable[..., Source]]:
     """Yield the built-in drivers and every plug-in that works."""
-    for name in BUILT_IN[SOURCES]:
+    for name in built_in_names(SOURCES):
         yield load_driver(SOURCES, name)
     for plug_in in load_plug_ins(SOURCES):
         if plug_in.problem:
@@ -147,7 +154,7 @@ def _source_drivers() -> Iterator[Callable[..., Source]]:
 
 def _entry_points(group: str) -> Sequence[EntryPoint]:
     """Return the entry points whose names are not those of built-in drivers."""
-    return [p for p in sorted(entry_points(group=group)) if p.name not in BUILT_IN[group] and p.name != AUTO]
+    return [p for p in sorted(entry_points(group=group)) if p.name not in built_in_names(group) and p.name != AUTO]
 
 
 def _load_plug_in(entry_point: EntryPoint) -> PlugIn:

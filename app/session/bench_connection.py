@@ -301,7 +301,7 @@ def _make_watchdog(
             own_connection=config.watchdog.own_connection
             and not card_output
             and allows_second_connection(resource)
-            and not getattr(source, "SINGLE_SESSION", False),
+            and not getattr(source, "single_session", False),
             patience_s=config.watchdog.patience_s,
             locks=locks,
             measured_stop_s=measured.stop_s,

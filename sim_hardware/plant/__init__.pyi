@@ -3,7 +3,6 @@ from .faults import FaultState as FaultState
 from .history_report import VoltageReport as VoltageReport
 from .history_report import make_voltage_report as make_voltage_report
 from .laser_view import LaserView as LaserView
-from .parameters import GENERATOR_MAKERS as GENERATOR_MAKERS
 from .parameters import CardParameters as CardParameters
 from .parameters import GeneratorParameters as GeneratorParameters
 from .parameters import SimulationParameters as SimulationParameters

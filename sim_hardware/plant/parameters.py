@@ -5,30 +5,9 @@ import types
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
+from drivers import generator_families
 from model import AmplifierMap, Membrane, Skin, Tactor
 from sim_hardware.plant.nonidealities import Nonidealities
-
-GENERATOR_MAKERS = {
-    "335": "Keysight Technologies",
-    "336": "Keysight Technologies",
-    "EDU332": "Keysight Technologies",
-    "FG335": "Keysight Technologies",
-    "33210": "Agilent Technologies",
-    "33220": "Agilent Technologies",
-    "33250": "Agilent Technologies",
-    "G5100": "Picotest Corp.",
-    "DG10": "Rigol Technologies",
-    "DG8": "Rigol Technologies",
-    "DG9": "Rigol Technologies",
-    "DG2": "Rigol Technologies",
-    "DG4": "Rigol Technologies",
-    "SDG1": "Siglent Technologies",
-    "SDG2": "Siglent Technologies",
-    "SDG6": "Siglent Technologies",
-    "AFG3": "TEKTRONIX",
-    "AFG1": "TEKTRONIX",
-}
-"""How the names of the function generators begin that can be simulated, and who made them."""
 
 SHEET_CHOICES = ("", "realistic.specimen.toml")
 """Specimen sheets that come with the simulated benches."""
@@ -58,9 +37,9 @@ class GeneratorParameters:
     traits: str = ""
 
     def __post_init__(self) -> None:
-        if not self.model.upper().startswith(tuple(GENERATOR_MAKERS)):
-            known = ", ".join(GENERATOR_MAKERS)
-            raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {known}")
+        beginnings = [begin for family in generator_families().values() for begin in family.makers]
+        if not self.model.upper().startswith(tuple(beginnings)):
+            raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {', '.join(beginnings)}")
         _not_negative("generator", command_s=self.command_s, relay_s=self.relay_s)
 
 

@@ -24,10 +24,10 @@ ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs" / "how-to-write-a-driver.md"
 
 NOVEL = """
-from drivers.generators.keysight_33200 import Keysight33200
+from drivers.generators.keysight import Keysight33200
 
 class Novel(Keysight33200):
-    MODELS = ("33220",)
+    pass
 """
 LACKING = """
 class Lacking:
@@ -98,7 +98,8 @@ def test_a_driver_that_jumps_fails_the_contract(tmp_path: Path) -> None:
     guide_files(tmp_path)
     file = tmp_path / "acme_generator.py"
     file.write_text(
-        file.read_text() + "\n    def ramp_to(self, level_v, duration_s):\n        self._set_offset(level_v)\n"
+        file.read_text()
+        + "\n    def ramp_to(self, level_v, duration_s):\n        self.dialect.offset_command(level_v).send()\n"
     )
     done = contract(tmp_path, "--source", "acme_simulated:simulated", "-k", "levels_are_reached")
     assert done.returncode == 1

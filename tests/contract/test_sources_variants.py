@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from app.config.driver_registry import SOURCES, built_in_names, load_driver
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.generators.traits import TRAITS, traits_of
@@ -68,7 +68,7 @@ def device_under_test(request: pytest.FixtureRequest) -> Iterator[SourceUnderTes
     kindest = " ".join(f"{t.name}={t.options[0]}" for t in traits_of(model) if f"{t.name}=" not in traits)
     config = simulated(generator={"model": model, "traits": f"{kindest} {traits}"})
     bench = SimulatedBench(config.simulation_parameters, VirtualClock())
-    name = next(n for n in BUILT_IN[SOURCES] if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
+    name = next(n for n in built_in_names(SOURCES) if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
     source = load_driver(SOURCES, name)(bench.link(), bench.clock)
     yield source, bench, bench.clock
     source.close()

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.supplies.dc_supply import DcSupply
 from drivers.transport.scpi import ScpiSession
 from drivers.transport.visa import VisaLink

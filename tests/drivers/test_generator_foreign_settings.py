@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 from drivers.drive import Steps
-from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

@@ -1,13 +1,16 @@
 """Differences between the models of a family: supported or not, converter, smallest amplitude, size of a packet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.config.discovery import _role_of
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver, open_generator
+from app.config.driver_registry import SOURCES, built_in_names, load_driver, open_generator
 from drivers.drive import LinearSweep, Sine
 from drivers.errors import InstrumentError
-from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.burst import BurstGenerator
+from drivers.generators.rigol import Dg1000zDialect
 from drivers.generators.unsuitable import reason_unsuitable
 from drivers.interfaces import Identity
 from sim_hardware.clock import VirtualClock
@@ -123,7 +126,7 @@ def test_relatives_of_an_unsuitable_model_are_not_advised_against() -> None:
 
 
 def drivers_for(model: str) -> list[str]:
-    return [name for name in BUILT_IN[SOURCES] if load_driver(SOURCES, name).supports_model(model)]  # type: ignore[attr-defined]
+    return [name for name in built_in_names(SOURCES) if load_driver(SOURCES, name).supports_model(model)]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("model", SUPPORTED)
@@ -142,8 +145,11 @@ def test_a_relative_with_another_command_set_has_none(model: str) -> None:
 
 
 def test_a_derived_driver_is_for_its_own_models() -> None:
-    class Relabelled(RigolDg):
-        MODELS = ("FG20",)
+    class RelabelledDialect(Dg1000zDialect):
+        capabilities = replace(Dg1000zDialect.capabilities, models="FG20")
+
+    class Relabelled(BurstGenerator):
+        dialect_type = RelabelledDialect
 
     assert Relabelled.supports_model("FG20A")
     assert not Relabelled.supports_model("DG1032Z")
@@ -191,7 +197,7 @@ def test_no_packet_of_a_rigol_is_too_small(points: int) -> None:
     """Cut at 8192, the last packet of each would have one point, and a real DG1000Z rejects less than eight."""
     source, _, _ = opened("DG1032Z")
     source.initialize_at_rest(*ARMED)
-    source._download_waveform(np.zeros(points))
+    source.dialect.download_waveform(np.zeros(points))
 
 
 @pytest.mark.parametrize("model", ["33220A", "DG1032Z"])

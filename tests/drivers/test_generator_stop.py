@@ -9,7 +9,7 @@ from app.config.driver_registry import open_generator
 from drivers.clock import WallClock
 from drivers.drive import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
@@ -40,7 +40,7 @@ def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, 
         panel.close()
 
 
-HOLDERS = [model for model in BOXES if BOXES[model].CAN_FREEZE_RANGE]
+HOLDERS = [model for model in BOXES if BOXES[model].dialect_type.capabilities.holds_range]
 
 
 WAYS = [pytest.param(make, model, id=f"{model} {make.__name__}") for model in HOLDERS for make in (direct, wired)]

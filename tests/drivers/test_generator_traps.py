@@ -8,11 +8,11 @@ from app.config.driver_registry import open_generator
 from app.session.bench_connection import connect
 from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import BenchError, InstrumentError
-from drivers.generators.burst_generator import BurstGenerator
-from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.rigol_dg800 import RigolDg800
-from drivers.generators.siglent_sdg import SiglentSdg
-from drivers.generators.tektronix_afg import TektronixAfg
+from drivers.generators.burst import BurstGenerator
+from drivers.generators.keysight import Keysight33200
+from drivers.generators.rigol import RigolDg800
+from drivers.generators.siglent import SiglentSdg
+from drivers.generators.tektronix import TektronixAfg
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from tests.drivers.test_keysight_33500 import Tapped

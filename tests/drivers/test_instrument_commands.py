@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from app.config.driver_registry import SOURCES, built_in_names, load_driver
 from drivers.drive import Hold, LinearSweep, PeriodicSweep, Sine, SquareWave, Steps
-from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.burst import BurstGenerator
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.generators.traits import traits_of
@@ -65,9 +65,8 @@ def recorded(driver: str, model: str) -> Recorded:
 
 def act(source: BurstGenerator) -> Iterator[str]:
     """Work with a driver; yield the name of each phase after it."""
-    if getattr(source, "PANEL_LOCK", None):
-        source.lock_panel()  # type: ignore[attr-defined]
-        source.unlock_panel()  # type: ignore[attr-defined]
+    source.lock_panel()
+    source.unlock_panel()
     yield "panel"
     source.initialize_at_rest(2.5, 0.0, 5.0)
     yield "arm"
@@ -95,7 +94,7 @@ def rules(driver: str, model: str, part: str) -> list[dict[str, Any]]:
 
 
 def test_every_generator_driver_has_its_data() -> None:
-    drivers = [name for name in BUILT_IN[SOURCES] if hasattr(load_driver(SOURCES, name), "supports_model")]
+    drivers = [name for name in built_in_names(SOURCES) if hasattr(load_driver(SOURCES, name), "supports_model")]
     assert sorted(drivers) == sorted(FILES)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import InstrumentError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.scpi import Link
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

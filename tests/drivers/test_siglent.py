@@ -6,8 +6,8 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import PeriodicSweep, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.arbitrary_waveform import SINE_CYCLE
-from drivers.generators.siglent_sdg import FULL_SCALE, SiglentSdg, without_line_feeds
+from drivers.generators.siglent import FULL_SCALE, SiglentSdg, without_line_feeds
+from drivers.generators.waveform import SINE_CYCLE
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -104,7 +104,7 @@ def test_what_the_previous_user_left_is_noticed_and_corrected(model: str, settin
 def test_a_truncated_waveform_is_never_played(monkeypatch: pytest.MonkeyPatch) -> None:
     source, bench, _ = opened()
     source.initialize_at_rest(*ARMED)
-    monkeypatch.setattr("drivers.generators.siglent_sdg.without_line_feeds", lambda codes: codes)
+    monkeypatch.setattr("drivers.generators.siglent.without_line_feeds", lambda codes: codes)
     with pytest.raises(InstrumentError, match=r"reads back with \d+ bytes in place of the \d+ .* it was not played"):
         source.start_drive(Sine(50.0, 1.0, 2.5, 10))
     assert bench.report().outside_rest_s == 0

@@ -4,8 +4,7 @@ import pytest
 import pyvisa
 
 from drivers.errors import LinkError
-from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33200, Keysight33500
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
@@ -86,4 +85,4 @@ def test_a_long_waveform_is_refused_over_usb() -> None:
     bench = SimulatedBench(simulated().simulation_parameters, VirtualClock())
     link = Tapped(bench.link())
     link.name = "USB0::0x2A8D::0x1301::MY1::INSTR"
-    assert Keysight33500(link, bench.clock)._max_points() == 200_000
+    assert Keysight33500(link, bench.clock).playable.max_points == 200_000

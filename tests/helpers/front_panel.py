@@ -1,6 +1,6 @@
 """Second connection to a generator: a change at its front panel, or another program."""
 
-from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

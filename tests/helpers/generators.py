@@ -2,13 +2,11 @@
 
 from functools import cache
 
-from drivers.generators.burst_generator import BurstGenerator
-from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.keysight_33500 import Keysight33500
-from drivers.generators.rigol_dg import RigolDg
-from drivers.generators.rigol_dg800 import RigolDg800
-from drivers.generators.siglent_sdg import SiglentSdg
-from drivers.generators.tektronix_afg import TektronixAfg
+from drivers.generators.burst import BurstGenerator
+from drivers.generators.keysight import Keysight33200, Keysight33500
+from drivers.generators.rigol import RigolDg, RigolDg800
+from drivers.generators.siglent import SiglentSdg
+from drivers.generators.tektronix import TektronixAfg
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.parameters import SimulationParameters

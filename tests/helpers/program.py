@@ -13,8 +13,8 @@ from pathlib import Path
 from app.common import remember_conditions
 from app.session.commissioning_record import save_record
 from drivers import ScpiSession, VisaLink
-from drivers.assumptions.assumption import OutputCheck
 from drivers.clock import WallClock
+from drivers.evidence.assumption import OutputCheck
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes
 from sim_hardware.bench import SimulatedBench

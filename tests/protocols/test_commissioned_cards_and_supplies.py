@@ -3,11 +3,11 @@
 import random
 
 import pytest
+from drivers.evidence.cards import CARD_INPUTS, CARD_OUTPUTS
 
 from app.config.bench_file import BenchConfig
-from drivers.assumptions.assumption import OutputCheck
-from drivers.assumptions.cards import CARD_INPUTS, CARD_OUTPUTS
-from drivers.assumptions.table import assumptions_about
+from drivers.evidence.assumption import OutputCheck
+from drivers.evidence.table import assumptions_about
 from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
 from sim_hardware.nidaq.traits import CARD_DEVIATIONS
 from sim_hardware.supplies.traits import supply_deviations_of

@@ -5,10 +5,10 @@ import math
 import pytest
 
 from app.config.bench_file import BenchConfig
-from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
+from app.config.driver_registry import SOURCES, built_in_names, load_driver
 from app.session.bench_connection import connect
-from drivers.assumptions.assumption import Assumption, OutputCheck
-from drivers.assumptions.table import assumptions, assumptions_about
+from drivers.evidence.assumption import Assumption, OutputCheck
+from drivers.evidence.table import assumptions, assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.procedure import commission_bench
@@ -191,7 +191,7 @@ def test_every_deviation_contradicts_an_assumption() -> None:
 
 def test_the_table_is_about_every_model_by_its_own_driver() -> None:
     for model in MODELS:
-        driver = next(n for n in BUILT_IN[SOURCES] if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
+        driver = next(n for n in built_in_names(SOURCES) if load_driver(SOURCES, n).supports_model(model))  # type: ignore[attr-defined]
         assert {each.driver for each in assumptions_about(model)} == {driver}
     unused = [
         a

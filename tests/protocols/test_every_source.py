@@ -11,11 +11,11 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignItem
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemStatus
-from app.config.driver_registry import BUILT_IN, load_driver
 from app.config.driver_registry import SOURCES as DRIVERS
+from app.config.driver_registry import built_in_names, load_driver
 from docs.make_source_table import PAGE, page
 from drivers.errors import DriveRejectedError
-from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.burst import BurstGenerator
 from protocols.adaptation import adapt_to_source
 from protocols.base import LogMessage, RunStatus
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, next_frequencies
@@ -76,10 +76,11 @@ def test_a_row_stands_for_models_with_the_same_capabilities() -> None:
 def capabilities(model: str) -> tuple[object, ...]:
     """Return what of a model decides which drives it plays."""
     bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, VirtualClock())
-    driver = next(n for n in BUILT_IN[DRIVERS] if load_driver(DRIVERS, n).supports_model(model))  # type: ignore[attr-defined]
+    driver = next(n for n in built_in_names(DRIVERS) if load_driver(DRIVERS, n).supports_model(model))  # type: ignore[attr-defined]
     source = load_driver(DRIVERS, driver)(bench.link(), bench.clock)
     assert isinstance(source, BurstGenerator)
-    return driver, source._max_points(), source.CAN_FREEZE_RANGE, source.MAX_BURST_CYCLES, source.MIN_AMPLITUDE_VPP
+    able = source.capabilities
+    return driver, source.playable.max_points, able.holds_range, able.max_burst_cycles, able.min_amplitude_vpp
 
 
 def page_says_it_runs(name: str, source: str) -> bool:

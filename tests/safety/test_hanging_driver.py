@@ -18,7 +18,7 @@ from tests.helpers.simulated_bench import simulated
 
 HANGS = """
 import sys, threading
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 
 def {method}(*_):
     threading.Event().wait()

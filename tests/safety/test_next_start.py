@@ -12,7 +12,7 @@ from nidaqmx.constants import AcquisitionType
 
 from app.common.errors import ExitCode
 from drivers.clock import WallClock
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.program import program, safe, start

@@ -11,7 +11,7 @@ from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import InstrumentError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown
 from drivers.transport.scpi import ScpiSession, join_commands
 from drivers.transport.visa import VisaLink

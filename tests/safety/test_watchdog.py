@@ -16,7 +16,7 @@ from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
@@ -137,7 +137,7 @@ class Live:
         return self.bench.report().ends_at_rest
 
 
-CHARGE = WatchdogConfig("drivers.generators.keysight_33500:Keysight33500", "", 2.0, patience_s=10.0, silence_s=60.0)
+CHARGE = WatchdogConfig("drivers.generators.keysight:Keysight33500", "", 2.0, patience_s=10.0, silence_s=60.0)
 """The pauses of a busy computer are no silence, unless that is what the test is about."""
 
 IMPATIENT = replace(CHARGE, silence_s=1.5)

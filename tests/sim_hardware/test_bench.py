@@ -5,7 +5,7 @@ import pytest
 
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.scpi import Link
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator, Prompt
 from sim_hardware.bench import SimulatedBench
@@ -56,7 +56,7 @@ def test_each_answer_is_the_one_to_the_query_before(bench):
 def test_another_model_answers_and_obeys_in_place_of_the_generator_and_is_recognised_by_its_name(bench, source):
     bench.inject("scpi-other-model")
     assert source.idle_level_v() == 0.0
-    source._send("VOLT:OFFS 1")
+    source.dialect.offset_command(1.0).send()
     assert source.idle_level_v() == 1.0
     with pytest.raises(LinkError, match="now answers as 'Agilent Technologies 33220A"):
         source.reconnect()

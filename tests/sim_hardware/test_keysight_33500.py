@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.drive import Sine
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.plant.parameters import GeneratorParameters, SimulationParameters

@@ -16,7 +16,7 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import BenchError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench

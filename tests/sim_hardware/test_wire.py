@@ -10,7 +10,7 @@ import pytest
 from drivers.clock import SharedTime, WallClock
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant.parameters import SimulationParameters

@@ -15,7 +15,7 @@ from app.session.commissioning import commission
 from app.session.commissioning_gate import commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record, simulated_bench_key
 from drivers import Identity, NoWatchdog, WallClock, WatchdogConfig
-from drivers.assumptions.assumption import OutputCheck
+from drivers.evidence.assumption import OutputCheck
 from protocols.base import BenchArmed, RunStatus
 from protocols.commissioning.sequence import Commissioned
 from protocols.commissioning.verdict import CheckedOutput, MeasuredTimes, OutputVerdict

@@ -17,7 +17,7 @@ from app.gui.status.notices import INPUT_GUARD_S
 from app.session.bench_connection import connect
 from app.session.state import BenchState
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
-from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.keysight import Keysight33500
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Bench, Stage, find, press, until, whole_window
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED

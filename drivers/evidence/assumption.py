@@ -4,8 +4,6 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.generators.keysight_33500 import has_two_channels
-
 
 class OutputCheck(StrEnum):
     """What commissioning measures at the output of a source. The texts are stored in records and never change."""
@@ -40,6 +38,7 @@ class Assumption:
         value: the value that the driver assumes.
         evidence: guide and page, public driver with commit, or a measurement; empty if it is unproven.
         checks: what measures it at the output; empty if it cannot be seen there.
+        pattern: regular expression for the models, where `models` is a description.
     """
 
     driver: str
@@ -48,6 +47,7 @@ class Assumption:
     value: str
     evidence: str = ""
     checks: tuple[OutputCheck, ...] = ()
+    pattern: str = ""
 
     @property
     def shows_at_output(self) -> bool:
@@ -55,16 +55,15 @@ class Assumption:
         return bool(self.checks)
 
     def is_about(self, model: str) -> bool:
-        """Whether it is about a model: `DG1000Z` means DG1032Z too, `two channels` a Keysight 33522B."""
-        names = self.models.split(", ")
-        if "two channels" in names:
-            return self.driver == "keysight-33500" and has_two_channels(model)
+        """Whether it is about a model: `DG1000Z` means DG1032Z too."""
+        if self.pattern:
+            return re.match(self.pattern, model) is not None
         is_named = _is_supply if self.driver == "dc-supply" else _is_generator
-        return any(is_named(model.upper(), name) for name in names)
+        return any(is_named(model.upper(), name) for name in self.models.split(", "))
 
 
 def _is_generator(model: str, name: str) -> bool:
-    """Return whether a name of the table is that of a generator: `DG1000Z` means DG1032Z too, `AFG3000` not AFG31052."""
+    """Return whether a generator is of a series of the table: `DG1000Z` means DG1032Z too, `AFG3000` not AFG31052."""
     digits = name.rstrip("ABCXZ")
     begin = digits.rstrip("0")
     if begin == digits:
@@ -73,7 +72,7 @@ def _is_generator(model: str, name: str) -> bool:
 
 
 def _is_supply(model: str, name: str) -> bool:
-    """Return whether a name of the table is that of a supply: `E36300` means E36312A too, `E3640A-E3649A` all between."""
+    """Return whether a supply is of a series of the table: `E36300` means E36312A too, `E3640A-E3649A` all between."""
     if name == "all":
         return True
     first, _, last = name.partition("-")

@@ -5,7 +5,12 @@ reads the same table, so that changes at the front panel or by another program b
 """
 
 import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+
+from drivers.errors import InstrumentError
+
+LEVEL_TOLERANCE_V = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +86,22 @@ def expect_value(name: str, value: float, tolerance: float) -> ExpectedSetting:
 def expect_range(name: str, low: float, high: float) -> ExpectedSetting:
     """Expect a number in this range."""
     return ExpectedSetting(name, low=low, high=high)
+
+
+def mismatches(
+    settings: Iterable[ExpectedSetting], query: Callable[[str], str], query_optional: Callable[[str], str | None]
+) -> Iterator[tuple[ExpectedSetting, str]]:
+    """Query the settings in turn; yield each that is not as expected, with the answer."""
+    for setting in settings:
+        answer = query_optional(setting.name) if setting.optional else query(setting.name)
+        if answer is not None and not setting.matches(answer):
+            yield setting, answer
+
+
+def check_readback(instrument: str, readback: float, setpoint: float, tolerance: float, quantity: str) -> None:
+    """Raise InstrumentError if a setting reads back otherwise than it was set."""
+    if not abs(readback - setpoint) <= tolerance:
+        raise InstrumentError(
+            f"{instrument}: {quantity} was set to {setpoint:.6g} and reads back {readback:.6g} (limit {tolerance:.2g}); "
+            "nothing more was sent. See its actual setting on the instrument's front panel"
+        )

@@ -1,0 +1,121 @@
+"""Evidence tables: assumptions of all drivers of sources and cards, and the families of function generators.
+
+A table `drivers.<name>` has the `models` it is about and its `assumptions`: quantity, value, evidence and checks of `Assumption`,
+and models where they are others. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?`
+by the beginning of the model's name, and, where the range of the attenuator is held, `idle_mv`, the largest deviation of the idle
+level in mV. What every such driver assumes is in `every_generator.toml`: a family's row of the same quantity replaces what it
+gives, and `not_assumed` lists the quantities to leave out. `{name}` stands for a text under `sources`, of the same
+file or of `sources.toml`, or for `{idle_mv}`.
+
+The table of docs/generators.md is written from here. An assumption without evidence is unproven: `tactor-bench commission`
+measures those that show at the output, before high voltage is on.
+"""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from drivers.evidence.assumption import Assumption, OutputCheck
+
+CARD_INPUT, CARD_OUTPUT, SUPPLY = "card", "card-output", "dc-supply"
+"""Drivers of the tables: the card that measures, its analogue output, and the DC supplies."""
+
+SUPPLY_MODELS = ("E36", "DP8", "SPD")
+"""How the names of the supplies of drivers.supplies.dialects begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorFamily:
+    """A family of function generators, all of whose modules are found by one name.
+
+    Args:
+        driver: name of the driver, as a bench file has it.
+        module: of the driver in `drivers.generators`, of the simulated instruments in `sim_hardware.generators`, and the name of
+            the evidence file.
+        makers: maker in the reply to `*IDN?`, by the beginning of the model's name.
+    """
+
+    driver: str
+    module: str
+    makers: Mapping[str, str]
+
+
+@cache
+def generator_families() -> dict[str, GeneratorFamily]:
+    """Return the families of function generators that have an evidence file, by the name of their driver."""
+    paths = sorted(files("drivers.evidence").joinpath("generators").iterdir(), key=lambda path: path.name)
+    modules = [path.name.removesuffix(".toml") for path in paths if path.name.endswith(".toml")]
+    return {
+        driver: GeneratorFamily(driver, module, table["makers"])
+        for module in modules
+        for driver, table in _read(f"generators/{module}")["drivers"].items()
+    }
+
+
+def assumptions_about(model: str) -> tuple[Assumption, ...]:
+    """Return the assumptions about a model of a function generator or supply; none about one without a driver of this package."""
+    is_supply = model.upper().startswith(SUPPLY_MODELS)
+    return tuple(
+        each
+        for each in assumptions()
+        if each.driver not in (CARD_INPUT, CARD_OUTPUT)
+        and (each.driver == SUPPLY) == is_supply
+        and each.is_about(model)
+    )
+
+
+def assumptions_about_card(*, plays: bool) -> tuple[Assumption, ...]:
+    """Return the assumptions about the card that measures, and about its output if that plays the drives."""
+    drivers = (CARD_INPUT, CARD_OUTPUT) if plays else (CARD_INPUT,)
+    return tuple(each for each in assumptions() if each.driver in drivers)
+
+
+@cache
+def assumptions() -> tuple[Assumption, ...]:
+    """Return the assumptions of all generators, supplies and cards, by driver."""
+    modules = dict.fromkeys(family.module for family in generator_families().values())
+    generators = (row for module in modules for row in _generator_rows(_read(f"generators/{module}")))
+    others = (row for stem in ("supplies", "cards") for row in _rows(_read(stem)))
+    return (*generators, *others)
+
+
+@cache
+def _read(stem: str) -> dict[str, Any]:
+    return tomllib.loads(files("drivers.evidence").joinpath(f"{stem}.toml").read_text("utf-8"))
+
+
+def _generator_rows(family: Mapping[str, Any]) -> Iterator[Assumption]:
+    """Yield the assumptions of all generators as a family has them, and then those of its own."""
+    for driver, table in family["drivers"].items():
+        holds_range = "idle_mv" in table
+        common = {
+            row["quantity"]: row
+            for row in _read("every_generator")["assumptions"]
+            if row.get("range_held", holds_range) == holds_range and row["quantity"] not in table.get("not_assumed", ())
+        }
+        own = {row["quantity"]: row for row in table["assumptions"] if row["quantity"] in common}
+        rows = [row | own.get(quantity, {}) for quantity, row in common.items()]
+        rows += [row for row in table["assumptions"] if row["quantity"] not in common]
+        yield from (_assumption(driver, table, row, family) for row in rows)
+
+
+def _rows(tables: Mapping[str, Any]) -> Iterator[Assumption]:
+    for driver, table in tables["drivers"].items():
+        yield from (_assumption(driver, table, row, tables) for row in table["assumptions"])
+
+
+def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], tables: Mapping[str, Any]) -> Assumption:
+    """Return a row of a driver's table as an assumption, with its sources and numbers put in."""
+    names = _read("sources")["sources"] | tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
+    return Assumption(
+        driver,
+        row.get("models", table["models"]),
+        row["quantity"],
+        row["value"].format(**names),
+        row.get("evidence", "").format(**names),
+        tuple(OutputCheck(check) for check in row.get("checks", ())),
+        row.get("pattern", ""),
+    )
