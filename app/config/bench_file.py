@@ -97,7 +97,7 @@ class BenchConfig(ConfigTable):
         if self.simulated:
             simulation = self.simulation_parameters  # raises ValueError if the table is malformed
             if simulation.generator.traits:
-                from sim_hardware.generators.traits import draw_traits
+                from sim_hardware.generators.registry import draw_traits
 
                 draw_traits(simulation.generator.model, simulation.seed, simulation.generator.traits)
             if simulation.card.traits:

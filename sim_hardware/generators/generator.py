@@ -38,6 +38,28 @@ SURGE_S, SURGE_V = 0.5e-3, 0.6
 
 
 @dataclass(frozen=True, slots=True)
+class InstrumentUnit:
+    """One unit of a model.
+
+    Args:
+        identity: the reply to `*IDN?`.
+        traits: its traits and deviations by name (sim_hardware.generators.traits).
+        seed: of its own random behaviour.
+        high_z_by_hand: whether a person has set High Z on the front panel of a model that cannot be set by wire.
+    """
+
+    identity: str
+    traits: Mapping[str, str]
+    seed: int = 0
+    high_z_by_hand: bool = True
+
+    @property
+    def model(self) -> str:
+        """Name of the model in capitals."""
+        return self.identity.split(",")[1].strip().upper()
+
+
+@dataclass(frozen=True, slots=True)
 class GeneratorSettings:
     """Settings that shape the output; the defaults are those of a Trueform instrument after reset.
 

@@ -1,42 +1,61 @@
-"""Registry of simulated function generators: the model named in the simulation parameters."""
+"""Registry of simulated function generators: the instrument, traits and deviations of a model, by the name of its family."""
 
+import re
 from collections.abc import Callable
-from functools import partial
-from typing import Protocol
+from importlib import import_module
+from types import ModuleType
 
-from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.keysight_33200 import SimulatedKeysight33200
-from sim_hardware.generators.keysight_33500 import SimulatedKeysight33500
-from sim_hardware.generators.rigol_dg import SimulatedRigolDg
-from sim_hardware.generators.rigol_dg800 import SimulatedRigolDg800
-from sim_hardware.generators.siglent_sdg import SimulatedSiglentSdg
-from sim_hardware.generators.tektronix_afg import SimulatedTektronixAfg
-from sim_hardware.generators.traits import draw_traits
-from sim_hardware.plant import GENERATOR_MAKERS, GeneratorParameters
-from sim_hardware.wires.scpi_engine import ScpiError, ScpiInstrument
-
-
-class GeneratorModel(ScpiInstrument, Protocol):
-    """A simulated generator, which may put errors into its engine's queue."""
-
-    queue_error: Callable[[ScpiError], None]
+from drivers import GeneratorFamily, generator_families
+from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
+from sim_hardware.generators.traits import Trait, draw_options
+from sim_hardware.plant import GeneratorParameters
+from sim_hardware.wires.scpi_engine import ScpiInstrument
 
 
 def make_generator(
     parameters: GeneratorParameters, generator: SimulatedGenerator, now: Callable[[], float], seed: int = 0
-) -> GeneratorModel:
-    """Return the simulated generator that the parameters name; its traits that are not known are drawn from the seed."""
-    family = next(name for name in GENERATOR_MAKERS if parameters.model.upper().startswith(name))
-    maker = GENERATOR_MAKERS[family]
+) -> ScpiInstrument:
+    """Return the simulated generator that the parameters name; its traits that are not chosen are drawn from the seed."""
+    family, maker = _family_of(parameters.model)
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"
     traits = draw_traits(parameters.model, seed, parameters.traits)
     generator.deviate(traits)
-    models: dict[str, Callable[..., GeneratorModel]] = {
-        "Keysight": SimulatedKeysight33500,
-        "Agilent": SimulatedKeysight33200,
-        "Picotest": SimulatedKeysight33200,
-        "Rigol": SimulatedRigolDg if family == "DG10" else SimulatedRigolDg800,
-        "TEKTRONIX": partial(SimulatedTektronixAfg, high_z=parameters.high_z_by_hand),
-        "Siglent": partial(SimulatedSiglentSdg, seed=seed),
-    }
-    return models[maker.split()[0]](generator, now, identity, traits=traits)
+    unit = InstrumentUnit(identity, traits, seed, parameters.high_z_by_hand)
+    instrument: ScpiInstrument = _module_of(family).SIMULATED[family.driver](generator, now, unit)
+    return instrument
+
+
+def traits_of(model: str) -> tuple[Trait, ...]:
+    """Return the traits of a model."""
+    return _of_model(_module_of(_family_of(model)[0]).TRAITS, model)
+
+
+def deviations_of(model: str) -> tuple[Trait, ...]:
+    """Return the deviations that a model can be given."""
+    return _of_model(_module_of(_family_of(model)[0]).DEVIATIONS, model)
+
+
+def draw_traits(model: str, seed: int, chosen: str = "") -> dict[str, str]:
+    """Return the option of each trait of a model: as chosen (`silence=long stale=often`), or else drawn from the seed.
+
+    Raises:
+        ValueError: an unknown trait or option is chosen.
+    """
+    return draw_options("generator.traits", model, f"{model} {seed}", traits_of(model), deviations_of(model), chosen)
+
+
+def _family_of(model: str) -> tuple[GeneratorFamily, str]:
+    """Return the family of a model, and its maker."""
+    for family in generator_families().values():
+        for beginning, maker in family.makers.items():
+            if model.upper().startswith(beginning):
+                return family, maker
+    raise ValueError(f"no function generator {model!r} can be simulated")
+
+
+def _module_of(family: GeneratorFamily) -> ModuleType:
+    return import_module(f"sim_hardware.generators.{family.module}")
+
+
+def _of_model(traits: tuple[Trait, ...], model: str) -> tuple[Trait, ...]:
+    return tuple(trait for trait in traits if re.match(trait.models, model.upper()))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from model import Array
-from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLevels
 from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires.scpi_engine import (
@@ -37,7 +37,7 @@ class SimulatedScpiGenerator:
     Args:
         generator: the output stage.
         now: returns bench time, to know whether a burst is still running.
-        traits: its traits that no source settles (sim_hardware.generators.traits).
+        unit: its identity and traits.
 
     Attributes:
         identity: the reply to `*IDN?`.
@@ -62,16 +62,9 @@ class SimulatedScpiGenerator:
     BURST_HEADER: ClassVar[str] = "BURSt:STATe"
     TRIGGER_HEADER: ClassVar[str]
 
-    def __init__(
-        self,
-        generator: SimulatedGenerator,
-        now: Callable[[], float],
-        identity: str,
-        traits: Mapping[str, str] | None = None,
-    ) -> None:
-        self.identity = identity
-        self._model = identity.split(",")[1].strip().upper()
-        self.traits = dict(traits or {})
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
+        self.identity, self.traits = unit.identity, unit.traits
+        self._model = unit.model
         self.queue_error: Callable[[ScpiError], None] = lambda _: None
         self._generator = generator
         self._now = now

@@ -1,30 +1,29 @@
 """Deviations of a simulated DC supply from what its driver assumes, which commissioning finds."""
 
+import re
+
 from sim_hardware.generators.traits import Trait, draw_options
 
 SUPPLY_DEVIATIONS = (
     Trait(
         "level",
         ("nominal", "low"),
-        ("E36", "DP8", "SPD"),
         "volts of the loaded output: 6 % below the setting, which its voltmeter shows nevertheless",
     ),
     Trait(
         "step",
         ("between", "overshoots", "drops"),
-        ("E36", "DP8", "SPD"),
         "output at a change of the level: 0.3 V too high, or 0 V, for 5 ms",
     ),
     Trait(
         "series",
         ("as-replied", "stays"),
-        ("E36311", "E36312", "E36313", "SPD"),
         "outputs that stay in series although the instrument replies that they are not",
+        "E3631[123]|SPD",
     ),
     Trait(
         "fall",
         ("as-measured", "slow"),
-        ("E36", "DP8", "SPD"),
         "a falling output that is above what its voltmeter shows: time constant of 2 s",
     ),
 )
@@ -35,7 +34,7 @@ GLITCH_S, OVERSHOOT_V, LOW_RATIO, SLOW_FALL_TAU_S = 5e-3, 0.3, 0.94, 2.0
 
 def supply_deviations_of(model: str) -> tuple[Trait, ...]:
     """Return the deviations that a model can be given."""
-    return tuple(t for t in SUPPLY_DEVIATIONS if model.upper().startswith(t.models))
+    return tuple(t for t in SUPPLY_DEVIATIONS if re.match(t.models, model.upper()))
 
 
 def draw_supply_traits(model: str, chosen: str = "") -> dict[str, str]:

@@ -1,13 +1,15 @@
 """Source contract of every generator driver on every variant of its simulated instrument: model, channels, drawn traits."""
 
 from collections.abc import Iterator
+from importlib import import_module
 
 import pytest
 
 from app.config.driver_registry import SOURCES, built_in_names, load_driver
+from drivers import generator_families
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.generators.traits import TRAITS, traits_of
+from sim_hardware.generators.registry import traits_of
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here, with this module's sources
     SourceUnderTest,
     test_close_leaves_the_output_at_rest,
@@ -76,4 +78,5 @@ def device_under_test(request: pytest.FixtureRequest) -> Iterator[SourceUnderTes
 
 def test_every_option_of_every_trait_is_among_the_variants() -> None:
     chosen = {pair for _, traits in CASES for pair in traits.split()}
-    assert {f"{t.name}={option}" for t in TRAITS for option in t.options} <= chosen
+    modules = {import_module(f"sim_hardware.generators.{family.module}") for family in generator_families().values()}
+    assert {f"{t.name}={option}" for module in modules for t in module.TRAITS for option in t.options} <= chosen

@@ -29,7 +29,7 @@ def test_another_waveform_at_the_front_panel_is_never_played() -> None:
 
 def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
     """Clearing it selects EXP_RISE, whose first point is the lowest: half of the amplitude below the idle level."""
-    monkeypatch.setattr("sim_hardware.generators.keysight_33500.MEMORY_POINTS", 4500)
+    monkeypatch.setattr("sim_hardware.generators.keysight.MEMORY_POINTS", 4500)
     source, bench, _ = made("33511B")
     source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)

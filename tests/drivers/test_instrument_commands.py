@@ -13,7 +13,7 @@ from drivers.drive import Hold, LinearSweep, PeriodicSweep, Sine, SquareWave, St
 from drivers.generators.burst import BurstGenerator
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.generators.traits import traits_of
+from sim_hardware.generators.registry import traits_of
 from tests.drivers.test_keysight_33500 import Tapped
 from tests.helpers.front_panel import press
 from tests.helpers.instrument_commands import (

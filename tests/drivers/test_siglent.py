@@ -11,7 +11,7 @@ from drivers.generators.waveform import SINE_CYCLE
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.generators.traits import traits_of
+from sim_hardware.generators.registry import traits_of
 from sim_hardware.service.served_bench import ServedBench
 from tests.drivers.test_keysight_33500 import Tapped
 from tests.helpers.front_panel import press

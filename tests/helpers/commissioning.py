@@ -11,7 +11,7 @@ from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageLog
 from protocols.commissioning.procedure import commission_bench
 from protocols.commissioning.sequence import Commissioned
-from sim_hardware.generators.traits import deviations_of
+from sim_hardware.generators.registry import deviations_of
 from tests.helpers.simulated_bench import simulated
 
 FREEZING = ("33", "EDU", "FG", "G51", "DG10")

@@ -3,16 +3,18 @@
 import random
 
 import pytest
-from drivers.evidence.cards import CARD_INPUTS, CARD_OUTPUTS
 
 from app.config.bench_file import BenchConfig
 from drivers.evidence.assumption import OutputCheck
-from drivers.evidence.table import assumptions_about
+from drivers.evidence.table import CARD_OUTPUT, assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
 from sim_hardware.nidaq.traits import CARD_DEVIATIONS
 from sim_hardware.supplies.traits import supply_deviations_of
 from tests.helpers.commissioning import commissioned_bench, contradicted, deviating, draw_deviations
 from tests.helpers.simulated_bench import simulated
+
+CARD_INPUTS = assumptions_about_card(plays=False)
+CARD_OUTPUTS = tuple(each for each in assumptions_about_card(plays=True) if each.driver == CARD_OUTPUT)
 
 
 @pytest.mark.deep

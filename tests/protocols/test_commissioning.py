@@ -15,7 +15,8 @@ from protocols.commissioning.procedure import commission_bench
 from protocols.commissioning.sequence import PLANNED_S
 from protocols.commissioning.verdict import CheckedOutput, CommandTime, OutputVerdict, checked_assumptions
 from sim_hardware.clock import VirtualClock
-from sim_hardware.generators.traits import DEVIATIONS, deviations_of
+from sim_hardware.generators.registry import deviations_of
+from sim_hardware.generators.traits import DEVIATIONS
 from tests.helpers.commissioning import (
     PROPERTIES,
     OffSwitch,

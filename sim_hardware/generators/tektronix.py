@@ -12,9 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
 from sim_hardware.generators.scpi_levels import MIN_EMF_VPP
+from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviations
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
@@ -28,13 +29,33 @@ from sim_hardware.wires.scpi_engine import (
 
 FULL_SCALE = 16382
 
+TRAITS = (
+    UNKNOWN_HEADER,
+    Trait(
+        "polarity",
+        ("present", "absent"),
+        "whether it has OUTPut:POLarity: no public driver uses it",
+        models="AFG1",
+    ),
+    Trait(
+        "idle-setting",
+        ("START", "DC", "END"),
+        "where a burst waits after a reset: its setting exists, its factory value is in no source",
+        models=r"AFG31\d{3}",
+    ),
+    Trait(
+        "sequencer",
+        ("present", "absent"),
+        "whether it knows SEQControl without the option",
+        models=r"AFG31\d{3}",
+    ),
+    RETIME,
+)
+DEVIATIONS = deviations(combining="AFG3")
+
 
 class SimulatedTektronixAfg(SimulatedScpiGenerator):
-    """AFG3000, AFG31000 and AFG1000.
-
-    Args:
-        high_z: the load set at the front panel of an AFG1000.
-    """
+    """AFG3000, AFG31000 and AFG1000."""
 
     MAX_FREQUENCY_HZ = 25e6
     MAX_BURST_CYCLES = 1e6
@@ -42,24 +63,16 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"TIMer": "IMM", "EXTernal": "BUS"}
     TRIGGER_HEADER = "TRIGger[:SEQuence]"
 
-    def __init__(
-        self,
-        generator: SimulatedGenerator,
-        now: Callable[[], float],
-        identity: str,
-        traits: Mapping[str, str] | None = None,
-        *,
-        high_z: bool = True,
-    ) -> None:
-        super().__init__(generator, now, identity, traits)
-        self._is_afg1000 = ",AFG1" in identity.upper()
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
+        super().__init__(generator, now, unit)
+        self._is_afg1000 = self._model.startswith("AFG1")
         self._is_afg31000 = re.match(r"AFG31\d{3}", self._model) is not None
         self._idle_keyword = self.traits.get("idle-setting", "START")
         self._memory_points = 8192 if self._is_afg1000 else 65_536
         self._edit_memory = np.zeros(1000)
-        self._high_z = high_z
+        self._high_z = unit.high_z_by_hand  # the load set at the front panel of an AFG1000
         self._delay_s = 0.0
-        if self._is_afg1000 and high_z:
+        if self._is_afg1000 and self._high_z:
             self._levels.set_load(["INF"])
 
     def reset(self) -> None:
@@ -186,3 +199,6 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         if self._generator.settings.function == "ARB":
             self._load_waveform(points)
             self._wait_where_set()
+
+
+SIMULATED = {"tektronix-afg": SimulatedTektronixAfg}

@@ -14,15 +14,16 @@ An SDG6022X with firmware 6.01.01.37R6 ignores a selection by name, and one with
 
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from model import Array
-from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import OTHER_CHANNEL_V
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP
+from sim_hardware.generators.traits import RETIME, Trait, deviations
 from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires.scpi_engine import Arguments, ScpiCommand, ScpiError
 
@@ -32,25 +33,55 @@ MAX_FREQUENCY_HZ = 30e6
 BUILT_IN_NAME = "StairUp"
 LARGE_BYTES = 65_536
 
+TRAITS = (
+    Trait(
+        "selection",
+        ("keeps-levels", "restores-levels"),
+        "whether selecting a waveform restores the levels it was stored with: sources differ between firmwares",
+        models="SDG1|SDG6",
+    ),
+    Trait(
+        "silence",
+        ("brief", "long"),
+        "how long it answers nothing after a waveform arrived: 0.5 s on an SDG1032X, above 5 s in 15 of 86 cases on an SDG2122X",
+    ),
+    Trait(
+        "stale",
+        ("never", "often"),
+        "whether a selection may not take until it is sent again: 19 of 233 on an SDG2122X",
+    ),
+    Trait(
+        "inversion",
+        ("one-switch", "two-switches"),
+        "whether INVT and the polarity of OUTP are one switch or two: both exist",
+    ),
+    Trait(
+        "recall",
+        ("works", "ignored"),
+        "whether a waveform is selected by its name: not with firmware 6.01.01.37R6, but with 38R3, on an SDG6022X",
+        models="SDG6",
+    ),
+    Trait(
+        "rate-mode",
+        ("present", "absent"),
+        "whether it has SRATE: an SDG6022X with firmware 6.01.01.38R3 has not",
+        models="SDG6",
+    ),
+    RETIME,
+)
+DEVIATIONS = deviations()
+
 
 class SimulatedSiglentSdg:
     """One channel over a `SimulatedGenerator` (sim_hardware.wires.scpi_engine.ScpiInstrument)."""
 
     SINGLE_SESSION = True
 
-    def __init__(
-        self,
-        generator: SimulatedGenerator,
-        now: Callable[[], float],
-        identity: str,
-        traits: Mapping[str, str] | None = None,
-        seed: int = 0,
-    ) -> None:
-        self.identity = identity
-        self.traits = dict(traits or {})
-        self._is_sdg1000 = ",SDG1" in identity.upper()
-        self._is_sdg2000 = ",SDG2" in identity.upper()
-        self._random = random.Random(f"{identity} {seed}")
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
+        self.identity, self.traits = unit.identity, unit.traits
+        self._is_sdg1000 = unit.model.startswith("SDG1")
+        self._is_sdg2000 = unit.model.startswith("SDG2")
+        self._random = random.Random(f"{unit.identity} {unit.seed}")
         self.hung = False
         self._large_downloads = 0
         self._silent_until_s = -math.inf
@@ -300,3 +331,6 @@ def _parse_pairs(arguments: Sequence[str]) -> dict[str, str]:
 
 def _parse_value(text: str) -> float:
     return float(text.upper().rstrip("HZVSDEG"))
+
+
+SIMULATED = {"siglent-sdg": SimulatedSiglentSdg}

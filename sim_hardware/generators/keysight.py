@@ -1,10 +1,15 @@
-"""Simulated Keysight 33500B, 33600A, EDU33210 or FG33530 (Trueform) function generator, after its programming guide.
+"""Simulated Agilent, Keysight and Picotest function generators, after their programming guides.
 
 Pitfalls that matter on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared it puts twice
 the volts on a high-impedance input; APPLy turns the output on; another amplitude range and another function switch relays;
 leaving DC or burst starts a sine at an unknown phase; an impossible value is clipped, not rejected; a waveform's name can
 be used once; clearing the memory selects another waveform; the byte order of a download is the opposite one; polarity, gating
 and, with two channels, combining, coupling and tracking are settings that persist.
+
+33210A, 33220A, 33250A and G5100A have one volatile waveform and no abort: no limits that would reject a wrong level, 50 000
+cycles at most, integers in big-endian order, a download that immediately replaces the waveform being played, at least 10 mVpp
+into 50 ohm (PyMeasure agilent33220A at 32503b8: limits double with High Z, and values outside are clipped), and 12-bit integers
+on a 33250A (Agilent's Visual Basic sample).
 """
 
 import re
@@ -15,8 +20,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from model import Array
-from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, accept_keywords, decode_block
+from sim_hardware.generators.traits import UNKNOWN_HEADER, deviations
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
@@ -27,8 +33,15 @@ from sim_hardware.wires.scpi_engine import (
     single_argument,
 )
 
+TRAITS = (UNKNOWN_HEADER,)
+DEVIATIONS = deviations(range="", abort="", uneven="", filter="335|336|EDU|FG")
+
 MEMORY_POINTS = 1_000_000
 BUILT_IN_NAME = "EXP_RISE"
+VOLATILE_POINTS = {"33210": 8192}
+FULL_SCALE = {"33250": 2047}
+"""Memory and largest integer of an older model, where they are not 65 536 and 8191."""
+
 BUILT_IN_WAVEFORM = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
 
 
@@ -41,14 +54,8 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
     FREQUENCY_HEADER = "FREQuency[:CW]"
     TRIGGER_HEADER = "TRIGger[1]"
 
-    def __init__(
-        self,
-        generator: SimulatedGenerator,
-        now: Callable[[], float],
-        identity: str,
-        traits: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(generator, now, identity, traits)
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
+        super().__init__(generator, now, unit)
         self._big_endian = True
 
     @property
@@ -101,14 +108,8 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
 class SimulatedKeysight33500(SimulatedKeysightGenerator):
     """33500B, 33600A, EDU33210 and FG33530: named waveforms, a sample rate, a filter, output limits, ABORt."""
 
-    def __init__(
-        self,
-        generator: SimulatedGenerator,
-        now: Callable[[], float],
-        identity: str,
-        traits: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(generator, now, identity, traits)
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
+        super().__init__(generator, now, unit)
         self._reset_waveforms()
 
     def _reset_waveforms(self) -> None:
@@ -224,3 +225,50 @@ def _overshooting(points: Array) -> Array:
     changes = np.fft.rfft(np.diff(points, prepend=points[0]), size)
     rung = points + 0.25 * np.fft.irfft(changes * decay, size)[: points.size]
     return np.asarray(rung)
+
+
+class SimulatedKeysight33200(SimulatedKeysightGenerator):
+    """33210A, 33220A, 33250A and G5100A."""
+
+    MAX_BURST_CYCLES = 50_000.0
+    ARBITRARY_KEYWORD = "USER"
+
+    @property
+    def _min_emf_vpp(self) -> float:
+        return 0.02
+
+    @property
+    def _full_scale(self) -> int:
+        return FULL_SCALE.get(self._model[:5], 8191)
+
+    @property
+    def commands(self) -> Sequence[ScpiCommand]:
+        known = [c for c in super().commands if "LIMit" not in c.pattern]
+        return [
+            *known,
+            ScpiCommand("SYSTem:REMote", lambda _: None),
+            ScpiCommand("SYSTem:LOCal", lambda _: None),
+            ScpiCommand(SOURCE_PATTERN + "DATA:DAC", self._download),
+            ScpiCommand(SOURCE_PATTERN + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
+        ]
+
+    def _download(self, a: Arguments) -> None:
+        check_argument_count(a, 2)
+        match_keyword(a[0], "VOLATILE")
+        points = decode_block(a[1], ">i2" if self._big_endian else "<i2", -self._full_scale, self._full_scale)
+        if points.size > VOLATILE_POINTS.get(self._model[:5], 65_536):
+            raise ScpiError(-225)
+        self._load_waveform(points / self._full_scale)
+
+    def _select(self, a: Arguments) -> None:
+        match_keyword(single_argument(a), "VOLATILE")
+        if self._generator.settings.wave is None:
+            raise ScpiError(-224)
+
+    def _select_function(self, function: str) -> None:
+        if function == "ARB" and self._generator.settings.wave is None:
+            raise ScpiError(-224)
+        super()._select_function(function)
+
+
+SIMULATED = {"keysight-33500": SimulatedKeysight33500, "keysight-33200": SimulatedKeysight33200}
