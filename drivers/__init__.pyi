@@ -43,7 +43,7 @@ from .evidence.table import GeneratorFamily as GeneratorFamily
 from .evidence.table import generator_families as generator_families
 from .generators.burst import BurstGenerator as BurstGenerator
 from .generators.capabilities import Capabilities as Capabilities
-from .generators.dialect import Command as Command
+from .generators.dialect import ConfirmedCommand as ConfirmedCommand
 from .generators.dialect import Dialect as Dialect
 from .generators.dialect import Levels as Levels
 from .generators.scpi import ScpiDialect as ScpiDialect

@@ -25,7 +25,7 @@ class Levels:
         return self.high_v - self.low_v
 
 
-class Command(NamedTuple):
+class ConfirmedCommand(NamedTuple):
     """A command, and a function that sends it and confirms it as far as the instrument allows."""
 
     text: str
@@ -88,7 +88,7 @@ class Dialect(Protocol):
         """Query the offset."""
         ...
 
-    def offset_command(self, volts: float) -> Command:
+    def offset_command(self, volts: float) -> ConfirmedCommand:
         """Return the command that sets the offset."""
         ...
 
@@ -96,7 +96,7 @@ class Dialect(Protocol):
         """Query the amplitude."""
         ...
 
-    def amplitude_command(self, vpp: float) -> Command:
+    def amplitude_command(self, vpp: float) -> ConfirmedCommand:
         """Return the command that sets the amplitude."""
         ...
 
@@ -116,6 +116,6 @@ class Dialect(Protocol):
     def trigger(self) -> None:
         """Start the burst."""
 
-    def abort_commands(self) -> Sequence[Command]:
+    def abort_commands(self) -> Sequence[ConfirmedCommand]:
         """Return the commands that end a running burst immediately, once its amplitude has been reduced."""
         ...

@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import Command, Levels
+from drivers.generators.dialect import ConfirmedCommand, Levels
 from drivers.generators.scpi import ScpiDialect
 from drivers.generators.settings import (
     LEVEL_TOLERANCE_V,
@@ -120,7 +120,7 @@ class TrueformDialect(ScpiDialect):
         block = definite_length_block(points.astype("<f4").tobytes())
         self.write_checked(f"DATA:ARB {name},{block}", f"FUNC:ARB {name}")
 
-    def abort_commands(self) -> Sequence[Command]:
+    def abort_commands(self) -> Sequence[ConfirmedCommand]:
         return [self._command("ABOR")]
 
 

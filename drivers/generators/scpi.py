@@ -8,7 +8,7 @@ from typing import ClassVar
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import Command, Levels
+from drivers.generators.dialect import ConfirmedCommand, Levels
 from drivers.generators.settings import (
     LEVEL_TOLERANCE_V,
     ExpectedSetting,
@@ -84,17 +84,17 @@ class ScpiDialect:
     def idle_level_v(self) -> float:
         return self.scpi.query_float(f"{self.SOURCE_PREFIX}VOLT:OFFS?")
 
-    def offset_command(self, volts: float) -> Command:
+    def offset_command(self, volts: float) -> ConfirmedCommand:
         return self._command(f"{self.SOURCE_PREFIX}VOLT:OFFS {volts:.6f}")
 
     def amplitude_vpp(self) -> float:
         return self.scpi.query_float(f"{self.SOURCE_PREFIX}VOLT?")
 
-    def amplitude_command(self, vpp: float) -> Command:
+    def amplitude_command(self, vpp: float) -> ConfirmedCommand:
         return self._command(f"{self.SOURCE_PREFIX}VOLT {vpp:.6f}")
 
-    def _command(self, text: str) -> Command:
-        return Command(text, partial(self.write_checked, text))
+    def _command(self, text: str) -> ConfirmedCommand:
+        return ConfirmedCommand(text, partial(self.write_checked, text))
 
     def set_rate(self, rate_hz: float, point_count: int) -> None:
         setpoint = rate_hz * point_count if self.RATE_IS_SAMPLE_RATE else rate_hz
@@ -116,7 +116,7 @@ class ScpiDialect:
     def trigger(self) -> None:
         self.write_checked(self.TRIGGER_COMMAND)
 
-    def abort_commands(self) -> Sequence[Command]:
+    def abort_commands(self) -> Sequence[ConfirmedCommand]:
         # Burst mode that is switched on again waits for its trigger; in between a few millivolts are played.
         return [self._command(f"{self.SOURCE_PREFIX}BURS:STAT {state}") for state in ("OFF", "ON")]
 

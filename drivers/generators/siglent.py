@@ -27,7 +27,7 @@ from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
-from drivers.generators.dialect import Command, Levels
+from drivers.generators.dialect import ConfirmedCommand, Levels
 from drivers.generators.settings import (
     LEVEL_TOLERANCE_V,
     ExpectedSetting,
@@ -328,17 +328,17 @@ class SiglentDialect:
     def idle_level_v(self) -> float:
         return self._session.number("BSWV OFST")
 
-    def offset_command(self, volts: float) -> Command:
+    def offset_command(self, volts: float) -> ConfirmedCommand:
         return self._level_command("BSWV OFST", volts)
 
     def amplitude_vpp(self) -> float:
         return self._session.number("BSWV AMP")
 
-    def amplitude_command(self, vpp: float) -> Command:
+    def amplitude_command(self, vpp: float) -> ConfirmedCommand:
         return self._level_command("BSWV AMP", vpp)
 
-    def _level_command(self, name: str, volts: float) -> Command:
-        return Command(number_command(name, volts), partial(self._session.set_number, name, volts, 1e-3))
+    def _level_command(self, name: str, volts: float) -> ConfirmedCommand:
+        return ConfirmedCommand(number_command(name, volts), partial(self._session.set_number, name, volts, 1e-3))
 
     def set_rate(self, rate_hz: float, point_count: int) -> None:
         del point_count  # the rate is in whole periods
@@ -356,9 +356,9 @@ class SiglentDialect:
     def trigger(self) -> None:
         self._session.send("C1:BTWV MTRIG")
 
-    def abort_commands(self) -> Sequence[Command]:
+    def abort_commands(self) -> Sequence[ConfirmedCommand]:
         texts = ("C1:BTWV STATE,OFF", "C1:BTWV STATE,ON")
-        return [Command(text, partial(self._session.send, text)) for text in texts]
+        return [ConfirmedCommand(text, partial(self._session.send, text)) for text in texts]
 
 
 class SiglentSdg(BurstGenerator):
