@@ -108,6 +108,12 @@ class Series:
         """Whether it goes back along its axis."""
         return bool((np.diff(self.x) < 0).any())
 
+    def scaled(self, x_factor: float, y_factor: float) -> Self:
+        """Return the series in other units, such as those of a display; the axes keep their names and SI units."""
+        arrays = ("y", "errors", "total_errors", "fit")
+        scaled = {name: y_factor * array for name in arrays if (array := getattr(self, name)) is not None}
+        return replace(self, x=x_factor * self.x, **scaled)
+
     def within(self, low: float, high: float) -> Self:
         """Return the values of a range of x."""
         return self.at((self.x >= low) & (self.x <= high))

@@ -50,7 +50,7 @@ from app.common import (
 )
 from app.identification import verdict_line
 from drivers import BenchError
-from model import shown_unit
+from model import Series, shown_unit
 from protocols.base import Protocol
 from protocols.runfile.reader import RunReadError
 
@@ -162,7 +162,7 @@ class CurveCommand(CampaignCommand):
     files: FileOptions = group(FileOptions, "the results of the series")
 
     def apply(self, known: Campaign) -> int:
-        from model.studies.paper_figures import FigureCurve, PaperFigure
+        from model.studies.paper_figures import PaperFigure
 
         state = known.item_state(self.item)
         if not state.steps:
@@ -191,7 +191,7 @@ class CurveCommand(CampaignCommand):
             x.unit,
             main.y_axis.name,
             main.y_axis.unit,
-            (FigureCurve(self.item, main.x, main.plotted),),
+            (Series(main.x, main.plotted, label=self.item),),
             f"{main.y_axis.name} of {known.specimen} over {x.name}.",
         )
         return render(

@@ -28,6 +28,7 @@ from model import (
     NONIDEAL_NAMES,
     Membrane,
     ParameterSpec,
+    Series,
     Specimen,
     Tactor,
     parameter_specs,
@@ -45,7 +46,7 @@ from model.response import (
     poles,
     voltage_gain,
 )
-from model.studies.paper_figures import FigureCurve, PaperFigure
+from model.studies.paper_figures import PaperFigure
 
 SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
@@ -147,7 +148,7 @@ class ModesTopic(Topic):
             shapes = mode_shapes(on.tactor, x, specimen.skin, n, count)
             curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
             lines = tuple(
-                FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
+                Series(x, w, label=f"mode {i}, {hz:.1f} Hz") for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
             )
             caption = f"Undamped mode shapes of the half beam, {describe_specimen(specimen)}."
             panels.append(
@@ -198,7 +199,7 @@ class StaticTopic(Topic):
         )
         caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {describe_specimen(specimen)}."
         figure = PaperFigure(
-            "static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption
+            "static", "x, clamp to centre", "m", "deflection", "m", (Series(x, w, label="w(x)"),), caption
         )
         curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
         return CommandResult(
@@ -238,7 +239,7 @@ class ConvergenceTopic(Topic):
             ),
         )
         shapes = np.array(n, float)
-        lines = (FigureCurve("complex", shapes, worst), FigureCurve("amplitude", shapes, worst_amplitude))
+        lines = (Series(shapes, worst, label="complex"), Series(shapes, worst_amplitude, label="amplitude"))
         figure = PaperFigure(
             "convergence", "number of shape functions n", "", "worst relative error", "", lines, f"{table.title}."
         )

@@ -34,6 +34,7 @@ from model import (
     ParameterError,
     ParameterSpec,
     SagSolution,
+    Series,
     Specimen,
     point_stiffness,
     replace_variables,
@@ -65,7 +66,7 @@ from model.response import (
     with_lag,
 )
 from model.response import frequency_response as receptance
-from model.studies.paper_figures import FigureCurve, PaperFigure
+from model.studies.paper_figures import PaperFigure
 
 DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250"
 """The paper's frequencies."""
@@ -107,12 +108,12 @@ class FrequencyResponseTopic(Topic):
         felt = chosen_threshold(RUNS_FOLDER, self.threshold)
         columns = _response_columns(response, receptance(t, f, skin, n, at), felt)
         twice = 2 * np.abs(response.fundamental)
-        lines = [FigureCurve("max - min", f, response.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
+        lines = [Series(f, response.peak_to_peak, label="max - min"), Series(f, twice, label="2 x fundamental")]
         if self.exact:
             exact = exact_response(t, f, skin, at)
             V = fourier_series(self.waveform, amplitude, offset, AmplifierMap(), 1)
             columns.append(Column("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
-            lines.append(FigureCurve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
+            lines.append(Series(f, 2 * np.abs(V[1] * exact), label="2 x fundamental, closed form"))
         where = describe_specimen(specimen)
         title = f"Response to a {self.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
         table = Table("response", title, tuple(columns))
@@ -178,7 +179,7 @@ class StepTopic(Topic):
             "",
             (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
         )
-        lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
+        lines = (Series(time, w, label=f"step of {volts:g} V"), Series(time, onset, label=f"onset of {hz:g} Hz"))
         figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
         return CommandResult(
             "model step",
@@ -311,7 +312,7 @@ def _membrane_figures(table: Table) -> tuple[PaperFigure, ...]:
         ("skin damping c_s", "c_s"),
     ):
         lines = tuple(
-            FigureCurve(column.displayed_name, elongation, np.asarray(column.values))
+            Series(elongation, np.asarray(column.values), label=column.displayed_name)
             for column in (columns[name] for name in names)
         )
         unit, caption = columns[names[0]].unit or "", f"{title.capitalize()}."

@@ -48,9 +48,9 @@ from app.common import (
     usage_errors,
 )
 from app.plotting.charts import draw_figure
-from model import Array, replace_variables, shown_unit
+from model import Array, Series, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice
-from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
+from model.studies.paper_figures import PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
 from protocols.runfile.errors import StorageError
 from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path
@@ -98,7 +98,7 @@ def study_figure(study: Study, values: NDArray[Any]) -> PaperFigure:
         label = ", ".join(
             f"{a.name} = {a.values[i]:.4g} {a.unit}".rstrip() for a, i in zip(study.axes, index, strict=False)
         )
-        curves.append(FigureCurve(label, f, np.abs(values[k])))
+        curves.append(Series(f, np.abs(values[k]), label=label))
     some = f" {len(curves)} of {len(values)} combinations." if len(curves) < len(values) else ""
     where = "Free tactor" if study.specimen.membrane is None else "Tactor on the membrane"
     caption = f"{where}: {study.title}.{some}"

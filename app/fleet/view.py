@@ -24,7 +24,7 @@ from app.fleet.tables import (
     times_of,
 )
 from app.fleet.values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
-from model import Array, shown_unit
+from model import Series, shown_unit
 
 MAX_SPECIMEN_QUANTITIES = 4
 """Quantities in the table of the specimens: more do not fit beside each other at 900 points."""
@@ -49,24 +49,13 @@ class FleetQuery:
 
 
 @dataclass(frozen=True)
-class PlotGroup:
-    """Values of one group over time: seconds since 1970, values and total uncertainties in SI, each (N,)."""
-
-    name: str
-    times_s: Array
-    values: Array
-    errors: Array
-    sources: tuple[FleetValue, ...]
-
-
-@dataclass(frozen=True)
 class FleetView:
     """What a query selects.
 
     Attributes:
         names: quantities of the whole fleet.
         batches: of the whole fleet.
-        groups: every value of the quantity, by group.
+        groups: every value of the quantity in SI over seconds since 1970, by group, and the values themselves.
         outliers: specimens whose newest value is a possible outlier.
         summary: a row for each statistic of the quantity.
         by_group: mean and spread of each group.
@@ -77,7 +66,7 @@ class FleetView:
     batches: tuple[str, ...]
     selection: FleetSelection
     spread: Spread
-    groups: tuple[PlotGroup, ...]
+    groups: tuple[tuple[Series, tuple[FleetValue, ...]], ...]
     outliers: frozenset[str]
     bounds: Bounds | None
     summary: Table
@@ -131,14 +120,15 @@ def _has_words(value: FleetValue, words: Sequence[str]) -> bool:
     return all(word in text for word in words)
 
 
-def _plot_groups(selection: FleetSelection, group_by: str) -> list[PlotGroup]:
+def _plot_groups(selection: FleetSelection, group_by: str) -> list[tuple[Series, tuple[FleetValue, ...]]]:
     members: dict[str, list[FleetValue]] = {}
     for value in selection.values:
         members.setdefault(str(getattr(value, group_by)) or "unknown", []).append(value)
     groups = []
     for name, found in sorted(members.items()):
         values, errors = arrays(found)
-        groups.append(PlotGroup(name, np.array([v.time_s for v in found]), values, errors, tuple(found)))
+        times_s = np.array([v.time_s for v in found])
+        groups.append((Series(times_s, values, total_errors=errors, name=name), tuple(found)))
     return groups
 
 

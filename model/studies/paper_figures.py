@@ -7,18 +7,19 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model import GRAVITY, NONIDEAL_NAMES, AmplifierMap, Array, Membrane, Specimen, Tactor, beams, replace_variables
+from model import (
+    GRAVITY,
+    NONIDEAL_NAMES,
+    AmplifierMap,
+    Membrane,
+    Series,
+    Specimen,
+    Tactor,
+    beams,
+    replace_variables,
+)
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
-
-
-@dataclass(frozen=True, slots=True)
-class FigureCurve:
-    """One line of a figure; x and y have the same length."""
-
-    label: str
-    x: Array
-    y: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class PaperFigure:
     x_unit: str
     y_label: str
     y_unit: str
-    curves: tuple[FigureCurve, ...]
+    curves: tuple[Series, ...]
     caption: str
 
 
@@ -44,7 +45,7 @@ def figure4(t: Tactor) -> PaperFigure:
         "N",
         "deflection of the centre",
         "m",
-        (FigureCurve("Eq. (7), corrected", load, w), FigureCurve("Eq. (7) as printed", load, w * t.k2 / t.k1)),
+        (Series(load, w, label="Eq. (7), corrected"), Series(load, w * t.k2 / t.k1, label="Eq. (7) as printed")),
         "Static deflection under a load. The printed denominator of Eq. (7), 24 k1^2 [...], does not follow from Eqs. (1)-(6) "
         "and makes the tactor 7.6 times too soft: 500 g would exceed the 0.77 mm gap. It must read 24 k1 k2 [...].",
     )
@@ -62,8 +63,8 @@ def figure5(t: Tactor) -> PaperFigure:
         "fundamental frequency",
         "Hz",
         (
-            FigureCurve("eta = m_add / (2 (L - L2))", mass, f),
-            FigureCurve("eta = m_add / (L - L2), the text's words", mass, literal),
+            Series(mass, f, label="eta = m_add / (2 (L - L2))"),
+            Series(mass, literal, label="eta = m_add / (L - L2), the text's words"),
         ),
         "Fundamental frequency without damping. The text takes eta as added mass over the length of the third segment; only with "
         "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text says.",
@@ -80,7 +81,7 @@ def figure6(t: Tactor) -> PaperFigure:
         "V",
         "deflection of the centre",
         "m",
-        (FigureCurve("Eq. (8)", volts, w),),
+        (Series(volts, w, label="Eq. (8)"),),
         "Static deflection under a voltage, zero at 2.5 V. The kink is the amplifier's: 200 V/V below 2.5 V, 600 V/V above.",
     )
 
@@ -95,7 +96,7 @@ def figure8(m: Membrane) -> PaperFigure:
         "",
         "skin damping",
         "kg/(m s)",
-        (FigureCurve("c_s = c_s^delta delta + c_s^0", delta, c_s),),
+        (Series(delta, c_s, label="c_s = c_s^delta delta + c_s^0"),),
         "Skin damping against pre-stretch, the paper's line through its fixed intercept.",
     )
 
@@ -117,7 +118,7 @@ def _panel(letter: str, elongation_m: float | None, t: Tactor, m: Membrane) -> P
     f = np.array(FIGURE_FREQUENCIES_HZ)
     fundamental = Study({}, FIGURE_FREQUENCIES_HZ, on).run().values
     whole = Study({}, FIGURE_FREQUENCIES_HZ, on, measure="peak_to_peak").run().values
-    curves = (FigureCurve("2 x fundamental", f, fundamental), FigureCurve("max - min", f, whole))
+    curves = (Series(f, fundamental, label="2 x fundamental"), Series(f, whole, label="max - min"))
     return _frequency_figure(
         f"fig9{letter}",
         curves,
@@ -179,11 +180,11 @@ def figure12(t: Tactor, m: Membrane) -> PaperFigure:
 def _study_figure(name: str, study: Study, label: str, caption: str) -> PaperFigure:
     result = study.run()
     f = np.array(study.frequency_hz)
-    curves = (FigureCurve(label.format(v), f, y) for v, y in zip(result.axes[0].values, result.values, strict=True))
+    curves = (Series(f, y, label=label.format(v)) for v, y in zip(result.axes[0].values, result.values, strict=True))
     return _frequency_figure(name, tuple(curves), f"{caption} Twice the fundamental.")
 
 
-def _frequency_figure(name: str, curves: tuple[FigureCurve, ...], caption: str) -> PaperFigure:
+def _frequency_figure(name: str, curves: tuple[Series, ...], caption: str) -> PaperFigure:
     return PaperFigure(name, "frequency", "Hz", "amplitude of the centre, peak to peak", "m", curves, caption.strip())
 
 

@@ -61,19 +61,19 @@ class SweepAspects(RunningSweepAspects):
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:
                 continue
-            lines = response_lines(curve, bool(run.record.imported))
             seen_v = points.columns["drive_amplitude"][i]
             amplitude_v = float(min(seen_v, map_.high_v - map_.rest_v, map_.rest_v - map_.low_v))
-            if lines.frequency_hz.size and amplitude_v > 0:
+            lines = response_lines(curve, bool(run.record.imported)).scaled(1.0, amplitude_v)
+            if lines.x.size and amplitude_v > 0:
                 yield FrequencyResponseObservation(
                     f"{points.label} {curve.label}".strip(),
-                    lines.frequency_hz,
-                    lines.response * amplitude_v,
-                    lines.errors * amplitude_v,
+                    lines.x,
+                    lines.y,
+                    lines.errors,
                     drive_amplitude_v=amplitude_v,
                     drive_offset_v=map_.rest_v,
                     swept=True,
-                    loop_share=None if run.record.imported else _loop_share(points, lines.frequency_hz),
+                    loop_share=None if run.record.imported else _loop_share(points, lines.x),
                     **points.common_arguments("displacement", "delay", "volts"),
                 )
 

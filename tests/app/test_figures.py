@@ -12,8 +12,9 @@ from matplotlib.text import Text
 from app.cli.main import main
 from app.common.errors import ExitCode
 from app.plotting.charts import draw_figure, typeset_symbols
+from model import Series
 from model.parameters import Membrane, Tactor
-from model.studies.paper_figures import FigureCurve, PaperFigure, figure5, figure9
+from model.studies.paper_figures import PaperFigure, figure5, figure9
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
 
@@ -126,8 +127,8 @@ def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ign
 
 def test_metres_become_what_a_person_reads(drawn) -> None:  # type: ignore[no-untyped-def]
     x = np.array([0.0, 1.0])
-    small = PaperFigure("a", "time", "s", "deflection", "m", (FigureCurve("w", x, 1e-3 * x),), "Small.")
-    large = PaperFigure("a", "time", "s", "deflection", "m", (FigureCurve("w", x, 5e-3 * x),), "Large.")
+    small = PaperFigure("a", "time", "s", "deflection", "m", (Series(x, 1e-3 * x, label="w"),), "Small.")
+    large = PaperFigure("a", "time", "s", "deflection", "m", (Series(x, 5e-3 * x, label="w"),), "Large.")
     assert drawn([small]).axes[0].get_ylabel() == "deflection (µm)"
     page = drawn([large])
     assert page.axes[0].get_ylabel() == "deflection (mm)"

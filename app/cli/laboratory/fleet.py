@@ -16,6 +16,7 @@ from app.common import (
     terminal_progress,
     usage_errors,
 )
+from model import Series
 
 if TYPE_CHECKING:
     from app.fleet.drift import GoldenChart
@@ -177,13 +178,13 @@ def _golden_of_limits(folder: Path) -> str:
 
 def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
     from app.fleet.tables import times_of
-    from model.studies.paper_figures import FigureCurve, PaperFigure
+    from model.studies.paper_figures import PaperFigure
 
     days = (times_of(selection) - times_of(selection).min()) / 86400
     curves = []
     for batch in sorted({v.batch for v in selection.values}):
         at = [i for i, v in enumerate(selection.values) if v.batch == batch]
-        curves.append(FigureCurve(batch, days[at], np.array([selection.values[i].value for i in at])))
+        curves.append(Series(days[at], np.array([selection.values[i].value for i in at]), label=batch))
     begin = min(v.start_time for v in selection.values)[:10]
     return PaperFigure(
         "fleet",
@@ -197,7 +198,7 @@ def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
 
 
 def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart") -> "PaperFigure":
-    from model.studies.paper_figures import FigureCurve, PaperFigure
+    from model.studies.paper_figures import PaperFigure
 
     times = np.array([v.time_s for v in each.values])
     days, chart = (times - times[0]) / 86400, each.chart
@@ -216,6 +217,6 @@ def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart")
         "",
         selection.name,
         selection.unit,
-        tuple(FigureCurve(label, days, y) for label, y in lines),
+        tuple(Series(days, y, label=label) for label, y in lines),
         f"{golden} on {each.sensor or 'an unknown sensor'}: {each.cause}.",
     )

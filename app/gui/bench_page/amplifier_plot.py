@@ -6,9 +6,9 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
-from app.gui.plots import PlotBase, PlotSeries, series_of
+from app.gui.plots import PlotBase, series_of
 from app.gui.widgets import Theme, WindowTheme
-from model import AmplifierMap
+from model import AmplifierMap, Series
 
 NAMES = ("characteristic", "rest", "now")
 
@@ -63,5 +63,5 @@ class AmplifierPlot(PlotBase):
         else:
             self._now.setData([volts], self._map.specimen_v([volts]))
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         return series_of(NAMES[0], self._curve)

@@ -7,8 +7,9 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.config import CalibrationPoint, SensorCalibration
-from app.gui.plots import PlotBase, PlotSeries, series_of
+from app.gui.plots import PlotBase, series_of
 from app.gui.widgets import Theme, WindowTheme
+from model import Series
 
 LEAST_RANGE_UM = 0.01
 
@@ -69,5 +70,5 @@ class CalibrationPlot(PlotBase):
         largest_um = max(float(np.abs(residuals_um).max()), LEAST_RANGE_UM)
         self._plots[1].setYRange(-largest_um, largest_um, padding=0.15)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         return [*series_of("points", self._points), *series_of("line", self._line)]

@@ -17,7 +17,6 @@ from app.gui.plots import (
     SERIES,
     CurveItem,
     PlotBase,
-    PlotSeries,
     ZoomBox,
     curve_color,
     finite_max,
@@ -27,7 +26,7 @@ from app.gui.plots import (
 )
 from app.gui.widgets import Theme, WindowTheme
 from app.live import ModelCurve
-from model import Array
+from model import Array, Series
 
 CURSOR_HZ = (1, 4000)
 
@@ -134,7 +133,7 @@ class ExplorePlot(PlotBase):
         self._max_hz = max_hz
         self._scale()
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         """Return curves, kept curves and runs: amplitudes in µm, also on a logarithmic axis, and phases in degrees."""
         lines: list[tuple[str, ModelCurve | MeasuredResponse]] = []
         if self._result is not None:
@@ -143,8 +142,8 @@ class ExplorePlot(PlotBase):
         for name, line in (*lines, *((run.title, run) for run in self._runs)):
             for series in SERIES:
                 y, errors = series.values_of(line), series.errors_of(line)
-                yield PlotSeries(f"{name}: {series.label} (µm)", line.frequency_hz, y, errors)
-            yield PlotSeries(f"{name}: phase (°)", line.frequency_hz, np.degrees(line.phase))
+                yield Series(line.frequency_hz, y, errors, name=f"{name}: {series.label} (µm)")
+            yield Series(line.frequency_hz, np.degrees(line.phase), name=f"{name}: phase (°)")
 
     def _column_names(self) -> tuple[str, str]:
         return "frequency (Hz)", "value"

@@ -8,8 +8,9 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
 from app.explore import PHASES, BeamMotion
-from app.gui.plots import PlotBase, PlotSeries, round_step, series_of
+from app.gui.plots import PlotBase, round_step, series_of
 from app.gui.widgets import Theme, WindowTheme
+from model import Series
 
 CYCLE_S = 1.6
 """Duration of one displayed period."""
@@ -53,7 +54,7 @@ class ShapePlot(PlotBase):
         fill.setAlpha(26)
         self._fill.setBrush(fill)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         for name, line in zip(("the beam", "lowest", "highest"), (self.beam, *self._envelope), strict=True):
             yield from series_of(name, line)
 

@@ -9,11 +9,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from app.fleet.drift import GoldenChart
-from app.gui.plots import CurveItem, PlotBase, PlotSeries, ZoomBox
+from app.gui.plots import CurveItem, PlotBase, ZoomBox
 from app.gui.plots.items import ScatterItem
 from app.gui.plots.response_plot import hover_text
 from app.gui.widgets import Theme, WindowTheme
-from model import format_quantity, shown_unit
+from model import Series, format_quantity, shown_unit
 
 SIGMAS = (-3, -2, -1, 0, 1, 2, 3)
 LINE_NAMES = {-3: "−3 σ", 0: "centre", 3: "+3 σ"}
@@ -132,17 +132,17 @@ class ControlChartPlot(PlotBase):
             plot.setYRange(float(ends.min()), float(ends.max()), padding=0.1)
         self._plots[0].setXRange(0.0, one.values.size + 1.0, padding=0.01)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         if self._chart is None:
             return []
         one, factor = self._chart.chart, shown_unit(self._unit)[0]
         x = np.arange(1, one.values.size + 1, dtype=float)
         errors = factor * np.array([value.total for value in self._chart.values])
         return [
-            PlotSeries("value", x, factor * one.values, errors),
-            PlotSeries("EWMA", x, factor * one.average),
-            PlotSeries("EWMA, upper limit", x, factor * (one.centre + one.average_limit)),
-            PlotSeries("EWMA, lower limit", x, factor * (one.centre - one.average_limit)),
+            Series(x, factor * one.values, errors, name="value"),
+            Series(x, factor * one.average, name="EWMA"),
+            Series(x, factor * (one.centre + one.average_limit), name="EWMA, upper limit"),
+            Series(x, factor * (one.centre - one.average_limit), name="EWMA, lower limit"),
         ]
 
     def _column_names(self) -> tuple[str, str]:

@@ -11,10 +11,10 @@ from PySide6.QtWidgets import QWidget
 from app.common import typeset
 from app.fleet.values import FleetValue
 from app.fleet.view import FleetView
-from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, PlotSeries, ZoomBox, curve_color, curve_symbol, legend_share
+from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, ZoomBox, curve_color, curve_symbol, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.widgets import Theme, WindowTheme
-from model import format_quantity, shown_unit
+from model import Series, format_quantity, shown_unit
 
 MAX_BARS = 400
 """Values up to which each has its error bar: more of them hide the points."""
@@ -64,12 +64,12 @@ class FleetPlot(PlotBase):
         name = typeset(view.selection.label)
         self.plot.setLabel("left", f"{name} ({unit})" if unit else name)
         self.corner_label.set_text(view.selection.about)
-        with_bars = sum(group.values.size for group in view.groups) <= MAX_BARS
-        for at, group in enumerate(view.groups):
+        with_bars = sum(group.x.size for group, _ in view.groups) <= MAX_BARS
+        for at, (group, values) in enumerate(view.groups):
             color = curve_color(at, self._theme.colors)
-            there = np.isfinite(group.times_s) & np.isfinite(group.values)
-            x, y = group.times_s[there], factor * group.values[there]
-            sources = np.array(group.sources, object)[there]
+            there = np.isfinite(group.x) & np.isfinite(group.y)
+            x, y = group.x[there], factor * group.y[there]
+            sources = np.array(values, object)[there]
             scatter = ScatterItem(
                 size=7, symbol=curve_symbol(at), hoverable=True, hoverSize=11, tip=_describe, pen=pg.mkPen(color)
             )
@@ -77,9 +77,9 @@ class FleetPlot(PlotBase):
             scatter.setData(x=x, y=y, data=sources)
             self.plot.addItem(scatter)
             self.scatters.append(scatter)
-            if with_bars:
+            if with_bars and group.total_errors is not None:
                 bars = BarsItem(beam=0.0, pen=pg.mkPen(color))
-                bars.setData(x=x, y=y, height=2 * factor * np.nan_to_num(group.errors[there]))
+                bars.setData(x=x, y=y, height=2 * factor * np.nan_to_num(group.total_errors[there]))
                 self.plot.addItem(bars)
                 self._bars.append(bars)
             if 1 < len(view.groups) <= MAX_LEGEND_ENTRIES:
@@ -143,7 +143,7 @@ class FleetPlot(PlotBase):
         if not groups or self._view is None:
             return
         factor = shown_unit(self._view.selection.unit, self._view.selection.name)[0]
-        x, y = (np.concatenate(parts) for parts in zip(*((g.times_s, factor * g.values) for g in groups), strict=True))
+        x, y = (np.concatenate(parts) for parts in zip(*((g.x, factor * g.y) for g, _ in groups), strict=True))
         x = x[np.isfinite(x)]
         ends = [float(y.min()), float(y.max()), *(float(line.value()) for line in self.lines)]
         low, high = min(ends), max(ends)
@@ -155,10 +155,10 @@ class FleetPlot(PlotBase):
             self.plot.setXRange(float(x.min()) - day, float(x.max()) + day, padding=0.04)
         self.plot.setYRange(low, high, padding=0)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         groups = self._view.groups if self._view is not None else ()
         factor = shown_unit(self._view.selection.unit, self._view.selection.name)[0] if self._view is not None else 1.0
-        return [PlotSeries(g.name, g.times_s, factor * g.values, factor * g.errors) for g in groups]
+        return [group.scaled(1.0, factor) for group, _ in groups]
 
     def _column_names(self) -> tuple[str, str]:
         return "seconds since 1970", self.plot.getAxis("left").labelText

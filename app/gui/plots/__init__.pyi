@@ -18,7 +18,6 @@ from .points_plot import PointsPlot as PointsPlot
 from .response_plot import ResponsePlot as ResponsePlot
 from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
-from .series import PlotSeries as PlotSeries
 from .series import series_of as series_of
 from .time_plot import TimePlot as TimePlot
 from .zoom import ZoomBox as ZoomBox

@@ -14,12 +14,12 @@ from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel
 from app.common import typeset
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.items import place, place_end
-from app.gui.plots.series import PlotSeries, series_as_text, series_of
+from app.gui.plots.series import series_as_text, series_of
 from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
 from app.gui.plots.zoom import ZoomBox
 from app.gui.widgets import Menu, Theme, WindowTheme, column, make_label
-from model import Array, format_estimate
+from model import Array, Series, format_estimate
 from protocols.base import RunEnded
 
 if TYPE_CHECKING:
@@ -372,7 +372,7 @@ class PlotBase(QWidget):
         estimates = () if outcome is None else outcome.estimates[: self.MAX_ESTIMATES]
         return typeset(",   ".join(format_estimate(estimate) for estimate in estimates))
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         """Return the data that are copied as a table."""
         raise NotImplementedError
 
@@ -494,5 +494,5 @@ class TracePlotBase(PlotBase):
             curve.setPen(trace_pen(color))
             label.set_color(color)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         return [one for name, curve in zip(self.NAMES, self.curves, strict=True) for one in series_of(name, curve)]

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.gui.plots.series import PlotSeries
 from model import Array, shown_unit
 from protocols.base import Series
 
@@ -33,26 +32,29 @@ def layers_of(curves: Sequence[Series]) -> tuple[str, ...]:
     return (*has, NOTHING)
 
 
-def layer_series(curve: Series, layer: str) -> PlotSeries | None:
+def layer_series(curve: Series, layer: str) -> Series | None:
     """Return a layer of a curve in display units with the errors of its y; None where it has no such layer."""
-    name, factor = curve.title, shown_unit(curve.y_axis.unit)[0]
-    places = shown_unit(curve.x_axis.unit)[0] * curve.x
-    error = None if curve.errors is None else factor * curve.errors
-    if layer == RESIDUAL and curve.fit is not None:
-        return PlotSeries(name, places, factor * (curve.plotted - curve.fit), error)
+    shown = displayed(curve)
+    if layer == RESIDUAL and shown.fit is not None:
+        return Series(shown.x, shown.plotted - shown.fit, shown.errors, name=curve.title)
     if layer == LESS_MEAN and curve.is_loop:
         from protocols.signals import subtract_mean_line
 
-        return PlotSeries(name, places, factor * subtract_mean_line(curve.x, curve.plotted), error)
+        return Series(shown.x, subtract_mean_line(shown.x, shown.plotted), shown.errors, name=curve.title)
     if layer == PHASE and (phase := curve.phase) is not None:
         there = np.isfinite(phase)
         degrees = np.full(phase.size, np.nan)
         degrees[there] = np.degrees(np.unwrap(phase[there]))
         turns = 360.0 * np.round(np.nanmean(degrees[:1]) / 360.0) if there[:1].any() else 0.0
-        return PlotSeries(name, places, degrees - turns)
+        return Series(shown.x, degrees - turns, name=curve.title)
     if layer == COHERENCE and curve.coherence is not None:
-        return PlotSeries(name, places, curve.coherence)
+        return Series(shown.x, curve.coherence, name=curve.title)
     return None
+
+
+def displayed(curve: Series) -> Series:
+    """Return a curve in the units of a display."""
+    return curve.scaled(*(shown_unit(axis.unit)[0] for axis in (curve.x_axis, curve.y_axis)))
 
 
 def layer_label(curve: Series, layer: str) -> str:

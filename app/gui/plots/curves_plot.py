@@ -24,6 +24,7 @@ from app.gui.plots.curve_layers import (
     LESS_MEAN,
     NOTHING,
     RESIDUAL,
+    displayed,
     isolated,
     layer_label,
     layer_series,
@@ -31,7 +32,7 @@ from app.gui.plots.curve_layers import (
 )
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
-from app.gui.plots.series import PlotSeries, series_of
+from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
 from model import Array, shown_unit
@@ -105,10 +106,10 @@ class CurvesPlot(PlotBase):
         last = self._curves[-1] if self._curves else None
         return [c for c in self._curves if last is not None and _axis_names(c) == _axis_names(last)]
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         """Return every point of the curves, also of those that are drawn decimated."""
         for curve in self._visible_curves:
-            yield PlotSeries(curve.title, *_display_values(curve))
+            yield displayed(curve)
         yield from series_of(self.source.text(), self.model)
 
     def _draw(self) -> None:
@@ -122,7 +123,8 @@ class CurvesPlot(PlotBase):
         shown = self._visible_curves
         for at, curve in enumerate(shown):
             colour = self._color(at, len(shown))
-            x, y, errors = _display_values(curve)
+            drawn = displayed(curve)
+            x, y, errors = drawn.x, drawn.plotted, drawn.errors
             line, fill = CurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
             line.setData(*decimate_to_drawn(x, y), connect="finite")
             self.plot.addItem(line)
@@ -144,14 +146,13 @@ class CurvesPlot(PlotBase):
                         pen=pg.mkPen(fill.brush().color()),
                     )
                     self._add_further(bars)
-            if curve.fit is not None:
+            if drawn.fit is not None:
                 # A fit of one curve among several has its colour: the model's would hide which is which.
                 pen = pg.mkPen(
                     colour if len(shown) > 1 else self._theme.colors.model, width=1.5, style=Qt.PenStyle.DotLine
                 )
                 dotted = CurveItem(pen=pen)
-                factor = shown_unit(curve.y_axis.unit)[0]
-                dotted.setData(*decimate_to_drawn(x, factor * curve.fit), connect="finite")
+                dotted.setData(*decimate_to_drawn(x, drawn.fit), connect="finite")
                 self._add_further(dotted)
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
                 self.legend.addItem(line, curve.label)
@@ -233,8 +234,9 @@ class CurvesPlot(PlotBase):
         colors = [self._color(at, len(shown)) for at, _ in drawn]
         label = layer_label(shown[-1], layer) if shown else ""
         zero = layer in (RESIDUAL, LESS_MEAN)
-        thinned = [PlotSeries(s.name, *_thin(s)) for _, s in drawn]
-        self.strip.draw(thinned, colors, label, symbols=False, zero=zero, simulated=self.simulated)
+        self.strip.draw(
+            [_thin(series) for _, series in drawn], colors, label, symbols=False, zero=zero, simulated=self.simulated
+        )
 
     def _color(self, at: int, count: int) -> QColor:
         return QColor(self._theme.colors.measured) if count == 1 else curve_color(at, self._theme.colors)
@@ -273,25 +275,16 @@ class CurvesPlot(PlotBase):
         self.plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)
 
 
-def _display_values(curve: Series) -> tuple[Array, Array, Array | None]:
-    """Return x, y and the standard errors of y, if known, in display units."""
-    factor = shown_unit(curve.y_axis.unit)[0]
-    return (
-        shown_unit(curve.x_axis.unit)[0] * curve.x,
-        factor * curve.plotted,
-        None if curve.errors is None else factor * curve.errors,
-    )
-
-
 def _axis_names(curve: Series) -> tuple[str, str]:
     return curve.x_axis.name, curve.y_axis.name
 
 
-def _thin(series: PlotSeries) -> tuple[Array, Array, Array | None]:
-    """Return the values of a layer, decimated if there are many; its errors only where there are not."""
+def _thin(series: Series) -> Series:
+    """Return a layer, decimated if it is long; then without errors."""
     if series.x.size <= MAX_DRAWN_POINTS:
-        return series.x, series.y, series.errors
-    return *decimate_to_drawn(series.x, series.y), None
+        return series
+    x, y = decimate_to_drawn(series.x, series.y)
+    return Series(x, y, name=series.name)
 
 
 def decimate_to_drawn(x: Array, y: Array) -> tuple[Array, Array]:

@@ -9,9 +9,8 @@ from PySide6.QtGui import QColor
 
 from app.gui.plots.base import BandFill, PlotBase, limit_ticks
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
-from app.gui.plots.series import PlotSeries
 from app.gui.widgets import Theme, WindowTheme
-from model import Mask
+from model import Mask, Series
 
 MIN_HEIGHT = 60
 MIN_HEIGHT_OF_BOTH = 250
@@ -36,7 +35,7 @@ class LowerStrip(PlotBase):
         self._zero = pg.InfiniteLine(0.0, angle=0)
         self.plot.addItem(self._zero)
         self._items: list[Any] = []
-        self.series: tuple[PlotSeries, ...] = ()
+        self.series: tuple[Series, ...] = ()
         self._add_head()
         self.hide()
         theme.follow(self.apply_theme)
@@ -47,7 +46,7 @@ class LowerStrip(PlotBase):
 
     def draw(
         self,
-        series: Sequence[PlotSeries],
+        series: Sequence[Series],
         colors: Sequence[QColor],
         label: str,
         *,
@@ -68,13 +67,13 @@ class LowerStrip(PlotBase):
             (self._add_points if symbols else self._add_line)(one, there, color)
         self._scale(symbols)
 
-    def _add_points(self, one: PlotSeries, there: Mask, color: QColor) -> None:
+    def _add_points(self, one: Series, there: Mask, color: QColor) -> None:
         errors = np.zeros(one.y.size) if one.errors is None else np.nan_to_num(one.errors)
         bars = BarsItem(x=one.x[there], y=one.y[there], height=2 * errors[there], beam=0.0, pen=pg.mkPen(color))
         points = ScatterItem(x=one.x[there], y=one.y[there], size=7, pen=pg.mkPen(color), brush=pg.mkBrush(color))
         self._keep(bars, points)
 
-    def _add_line(self, one: PlotSeries, there: Mask, color: QColor) -> None:
+    def _add_line(self, one: Series, there: Mask, color: QColor) -> None:
         if one.errors is not None:
             band = BandFill(self.plot)
             band.set_color(color.name())
@@ -100,7 +99,7 @@ class LowerStrip(PlotBase):
         margin = 0.08 * (high - low) or abs(high) * 1e-3 or 1e-9
         self.plot.setYRange(low - margin, high + margin, padding=0)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         return self.series
 
     def _column_names(self) -> tuple[str, str]:

@@ -11,9 +11,10 @@ from PySide6.QtWidgets import QCheckBox
 
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.items import CurveItem, linear_data
-from app.gui.plots.series import SERIES, PlotSeries, series_of
+from app.gui.plots.series import SERIES, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, set_style_kind
 from app.live import COVERAGE, OverlayCurve
+from model import Series
 
 LEGEND_COLUMNS = 3
 NO_ERRORS_TEXT = "The paper's values have no errors: identify this specimen and accept the estimates"
@@ -119,9 +120,9 @@ class ModelCurveItems:
         seen = [line for each in self.all_curves for line in each.lines if line.isVisible()]
         return [float(np.nanmax(y)) for _, y in (linear_data(line) for line in seen) if y is not None and len(y)]
 
-    def plot_series(self) -> list[PlotSeries]:
+    def plot_series(self) -> list[Series]:
         """Return the data of the visible lines and bands."""
-        shown: list[PlotSeries] = []
+        shown: list[Series] = []
         for each in self.all_curves:
             where = f", {curve_label(each.curve)}" if self.on_membrane and each.curve is not None else ""
             for series, line, fill in zip(SERIES, each.lines, each.fills, strict=True):
@@ -129,7 +130,7 @@ class ModelCurveItems:
                 if fill.ends is not None and fill.isVisible():
                     names = (f"{series.label}{where}, {self.band_box.text()}, {end} end" for end in ("lower", "upper"))
                     shown += [
-                        PlotSeries(name, fill.ends[0], end) for name, end in zip(names, fill.ends[1:], strict=True)
+                        Series(fill.ends[0], end, name=name) for name, end in zip(names, fill.ends[1:], strict=True)
                     ]
         return shown
 

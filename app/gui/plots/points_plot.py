@@ -18,7 +18,7 @@ from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
 from app.gui.plots.response_plot import EntrySelection, hover_text
-from app.gui.plots.series import PlotSeries, series_of
+from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve
 from app.session import describe_point
@@ -188,7 +188,7 @@ class PointsPlot(PlotBase):
                 for name in (*self._kind.axes, f"{self._kind.axes[1]}_errors")
             )
             residuals.append(
-                PlotSeries(line.label, x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors)
+                Series(x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors, name=line.label)
             )
         unit = shown_unit(known[self._kind.axes[1]][0])[1]
         colors = [QColor(self._theme.colors.measured)] * len(residuals)
@@ -207,7 +207,7 @@ class PointsPlot(PlotBase):
         if ends != (low, high) and ends[1] - ends[0] <= MAX_WIDENING * (high - low):
             self.plot.setYRange(*ends, padding=0.02)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         yield from series_of(self.caption.text(), self.scatter, self._bars)
         yield from series_of("model", self.model)
 

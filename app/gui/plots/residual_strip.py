@@ -10,9 +10,10 @@ from PySide6.QtGui import QColor
 
 from app.gui.plots.base import PlotBase, limit_ticks, stable_range
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
-from app.gui.plots.series import PlotSeries, series_of
+from app.gui.plots.series import series_of
 from app.gui.widgets import Theme, WindowTheme
 from app.live import OverlayCurve
+from model import Series
 from protocols.base import Quality
 
 NOTHING, RESIDUAL, PHASE = "nothing", "residual", "phase"
@@ -50,7 +51,7 @@ class ResidualStrip(PlotBase):
         self._line.setPen(pg.mkPen(theme.model, width=1.5))
         self._bars.setData(pen=pg.mkPen(theme.measured))
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         return [*series_of("measured", self.scatter, self._bars), *series_of("model", self._line)]
 
     def _column_names(self) -> tuple[str, str]:

@@ -15,10 +15,11 @@ from app.gui.plots.base import PlotBase, caption_label, finite_max, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
-from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
+from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, legend_icon, series_of
 from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, make_choice, row, set_style_kind
 from app.live import OverlayCurve, elongations_of
 from app.session import describe_point
+from model import Series
 from protocols.base import Quality
 
 
@@ -249,7 +250,7 @@ class ResponsePlot(PlotBase):
             action.setCheckable(True)
             action.setChecked(at == self.strip_box.currentIndex())
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         for series, scatter, bars in zip(SERIES, self.scatters, self._bars, strict=True):
             yield from series_of(f"{series.label}, measured", scatter, bars)
         yield from self.model_curves.plot_series()

@@ -9,20 +9,10 @@ from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
 
 from app.gui.plots.items import linear_data
-from model import Array
+from model import Array, Series
 from protocols.base import Protocol
 
 LEGEND_ICON_SIZE = QSize(46, 14)
-
-
-@dataclass(frozen=True, slots=True)
-class PlotSeries:
-    """One series of a plot: x, y and, if known, the standard error of y, each (N,), in the units of the axes."""
-
-    name: str
-    x: Array
-    y: Array
-    errors: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,22 +66,23 @@ def legend_icon(series: AmplitudeSeries, line: str, color: str, ratio: float) ->
     return QIcon(pixmap)
 
 
-def series_of(name: str, item: Any, bars: Any = None) -> Iterable[PlotSeries]:
+def series_of(name: str, item: Any, bars: Any = None) -> Iterable[Series]:
     """Yield the series of a plot item with its error bars; nothing if the item is hidden or empty."""
     x, y = linear_data(item)
     if item.isVisible() and x is not None and len(x):
         errors = None if bars is None else bars.errors
-        yield PlotSeries(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
+        yield Series(np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors, name=name)
 
 
-def series_as_text(series: Iterable[PlotSeries], x_label: str, y_label: str, simulated: bool) -> str:
+def series_as_text(series: Iterable[Series], x_label: str, y_label: str, simulated: bool) -> str:
     """Return a tab-separated table, as spreadsheets paste it; simulated data begin with a line SIMULATED."""
     lines = ["SIMULATED"] if simulated else []
     lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
     for one in series:
-        errors = np.full(len(one.y), np.nan) if one.errors is None else one.errors
+        known = one.total_errors if one.errors is None else one.errors
+        errors = np.full(one.x.size, np.nan) if known is None else known
         lines += [
-            f"{one.name}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
+            f"{one.title}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
             for x, y, error in zip(one.x, one.y, errors, strict=True)
             if np.isfinite(x) and np.isfinite(y)
         ]

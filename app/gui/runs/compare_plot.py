@@ -11,7 +11,6 @@ from app.gui.plots import (
     MAX_LEGEND_ENTRIES,
     SERIES,
     PlotBase,
-    PlotSeries,
     curve_color,
     curve_symbol,
     finite_max,
@@ -19,6 +18,7 @@ from app.gui.plots import (
     round_step,
 )
 from app.gui.widgets import Theme, WindowTheme
+from model import Series
 
 
 class ComparePlot(PlotBase):
@@ -38,10 +38,10 @@ class ComparePlot(PlotBase):
         self.plot.getViewBox().sigResized.connect(self._scale)
         theme.follow(self.apply_theme)
 
-    def _series(self) -> Iterable[PlotSeries]:
+    def _series(self) -> Iterable[Series]:
         peak_to_peak = SERIES[0]
         return [
-            PlotSeries(r.title, r.frequency_hz, peak_to_peak.values_of(r), peak_to_peak.errors_of(r))
+            Series(r.frequency_hz, peak_to_peak.values_of(r), peak_to_peak.errors_of(r), name=r.title)
             for r in self._runs
         ]
 
