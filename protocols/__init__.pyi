@@ -5,10 +5,12 @@ from .base import Aspects as Aspects
 from .base import DetectionResult as DetectionResult
 from .base import Detector as Detector
 from .base import EstimatedQuantity as EstimatedQuantity
+from .base import Figure as Figure
 from .base import ImportColumn as ImportColumn
 from .base import ImportedTable as ImportedTable
 from .base import ImportForm as ImportForm
 from .base import Log as Log
+from .base import ModelState as ModelState
 from .base import PlanEntry as PlanEntry
 from .base import Play as Play
 from .base import Prompt as Prompt

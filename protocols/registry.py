@@ -1,10 +1,12 @@
 """Protocol registry: built-in protocols, those of installed packages, and those of a lab's own file.
 
 An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by
-its path (docs/how-to-write-a-protocol.md). A broken one is reported and left out.
+its path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken one is reported
+and left out. Both are loaded when a name is looked up that no other protocol has.
 """
 
 import importlib
+import os
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
 from functools import cache
@@ -15,6 +17,8 @@ from types import ModuleType
 from protocols.base import Aspects, Protocol
 
 ENTRY_POINT_GROUP = "tactor_bench.protocols"
+FILES_VARIABLE = "TACTOR_BENCH_PROTOCOLS"
+"""Environment variable with the paths of protocol files, separated as in PATH."""
 
 BUILT_IN_PROTOCOLS = {
     "static-loading": ("Static loading", "protocols.measurements.static_loading:StaticLoading"),
@@ -44,13 +48,22 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
     def __init__(self, locations: Mapping[str, tuple[str, str]]) -> None:
         self._classes: dict[str, type[Protocol] | str] = {name: place for name, (_, place) in locations.items()}
         self._titles = {name: title for name, (title, _) in locations.items()}
+        self._searched = False
 
     def title(self, name: str) -> str:
         """Return the title of a protocol without importing it."""
         kind = self._classes[name]
         return self._titles[name] if isinstance(kind, str) else kind.title
 
+    def load_others(self) -> None:
+        """Load the protocols of installed packages and of the files in the environment, once; broken ones are left out."""
+        if not self._searched:
+            self._searched = True
+            load_plug_ins()
+
     def __getitem__(self, name: str) -> type[Protocol]:
+        if name not in self._classes:
+            self.load_others()
         kind = self._classes[name]
         if isinstance(kind, str):
             module, _, attribute = kind.partition(":")
@@ -91,13 +104,18 @@ def _load_plug_ins_once() -> None:
 
 
 def load_plug_ins() -> list[str]:
-    """Register the protocols of installed packages; return a message for each broken one."""
+    """Register the protocols of installed packages and of the files in the environment; return a message for each broken one."""
     troubles = []
     for point in entry_points(group=ENTRY_POINT_GROUP):
         try:
             _register(point.load(), f"plug-in {point.name!r}")
         except Exception as error:  # noqa: BLE001 - a plug-in may raise anything; it is reported and left out
             troubles.append(f"the protocol plug-in {point.name!r} is left out: {type(error).__name__}: {error}")
+    for path in filter(None, os.environ.get(FILES_VARIABLE, "").split(os.pathsep)):
+        try:
+            load_protocol_file(Path(path))
+        except ProtocolFileError as error:
+            troubles.append(f"a protocol of {FILES_VARIABLE} is left out: {error}")
     return troubles
 
 

@@ -157,15 +157,15 @@ def specimen_plots(
 def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]) -> ReportPlot:
     """Plot the figures of one title, each with the name of its run: one panel with the model's curve and band."""
     first = figures[0][1]
-    groups: dict[str, list[tuple[Series, ModelFunction | None]]] = {}
-    for run, figure in figures:
+    groups: dict[tuple[str, int], list[tuple[Series, ModelFunction | None]]] = {}
+    for at, (run, figure) in enumerate(figures):
         for series in figure.points:
-            label = series.label or ("measured" if len(figures) == 1 else run)
-            groups.setdefault(label, []).append((series, figure.model))
+            name = (series.label, 0) if series.label else ("measured" if len(figures) == 1 else run, at)
+            groups.setdefault(name, []).append((series, figure.model))
     x_axis, y_axis = first.points[0].x_axis, first.points[0].y_axis
     (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
     dots = []
-    for i, (label, parts) in enumerate(groups.items()):
+    for i, ((label, _), parts) in enumerate(groups.items()):
         x, y, errors, usable, model = (
             np.concatenate(column)
             for column in zip(

@@ -1,15 +1,23 @@
-"""The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, live plot, fit, import."""
+"""The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, plots, fit, import, report."""
 
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
+from app.archive import Catalogue
 from app.cli.main import main
+from app.common import Table
 from app.common.errors import ExitCode
+from app.fleet.values import read_fleet
 from app.identification.specimen_identification import identify
+from app.live.overlay import Overlay, curve_request_for
+from app.plotting.panels import ReportPlot
+from app.report.content import build_report
+from app.report.runs import read_report_runs
 from app.services import check_form, protocol_fields
 from model import Tactor
 from model.identification import FitOptions
@@ -20,6 +28,7 @@ from protocols.runfile.reader import Run
 from tests.helpers.importing import brought
 from tests.helpers.simulated_bench import laboratory, run
 
+FIGURE = "Displacement at held levels"
 PAGE = Path(__file__).parents[2] / "docs" / "how-to-write-a-protocol.md"
 
 
@@ -42,7 +51,7 @@ def kind(file: Path) -> Iterator[type[Protocol]]:
 
 
 def test_it_is_short(file: Path) -> None:
-    assert sum(bool(line.strip()) for line in file.read_text().splitlines()) < 85
+    assert sum(bool(line.strip()) for line in file.read_text().splitlines()) < 100
 
 
 def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
@@ -76,11 +85,41 @@ def test_its_runs_and_tables_are_identified_like_those_of_a_built_in_protocol(
     (tmp_path / "old.csv").write_text("Voltage (V),deflection [um]\n1.0,-71.3664\n3.0,71.3658\n4.0,214.0974\n")
     imported = brought(tmp_path / "old.csv", "--as", str(file), "--uncertainty", "displacement=0.1 %")
     with Run(imported) as opened:
-        assert (opened.protocol, bool(opened.imported)) == ("holds", True)
+        assert (opened.record.protocol, bool(opened.record.imported)) == ("holds", True)
     for path in (measured, imported):
         found = identify([path], options=FitOptions(free=("mu",)), sheet="none", plain=True)
         (moment,) = found.identified
         assert moment.value == pytest.approx(Tactor().mu, rel=3e-3)
+
+
+def test_its_points_are_drawn_on_the_curve_of_the_model(kind: type[Protocol], tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(kind(levels_v=(1.0, 3.0, 4.0)), tmp_path, lab)  # type: ignore[call-arg]
+    overlay = Overlay(lab.bench.amplifier.map)
+    curve = overlay.compute(curve_request_for(kind()))  # type: ignore[call-arg]
+    overlay.close()
+    assert curve.over_axes is not None
+    levels, moved = (np.array([getattr(p, name) for p in ran.points]) for name in ("level", "displacement"))
+    np.testing.assert_allclose(curve.over_axes(levels), moved, rtol=2e-3)
+
+
+@pytest.mark.deep
+def test_its_runs_are_reported_and_charted(kind: type[Protocol], tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    with laboratory() as lab:
+        ran = run(kind(levels_v=(0.5, 1.5, 3.0, 4.0)), runs, lab)  # type: ignore[call-arg]
+    (read,) = read_report_runs(runs, "T1")
+    assert read.path == ran.path
+    report, _, _ = build_report(runs, "T1", full=True)
+    plot, *_ = (block for block in report.blocks if isinstance(block, ReportPlot) and block.title == FIGURE)
+    assert [points.y.size for points in plot.panels[0].points] == [4]
+    assert plot.panels[0].lines[0].upper is not None
+    tables = [block for block in report.blocks if isinstance(block, Table) and block.title.startswith("Held levels")]
+    assert [row[0] for row in tables[0].rows] == ["displacement per volt", "stroke to 5 V"]
+    catalogue = Catalogue(runs)
+    catalogue.scan()
+    stroke = read_fleet(runs, catalogue).of("stroke to 5 V")
+    assert stroke.newest[0].value == pytest.approx(2.5 * 87e-6, rel=0.05)
 
 
 @pytest.mark.deep

@@ -40,6 +40,7 @@ class TableKind:
 
 def table_kinds() -> dict[str, TableKind]:
     """Every kind of table, by name: those of the protocols, and raw time series."""
+    PROTOCOLS.load_others()
     made, series = {}, {}
     for name, protocol in PROTOCOLS.items():
         form = protocol.aspects.import_form
