@@ -136,7 +136,7 @@ class MeasuredRun:
 
     def close(self) -> None:
         """Give the kept arrays free."""
-        for name in ("points", "curves", "estimates", "log"):
+        for name in ("points", "series", "estimates", "log"):
             self.__dict__.pop(name, None)
 
     @cached_property
