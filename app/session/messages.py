@@ -57,16 +57,17 @@ class LogLine:
 
 def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
     """Return severity and log message of an event; None if the event is not logged."""
+    return _describe_bench_event(event) or _describe_safety_event(event) or _describe_run_event(event)
+
+
+def _describe_bench_event(event: SessionEvent) -> tuple[Severity, str] | None:
+    """Return severity and message of an event of the bench."""
     match event:
         case BenchOpened(name, simulated, identities):
             have = ", ".join(f"{role} {identity}" for role, identity in identities.items())
             return Severity.SUCCESS, f"{name} is open{' (SIMULATED)' if simulated else ''}: {have}"
         case BenchFailed(reason) | RunRejected(reason) | MonitorFailed(reason):
             return Severity.ERROR, reason
-        case RunStarted():
-            points = pluralize(event.entries, "point")
-            begun = f"{protocol_title(event.protocol)}: {points}, about {format_duration(event.expected_s)}"
-            return Severity.INFO, f"{begun}, into {PurePath(event.path).name}"
         case StreamStarted():
             return Severity.INFO, f"The card runs at {event.rate_hz:g} scans per second"
         case BenchArmed(high_voltage, _, safety):
@@ -80,6 +81,32 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case InterferenceMeasured(_, lines) if lines:
             remedy = "" if all(line.folded or not _mains_of(line) for line in lines) else OFF_MAINS_REMEDY
             return Severity.WARNING, f"At rest the laser sees {', '.join(map(_describe_line, lines))}{remedy}"
+    return None
+
+
+def _describe_safety_event(event: SessionEvent) -> tuple[Severity, str] | None:
+    """Return severity and message of an event of abort levels, faults and rest."""
+    match event:
+        case LevelExceeded():
+            return (Severity.WARNING if event.action == "warning" else Severity.ERROR), event.words
+        case InjectedFaultChanged(fault, description, active):
+            return Severity.WARNING, f"Fault {'injected' if active else 'cleared'}: {description} ({fault})"
+        case ShutdownStarted():
+            return Severity.INFO, "Going to rest"
+        case SpecimenMayBeLive():
+            return Severity.ERROR, event.words
+        case RestMeasured(confirmed, _, text):
+            return (Severity.SUCCESS, f"At rest: {text}") if confirmed else (Severity.ERROR, f"NOT AT REST: {text}")
+    return None
+
+
+def _describe_run_event(event: SessionEvent) -> tuple[Severity, str] | None:
+    """Return severity and message of an event of a run."""
+    match event:
+        case RunStarted():
+            points = pluralize(event.entries, "point")
+            begun = f"{protocol_title(event.protocol)}: {points}, about {format_duration(event.expected_s)}"
+            return Severity.INFO, f"{begun}, into {PurePath(event.path).name}"
         case RunPaused(reason, high_voltage):
             return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {reason}"
         case RunResumed():
@@ -91,22 +118,12 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             return (Severity.INFO if usable else Severity.WARNING), describe_point(point)
         case SeriesReady(curve) if text := format_series(curve):
             return Severity.INFO, text
-        case LevelExceeded():
-            return (Severity.WARNING if event.action == "warning" else Severity.ERROR), event.words
         case LogMessage(text):
             return Severity.INFO, text
-        case InjectedFaultChanged(fault, description, active):
-            return Severity.WARNING, f"Fault {'injected' if active else 'cleared'}: {description} ({fault})"
         case PromptShown(_, prompt):
             return Severity.WARNING, f"Asked: {prompt.text}"
         case PromptAnswered(_, choice):
             return Severity.INFO, f"Answered: {choice}"
-        case ShutdownStarted():
-            return Severity.INFO, "Going to rest"
-        case SpecimenMayBeLive():
-            return Severity.ERROR, event.words
-        case RestMeasured(confirmed, _, text):
-            return (Severity.SUCCESS, f"At rest: {text}") if confirmed else (Severity.ERROR, f"NOT AT REST: {text}")
         case RunEnded():
             return _describe_outcome(event)
     return None

@@ -90,6 +90,34 @@ def _describe_window_event(before: WindowState, view: WindowState, event: Window
 
 
 def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> WindowState:
+    return (
+        _after_action(view, event)
+        or _after_connection(view, event)
+        or _after_prompt(view, event)
+        or _after_run_event(view, event, streamed_s)
+        or _after_safety_event(view, event)
+        or view
+    )
+
+
+def _after_action(view: WindowState, event: WindowEvent) -> WindowState | None:
+    """Return the window state after an action of the operator; None after another event."""
+    match event:
+        case OperatorAction.RECONNECT:
+            state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
+            return replace(view, bench_state=state, instruments=_with_lamps(view, Lamp.WAITING), problem="")
+        case OperatorAction.PAUSE if view.can_pause:
+            return replace(view, pause_requested=not view.paused)
+        case OperatorAction.STOP if view.busy and view.bench_state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
+            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
+        case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem or view.verdict_message:
+            return replace(view, unsafe="", problem="", verdict_message="")
+        case _:
+            return None
+
+
+def _after_connection(view: WindowState, event: WindowEvent) -> WindowState | None:
+    """Return the window state after a bench was opened or lost, or a run was requested or rejected; None after another event."""
     match event:
         case BenchOpened(name, simulated, identities, gain):
             there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
@@ -101,9 +129,6 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
             view = replace(view, bench_state=state, connected=False, instruments=gone)
             return replace(view, busy=False, problem=reason, prompt=None)
-        case OperatorAction.RECONNECT:
-            state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
-            return replace(view, bench_state=state, instruments=_with_lamps(view, Lamp.WAITING), problem="")
         case RunRequested(title, reads):
             progress = RunProgress(title, 0, 0.0, label=f"reading {reads}" if reads else "")
             view = replace(
@@ -125,15 +150,13 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(
                 view, busy=False, progress=None, problem=reason, bench_state=_state_between_runs(view), outcome=outcome
             )
-        case RunStarted():
-            progress = RunProgress(
-                protocol_title(event.protocol), event.entries, event.expected_s, remaining_s=event.expected_s
-            )
-            state = view.bench_state if view.bench_state is BenchState.GOING_TO_REST else BenchState.ARMING
-            view = replace(
-                _without_results(view), busy=True, bench_state=state, progress=progress, simulated=event.simulated
-            )
-            return replace(view, rest=None, drive=None, seen_v=None, protocol=event.protocol)
+        case _:
+            return None
+
+
+def _after_prompt(view: WindowState, event: WindowEvent) -> WindowState | None:
+    """Return the window state after a prompt, arming, a pause or its end; None after another event."""
+    match event:
         case PromptShown() if view.bench_state is BenchState.GOING_TO_REST:
             return view  # shown just before Stop: nothing that it asks for is to be done any more
         case PromptShown(_, prompt):
@@ -153,15 +176,27 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
         case BenchArmed(high_voltage):
             view = replace(view, rest_lost=False, instruments=_with_lamps(view, Lamp.READY), high_voltage=high_voltage)
             return _with_live_state(view)
-        case DriveStarted(drive):
-            return _with_live_state(replace(view, drive=drive))
-        case OperatorAction.PAUSE if view.can_pause:
-            return replace(view, pause_requested=not view.paused)
         case RunPaused() if view.bench_state is not BenchState.GOING_TO_REST:
             state = BenchState.PAUSED if view.high_voltage else BenchState.HV_OFF
             return replace(view, bench_state=state, pause_requested=False, paused=True, drive=None, prompt=None)
         case RunResumed():
             return _with_live_state(replace(view, pause_requested=False, paused=False))
+        case _:
+            return None
+
+
+def _after_run_event(view: WindowState, event: WindowEvent, streamed_s: float) -> WindowState | None:
+    """Return the window state after the start, progress, results or end of a run; None after another event."""
+    match event:
+        case RunStarted():
+            progress = RunProgress(
+                protocol_title(event.protocol), event.entries, event.expected_s, remaining_s=event.expected_s
+            )
+            state = view.bench_state if view.bench_state is BenchState.GOING_TO_REST else BenchState.ARMING
+            view = replace(
+                _without_results(view), busy=True, bench_state=state, progress=progress, simulated=event.simulated
+            )
+            return replace(view, rest=None, drive=None, seen_v=None, protocol=event.protocol)
         case ProgressUpdated(done, entries, left_s, label) if view.progress is not None:
             progress = replace(
                 view.progress, done=done, entries=entries, remaining_s=left_s, label=label, updated_at_s=streamed_s
@@ -176,8 +211,17 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             which = (curve.entry, curve.name, curve.label)
             others = tuple(c for c in view.curves if (c.entry, c.name, c.label) != which)
             return replace(view, curves=(*others, curve))
-        case OperatorAction.STOP if view.busy and view.bench_state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
-            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
+        case RunEnded():
+            return _with_outcome(view, event)
+        case _:
+            return None
+
+
+def _after_safety_event(view: WindowState, event: WindowEvent) -> WindowState | None:
+    """Return the window state after a drive began or was lost, or the bench went to rest; None after another event."""
+    match event:
+        case DriveStarted(drive):
+            return _with_live_state(replace(view, drive=drive))
         case ShutdownStarted():
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
         case SpecimenMayBeLive(low_v, high_v, words):
@@ -193,12 +237,8 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             seen_v = None if confirmed else _finite_range(measured_v, measured_v) or view.seen_v
             view = replace(view, bench_state=state, rest=event, rest_lost=not confirmed, may_be_live=False)
             return replace(view, drive=None, seen_v=seen_v)
-        case RunEnded():
-            return _with_outcome(view, event)
-        case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem or view.verdict_message:
-            return replace(view, unsafe="", problem="", verdict_message="")
         case _:
-            return view
+            return None
 
 
 def _finite_range(low_v: float, high_v: float) -> tuple[float, float] | None:
