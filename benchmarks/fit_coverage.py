@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from campaigns import SHARED, Noise, World, perfect
 
+from model import COVERAGE_FACTOR_95
 from model.identification.adequacy import assess_adequacy
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
@@ -90,7 +91,7 @@ def coverage(campaigns: int, chains: int = 100) -> dict[str, dict[str, float]]:
     for i, n in enumerate(names):
         out[n] = {
             "bias / standard error": float(z[:, i].mean()),
-            "coverage of 95 %": float(np.mean(abs(z[:, i]) < 1.959964)),
+            "coverage of 95 %": float(np.mean(abs(z[:, i]) < COVERAGE_FACTOR_95)),
             "standard error / bound": float(s[:, i].mean() / limit[i]),
             "spread / bound": float(x[:, i].std() / limit[i]),
             "standard error [%]": float(100 * s[:, i].mean() / abs(truth[i])),

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from app.identification import SheetEntry, SpecimenSheet
 from app.identification.usual_effects import usual_effects
+from model import COVERAGE_FACTOR_95
 from model.identification.fit_options import FitOptions
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import (
@@ -40,7 +41,6 @@ FIELDS = {"clamp_flexibility": "clamp", "gain_below_rest": "gain_below"}
 """Names of usual nonidealities in `Laboratory`, where they differ from those of the fit."""
 N = 12
 """Shape functions of the fit: wrong by 5e-4, where the totals are 0.4 % and more."""
-NORMAL_95 = 1.959964
 
 
 def specimen(rng: np.random.Generator) -> tuple[dict[str, float], SpecimenSheet]:
@@ -105,10 +105,10 @@ def coverage(found: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, fl
         statistical = np.array([row["deviation"] / row["statistical"] for row in rows])
         out[name] = {
             "laboratories": len(rows),
-            "coverage of 95 %": float(np.mean(abs(z) < NORMAL_95)),
+            "coverage of 95 %": float(np.mean(abs(z) < COVERAGE_FACTOR_95)),
             "rms z": float(np.sqrt(np.mean(z**2))),
             "mean z": float(np.mean(z)),
-            "coverage, statistical alone": float(np.mean(abs(statistical) < NORMAL_95)),
+            "coverage, statistical alone": float(np.mean(abs(statistical) < COVERAGE_FACTOR_95)),
             "total [%]": float(100 * np.mean([row["total"] / abs(row["truth"]) for row in rows])),
             "statistical [%]": float(100 * np.mean([row["statistical"] / abs(row["truth"]) for row in rows])),
         }

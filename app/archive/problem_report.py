@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.description import run_record
-from app.common import version
 from app.common.recent_errors import RecentErrors
+from drivers.watchdog.origin import version
 from protocols.base import replacing, to_jsonable
 from protocols.runfile.reader import Run, RunReadError
 

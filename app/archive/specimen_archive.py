@@ -16,7 +16,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from app.archive.run_summary import RunState, RunSummary
-from app.common import NO_PROGRESS, Progress, version
+from app.common import NO_PROGRESS, Progress
+from drivers.watchdog.origin import version
 from protocols.base import file_hash, replacing, visible_text
 from protocols.runfile.names import safe_name
 from protocols.runfile.sidecar import notes_path

@@ -29,7 +29,6 @@ from .people import read_temperature as read_temperature
 from .people import remember_conditions as remember_conditions
 from .people import remember_typed_conditions as remember_typed_conditions
 from .people import remembered_conditions as remembered_conditions
-from .program_version import version as version
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE
 from .progress import NO_PROGRESS as NO_PROGRESS
 from .progress import OperationCancelled as OperationCancelled

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app.common import NO_PROGRESS, Progress, pluralize, version
+from app.common import NO_PROGRESS, Progress, pluralize
 from app.common.audit_log import AuditError, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
@@ -18,6 +18,7 @@ from app.report.plots import TITLE, response_figure, specimen_plots, threshold_c
 from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
+from drivers.watchdog.origin import version
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies.paper_figures import PaperFigure, skin_figures

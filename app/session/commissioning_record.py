@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from platformdirs import user_data_path
 
-from app.common import version
 from app.config import BenchConfig
 from drivers import Identity
 from drivers.evidence.assumption import OutputCheck
 from drivers.evidence.table import assumptions_about, assumptions_about_card
+from drivers.watchdog.origin import version
 from protocols.base import write_atomic
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
 

@@ -12,7 +12,6 @@ from drivers import REST_TOLERANCE_V, Hold
 from model import format_quantity
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
-from protocols.measurements.weights import format_grams
 from protocols.signals import LevelEstimate, WeightStepDetector
 
 SOURCE = "static loading, weighted lines through zero"
@@ -114,7 +113,7 @@ class LoadPoint:
         """The point in a line, for a log."""
         moved = f"deflection {format_quantity(self.deflection, self.deflection_errors, 'm', signed=True)}"
         return (
-            f"{SIDE_LABELS.get(self.side, 'either side')}, {format_grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
+            f"{SIDE_LABELS.get(self.side, 'either side')}, {format_quantity(self.mass, 0.0, 'kg')} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
             f"zero moved {1e6 * self.drift:+.2f} µm"
         )
 
@@ -204,7 +203,7 @@ class WeightStepWatcher:
 
 def turn_side_prompt(side: float, offset_kg: float) -> Prompt:
     """Lay the tactor on its other side, electrodes shorted."""
-    offset = f" and put the {format_grams(offset_kg)} offset weight on its centre" if offset_kg else ""
+    offset = f" and put the {format_quantity(offset_kg, 0.0, 'kg')} offset weight on its centre" if offset_kg else ""
     return Prompt(
         "turn-side",
         f"High voltage is off. Short the electrodes, lay the tactor with the {SIDE_LABELS[side].replace(' up', ' side')} up{offset}.",
@@ -217,7 +216,7 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
     """Put a weight on; or report that the one before was wrong."""
     return Prompt(
         "place-weight",
-        f"Place the {format_grams(mass_kg)} weight on the centre; the laser sees it land.",
+        f"Place the {format_quantity(mass_kg, 0.0, 'kg')} weight on the centre; the laser sees it land.",
         {"mass_kg": mass_kg, "side": side},
         (DONE, PREVIOUS) if has_previous else (DONE,),
         hands_on=True,
@@ -226,7 +225,7 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
 
 def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
     """Take a weight off; or report that it was wrong."""
-    text = f"Take the {format_grams(mass_kg)} weight off."
+    text = f"Take the {format_quantity(mass_kg, 0.0, 'kg')} weight off."
     return Prompt("remove-weight", text, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 

@@ -12,7 +12,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import REST_TOLERANCE_V, BenchError
-from model import GRAVITY
+from model import GRAVITY, format_quantity
 from protocols.base import (
     Ask,
     CheckResult,
@@ -54,7 +54,7 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
-from protocols.measurements.weights import WeightClass, format_grams, uncertainty_kg
+from protocols.measurements.weights import WeightClass, uncertainty_kg
 from protocols.signals import LevelEstimate, estimate_level
 
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
@@ -131,7 +131,7 @@ class StaticLoading(Protocol):
         each_s = 3 * (self.settle_s + self.record_s) + 2 * OPERATOR_ACTION_S
         return tuple(
             PlanEntry(
-                f"{SIDE_LABELS[side]}, {format_grams(mass_kg)}, repeat {repeat}",
+                f"{SIDE_LABELS[side]}, {format_quantity(mass_kg, 0.0, 'kg')}, repeat {repeat}",
                 (),
                 each_s,
                 (side, mass_kg, float(repeat)),
@@ -259,7 +259,7 @@ class StaticLoading(Protocol):
 
     def _plausibility_message(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
         """Why what happened is not what this weight does; empty where it is."""
-        weight = f"the {format_grams(mass_kg)} weight"
+        weight = f"the {format_quantity(mass_kg, 0.0, 'kg')} weight"
         if (zero.quality | loaded.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED):
             return f"The sensor is out of its range under {weight}: move it so that both ends are inside."
         moved_m = self._measure_level(loaded).value - self._measure_level(zero).value
@@ -286,7 +286,7 @@ class StaticLoading(Protocol):
 
 def _zero_shift_message(mass_kg: float, moved_m: float, limit_m: float) -> str:
     return (
-        f"The zero moved by {1e6 * moved_m:+.1f} µm over the {format_grams(mass_kg)} weight (limit "
+        f"The zero moved by {1e6 * moved_m:+.1f} µm over the {format_quantity(mass_kg, 0.0, 'kg')} weight (limit "
         f"{1e6 * limit_m:.1f} µm): was the sensor touched, or did the clamp give?"
     )
 

@@ -25,8 +25,3 @@ def uncertainty_kg(mass_kg: float, weight_class: str) -> float:
     """Standard uncertainty of a weight of a class: its largest error as a rectangle; between nominal masses, a power law."""
     largest = np.interp(math.log(mass_kg), np.log(NOMINAL_KG), np.log(MAX_ERROR_MG[weight_class]))
     return 1e-6 * math.exp(float(largest)) / math.sqrt(3)
-
-
-def format_grams(mass_kg: float) -> str:
-    """`20 g`."""
-    return f"{1e3 * mass_kg:.6g} g"

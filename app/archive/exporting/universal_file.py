@@ -14,7 +14,8 @@ import numpy as np
 import pyuff
 
 from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
-from app.common import Progress, version
+from app.common import Progress
+from drivers.watchdog.origin import version
 from model import Array
 from protocols.base import Series, SeriesAxis, visible_text
 from protocols.runfile.reader import Run

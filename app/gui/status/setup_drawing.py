@@ -6,6 +6,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
+from model import format_quantity
 from protocols.base import Prompt
 
 INK, MFC, METAL, SKIN, WEIGHT = "#101010", "#b5541a", "#8c939c", "#c2185b", "#3f4a56"
@@ -69,15 +70,10 @@ def _draw_arrow(painter: QPainter, start: QPointF, end: QPointF) -> None:
         painter.drawLine(end, end - unit * 7 + across * 4 * turn)
 
 
-def format_grams(mass_kg: float) -> str:
-    """`50 g`, `1.75 g`."""
-    return f"{1e3 * mass_kg:g} g"
-
-
 def _draw_place_weight(painter: QPainter, values: dict[str, float]) -> None:
     _draw_tactor(painter, values.get("side", 1.0), 74)
     _fill_rectangle(painter, WEIGHT, QRectF(68, 18, 54, 30))
-    _draw_text(painter, QRectF(68, 18, 54, 30), format_grams(values.get("mass_kg", 0.0)), "white")
+    _draw_text(painter, QRectF(68, 18, 54, 30), format_quantity(values.get("mass_kg", 0.0), 0.0, "kg"), "white")
     _draw_arrow(painter, QPointF(95, 50), QPointF(95, 64))
 
 
@@ -93,7 +89,7 @@ def _draw_fix_mass(painter: QPainter, values: dict[str, float]) -> None:
     if mass > 0:
         painter.setBrush(QBrush(QColor(WEIGHT)))
         painter.drawEllipse(QPointF(95, 42), 9, 9)
-        _draw_text(painter, QRectF(106, 22, 76, 20), format_grams(mass))
+        _draw_text(painter, QRectF(106, 22, 76, 20), format_quantity(mass, 0.0, "kg"))
     else:
         _draw_text(painter, QRectF(50, 20, 90, 20), "no mass")
 
@@ -101,7 +97,7 @@ def _draw_fix_mass(painter: QPainter, values: dict[str, float]) -> None:
 def _draw_turn_side(painter: QPainter, values: dict[str, float]) -> None:
     side = values.get("side", 1.0)
     _draw_tactor(painter, side)
-    offset = f", {format_grams(values['offset_kg'])} on it" if values.get("offset_kg") else ""
+    offset = f", {format_quantity(values['offset_kg'], 0.0, 'kg')} on it" if values.get("offset_kg") else ""
     _draw_text(painter, QRectF(0, 6, 190, 20), ("MFC up" if side > 0 else "aluminium up") + offset)
     if values.get("shorted"):
         _draw_text(painter, QRectF(0, 74, 190, 18), "wires together")
