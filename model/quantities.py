@@ -15,7 +15,16 @@ SCALES = {
 }  # fmt: skip
 """Factor from SI to a bench unit."""
 
-BENCH_UNITS = {"m": "µm", "m/V": "µm/V", "m/N": "µm/N", "kg": "g", "s": "ms", "Pa": "MPa", "N m/V": "N mm/kV"}
+BENCH_UNITS = {
+    "m": "µm",
+    "m/V": "µm/V",
+    "m/N": "µm/N",
+    "kg": "g",
+    "s": "ms",
+    "Pa": "MPa",
+    "N m/V": "N mm/kV",
+    "A": "mA",
+}
 """Bench units of SI units, where a quantity has no other."""
 
 
@@ -100,6 +109,7 @@ PARAMETERS: Mapping[str, Quantity] = _listed(
     ("delay", "delay", "", "s", "ms", "lateness of the displacement that was not corrected in the phases"),
     ("gain_drift", "gain drift", "", "1", "%", "share by which the dwells grow from the first to the last"),
     ("elongation_offset", "elongation offset", "", "m", "mm", "error common to all elongations of the membrane"),
+    ("peak_to_peak_v", "drive, peak to peak", "", "V", "V", "drive at the amplifier's input, peak to peak around rest"),
     ("elongation_slip", "elongation slip", "", "1", "%", "share of every elongation that the membrane's clamps lose"),
 )
 """Parameters of the model, of its extensions and of the instruments' errors."""
@@ -134,6 +144,8 @@ RESULTS: Mapping[str, Quantity] = _listed(
     ("repeatability", "repeatability", "", "m", "µm", "standard deviation of a deflection from repeat to repeat"),
     ("loop_width", "loop width", "", "m", "µm", "deflection with levels falling minus deflection with levels rising, mean over the levels"),
     ("loop_hysteresis", "hysteresis of the loop", "", "1", "%", "width of the displacement-voltage loop at frequency zero, over its stroke", ("hysteresis",)),
+    ("share", "loop width / stroke", "", "1", "%", "width over stroke"),
+    ("level", "level at the amplifier's input", "", "V", "V", "voltage held at the amplifier's input"),
     ("loop_width_per_frequency", "loop width per frequency", "", "s", "ms", "growth of the relative loop width with the frequency: damping and delay"),
     ("compliance", "compliance", "", "m/N", "µm/N", "deflection of the centre per newton at the centre"),
     ("side_difference", "difference of the sides", "", "1", "%", "difference of the compliances of both sides over their mean", ("difference of the sides",)),

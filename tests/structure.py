@@ -5,17 +5,22 @@ python tests/structure.py --statements also prints the number of statements of e
 """
 
 import ast
+import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import grimp
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
+PLUS_MINUS_AT_END = re.compile(r"(±|(?<![\w\[])\+-|\+/-)\s*$")
+PLUS_MINUS_IN_TEMPLATE = re.compile(r"(±|\+-) ?\{")
+FORMATTER = Path("model/value_text.py")
 MOST_FILES, MOST_TEST_FILES, LONGEST_CHAIN = 20, 40, 7
 PROTOCOL_NAMES_LIST = Path(__file__).with_name("protocol_names.txt")
 """Product files outside `protocols` that still name a protocol, one a line; the list may only shrink."""
@@ -141,6 +146,31 @@ def files_that_name_protocols() -> set[str]:
     }
 
 
+def composes_uncertainty(tree: ast.AST) -> bool:
+    """Whether code writes `±` or `+-` before a value that it inserts: only `model.value_text` may."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.JoinedStr(values=parts):
+                if any(
+                    PLUS_MINUS_AT_END.search(str(part.value)) and isinstance(following, ast.FormattedValue)
+                    for part, following in pairwise(parts)
+                    if isinstance(part, ast.Constant)
+                ):
+                    return True
+            case ast.BinOp(op=ast.Add(), left=ast.Constant(value=str(text))) if PLUS_MINUS_AT_END.search(text):
+                return True
+            case ast.BinOp(op=ast.Add(), left=ast.BinOp(right=ast.Constant(value=str(text)))) if (
+                PLUS_MINUS_AT_END.search(text)
+            ):
+                return True
+            case ast.Call(func=ast.Attribute(value=ast.Constant(value=str(text)), attr="join" | "format")):
+                if PLUS_MINUS_AT_END.search(text) or PLUS_MINUS_IN_TEMPLATE.search(text):
+                    return True
+            case ast.Constant(value=str(text)) if PLUS_MINUS_IN_TEMPLATE.search(text):
+                return True
+    return False
+
+
 def main(arguments: list[str]) -> int:
     """Print the report; return 1 where a limit is exceeded."""
     crowded = {f: n for f, n in files_per_folder(*PACKAGES).items() if n > MOST_FILES}
@@ -159,10 +189,12 @@ def main(arguments: list[str]) -> int:
         ", ".join(sorted(naming - listed)) or "none",
     )
     print("files to take off the list:", ", ".join(sorted(listed - naming)) or "none")
+    composing = [str(path) for path, tree in modules(*PACKAGES) if path != FORMATTER and composes_uncertainty(tree)]
+    print("files that compose an uncertainty:", ", ".join(composing) or "none")
     if "--statements" in arguments:
         count = statements(*PACKAGES)
         print("statements:", ", ".join(f"{name} {n}" for name, n in sorted(count.items())), "| all", count.total())
-    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN or naming != listed else 0
+    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN or naming != listed or composing else 0
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from tests.structure import built_in_protocols, names_a_protocol
+from tests.structure import built_in_protocols, composes_uncertainty, names_a_protocol
 
 NAMES = frozenset(built_in_protocols())
 
@@ -33,3 +33,25 @@ def test_a_protocol_named_outside_protocols_is_detected(code: str) -> None:
 )
 def test_other_texts_are_no_protocol_names(code: str) -> None:
     assert not names_a_protocol(ast.parse(code), NAMES)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'f"{value} ± {error:.2g} Hz"',
+        'f"(limit ±{limit:g} V)"',
+        '"±" + error',
+        'value + " +- " + error',
+        '" ± ".join((value, error))',
+        'TEXT = "{} ± {}"',
+    ],
+)
+def test_an_uncertainty_composed_by_hand_is_detected(code: str) -> None:
+    assert composes_uncertainty(ast.parse(code))
+
+
+@pytest.mark.parametrize(
+    "code", ['HEAD = "value ± total"', 'f"{name}; ± is the total uncertainty"', 're.match(r"[+-]?[0-9]+", text)']
+)
+def test_a_sign_that_explains_composes_nothing(code: str) -> None:
+    assert not composes_uncertainty(ast.parse(code))

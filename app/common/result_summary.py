@@ -47,13 +47,9 @@ class ResultSummary:
     totals: tuple[str, ...] = ()
 
 
-AXIS_NAMES = {"share": "loop width / stroke", "level": "level at the amplifier's input"}
-"""Names of axes that differ from the name of the column."""
-
-
 def axis_name(column: str) -> str:
     """Return the name of a column on an axis, or at the head of a table."""
-    return AXIS_NAMES.get(column, column.replace("_", " "))
+    return quantity_label(column).replace("_", " ")
 
 
 def summarize_result(

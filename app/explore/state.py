@@ -80,7 +80,7 @@ class ExploreSetting:
 
 
 SKIN_PARAMETERS = frozenset(SLIDERS) - TACTOR_PARAMETERS
-DRIVE_SLIDER = SliderSpec("peak_to_peak_v", "drive, peak to peak", "V", 1.0, 0.1, 5.0)
+DRIVE_SLIDER = SliderSpec("peak_to_peak_v", 0.1, 5.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 from app.identification.specimen_identification import IdentificationResult
 from app.identification.specimen_sheet import sheet_unit
-from model import Membrane, Tactor, format_with_uncertainty, parameter_specs, shown_unit
-from model.identification import MembraneSagObservation, parameter_spec
+from model import Membrane, Tactor, format_with_uncertainty, parameter_specs
+from model.identification import MembraneSagObservation
 
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
 HELD_TEXT = "held, as if exact"
@@ -56,8 +56,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
     for name in names:
         value = None if name in identification.known else identification.fixed.get(name)
         if value is not None:
-            unit = parameter_spec(name).unit
-            factor, text = shown_unit(unit) if unit in ("kg", "Pa") else (1e3, "mm") if unit == "m" else (1.0, unit)
+            factor, text = sheet_unit(name)
             shown.append(f"{name} {factor * value:.4g} {text}".strip())
     if not shown:
         return ""

@@ -13,7 +13,7 @@ from pathlib import Path
 from app.common import pluralize
 from app.identification.table_one import TABLE_ONE
 from app.identification.usual_effects import usual_effects
-from model import Membrane, Tactor, parameter_specs
+from model import Membrane, Tactor, parameter_specs, shown_unit
 from model.identification import FitOptions, MembraneSagObservation, ObservationSet, parameter_spec
 
 PAPER_VALUES: Mapping[str, float] = asdict(Tactor()) | asdict(Membrane())
@@ -150,9 +150,5 @@ def table_one_entry(name: str) -> SheetEntry:
 
 
 def sheet_unit(name: str) -> tuple[float, str]:
-    """Return factor and unit in which a sheet states a value: lengths in mm, masses in g, moduli in GPa or MPa."""
-    unit = parameter_spec(name).unit
-    by_unit = {"m": (1e3, "mm"), "kg": (1e3, "g"), "kg/m": (1e3, "g/m")}
-    if unit == "Pa":
-        return (1e-9, "GPa") if name == "E_Al" else (1e-6, "MPa")
-    return by_unit.get(unit, (1.0, "" if unit == "1" else unit))
+    """Return factor and bench unit of a parameter, in which a sheet states it."""
+    return shown_unit(parameter_spec(name).unit, name)

@@ -14,7 +14,7 @@ from app.common import parse_toml, typeset_unit
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
 from app.report.rounding import MINUS, typeset_measurement, typeset_number
-from model import COVERAGE_FACTOR_95, QUANTITIES, EstimatedQuantity, format_with_uncertainty, shown_unit
+from model import COVERAGE_FACTOR_95, QUANTITIES, EstimatedQuantity, Quantity, format_with_uncertainty
 
 AMBIGUOUS_RESONANCE = (
     "'resonance' has three meanings; name the limit peak_frequency (of the largest response: its meaning in reports until now), "
@@ -175,9 +175,9 @@ def _limit_outcomes(
 ) -> Iterator[LimitOutcome]:
     found = "not determined by these runs"
     if merit is not None:
-        found = typeset_measurement(merit.value, merit.standard_error, merit.unit)
+        found = typeset_measurement(merit.value, merit.standard_error, merit.unit, name)
     if limit.low is not None or limit.high is not None:
-        asked = _limit_text(limit, QUANTITIES[name].unit)
+        asked = _limit_text(limit, QUANTITIES[name])
         if merit is None:
             yield LimitOutcome(name, asked, found, "cannot tell", "not determined by these runs")
         else:
@@ -208,8 +208,8 @@ def _verdict(value: float, half_interval: float, low: float, high: float, rule: 
     return "cannot tell", "the 95 % interval crosses the limit"
 
 
-def _limit_text(limit: Limit, unit: str) -> str:
-    factor, shown = shown_unit(unit)
+def _limit_text(limit: Limit, quantity: Quantity) -> str:
+    factor, shown = quantity.shown
     low, high = (None if v is None else typeset_number(factor * v) for v in (limit.low, limit.high))
     shown = f" {typeset_unit(shown)}".rstrip()
     if low is not None and high is not None:

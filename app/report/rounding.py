@@ -10,12 +10,12 @@ SPACE = "\N{NO-BREAK SPACE}"
 """Keeps number, error and unit on one line."""
 
 
-def typeset_measurement(value: float, error: float, unit: str) -> str:
+def typeset_measurement(value: float, error: float, unit: str, name: str = "") -> str:
     """Format an SI value with its standard error in its display unit: `(−13.300 ± 0.025) × 10⁻⁶ N m/V`.
 
     Without an error, to six digits.
     """
-    factor, unit = shown_unit(unit)
+    factor, unit = shown_unit(unit, name)
     text = typeset_with_error(factor * value, factor * error)
     return f"{text}{SPACE}{typeset_unit(unit).replace(' ', SPACE)}".rstrip()
 

@@ -157,12 +157,12 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
     statistical = {} if found is None else found.statistical_errors
     for e in () if found is None else found.identified:
         paper = TABLE_I.get(e.name)
-        factor, unit = shown_unit(e.unit)
+        factor, unit = shown_unit(e.unit, e.name)
         rows.append(
             (
                 e.name,
                 parameter_description(e.name),
-                typeset_measurement(e.value, e.standard_error, e.unit),
+                typeset_measurement(e.value, e.standard_error, e.unit, e.name),
                 *_shares(e.value, e.standard_error, statistical.get(e.name)),
                 "" if paper is None else f"{typeset_number(factor * paper)} {typeset_unit(unit)}",
                 _percent(e.value / paper - 1) if paper else "",
@@ -305,7 +305,7 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
         (
             name,
             SPECIMEN_PARAMETERS[name].description,
-            _format_value(value, SPECIMEN_PARAMETERS[name].unit),
+            _format_value(value, name),
             TABLE_ONE[name].description,
         )
         for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
@@ -381,9 +381,9 @@ def _shares(value: float, total: float, statistical: float | None) -> tuple[str,
     return tuple(text or EMPTY_CELL for text in format_relative(abs(total / value), part))
 
 
-def _format_value(value: float, unit: str) -> str:
-    """Format a value; lengths in millimetres."""
-    factor, shown = (1e3, "mm") if unit == "m" else shown_unit(unit)
+def _format_value(value: float, name: str) -> str:
+    """Format a parameter without its error in its bench unit."""
+    factor, shown = sheet_unit(name)
     return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 

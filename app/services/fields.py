@@ -10,6 +10,7 @@ from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
 
 from app.common import UnitError, description_of, field_label, read_value, unit_of
+from model import SCALES
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +65,10 @@ def form_fields(kind: type[BaseModel]) -> tuple[FormField, ...]:
     )
 
 
-BENCH_UNITS = {
-    "kg": ((1e3, "g"), (1e6, "mg")),
-    "m": ((1e3, "mm"), (1e6, "µm")),
-    "m/V": ((1e6, "µm/V"),),
-    "m/N": ((1e6, "µm/N"),),
-    "kg/m": ((1e3, "g/m"),),
-    "Pa": ((1e-9, "GPa"), (1e-6, "MPa")),
-    "F": ((1e9, "nF"),),
-}
-"""Factor and unit in which a form shows values of an SI unit, the larger unit first."""
+FORM_UNITS = {
+    "kg": ("g", "mg"), "m": ("mm", "µm"), "m/V": ("µm/V",), "m/N": ("µm/N",), "kg/m": ("g/m",), "Pa": ("GPa", "MPa"), "F": ("nF",),
+}  # fmt: skip
+"""Units in which a form shows values of an SI unit, the larger unit first."""
 
 LEAST_SHOWN = 0.01
 """A unit is used whose smallest default is at least this; it does not change with what is typed."""
@@ -84,12 +79,13 @@ UNLIMITED = 1e9
 
 def _in_bench_unit(kind: type[BaseModel], field: FormField) -> FormField:
     """Return a field in the unit in which people at a bench think of it."""
-    if field.unit not in BENCH_UNITS:
+    if field.unit not in FORM_UNITS:
         return field
     default = kind.model_fields[field.name].get_default()
     sizes = [abs(value) for value in (default if isinstance(default, tuple) else (default,)) if value]
-    units = BENCH_UNITS[field.unit]
-    factor, unit = next((u for u in units if min(sizes, default=1.0) * u[0] >= LEAST_SHOWN), units[-1])
+    units = FORM_UNITS[field.unit]
+    unit = next((unit for unit in units if min(sizes, default=1.0) * SCALES[unit] >= LEAST_SHOWN), units[-1])
+    factor = SCALES[unit]
     return replace(field, unit=unit, factor=factor, limits=_format_limits(_interval_of(kind, field.name), unit, factor))
 
 

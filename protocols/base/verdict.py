@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from model import quantity_label
+from model import quantity_label, shown_unit
 from protocols.base.jsonable import to_jsonable
 from protocols.base.quality import Quality, point_quality
 
@@ -98,7 +98,8 @@ class CheckResult:
     @property
     def figure(self) -> str:
         """Name, figure and limits; without a unit, the name."""
-        factor, unit = _readable_unit(self.unit, self.value, self.low, self.high)
+        factor, unit = shown_unit(self.unit)
+        unit = f" {unit}".rstrip()
         figure = f"{factor * self.value:.4g}{unit}" if math.isfinite(self.value) else "not measurable"
         limits = " and ".join(
             f"{word} {factor * limit:.4g}{unit}"
@@ -107,23 +108,6 @@ class CheckResult:
         )
         of = f" ({self.detail})" if self.detail else ""
         return f"{self.name}{of}" + (f": {figure}, limit {limits}" if self.unit else "")
-
-
-PREFIXES = ((1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"), (1e6, "M"))
-PREFIXED_UNITS = ("m", "V", "s", "N", "m/V", "m/N", "Pa")
-
-
-def _readable_unit(unit: str, *values: float | None) -> tuple[float, str]:
-    """Return factor and unit in which the largest of the values is at least 1, for SI units that take a prefix."""
-    if unit in ("1", ""):
-        return 1.0, ""
-    if unit == "kg":
-        return 1e3, " g"
-    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
-    if unit not in PREFIXED_UNITS or not largest:
-        return 1.0, f" {unit}"
-    scale, prefix = max(((s, p) for s, p in PREFIXES if s <= largest), default=PREFIXES[0])
-    return 1 / scale, f" {prefix}{unit}"
 
 
 @dataclass(frozen=True, slots=True)

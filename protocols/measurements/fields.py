@@ -10,7 +10,7 @@ from model import QUANTITIES
 from protocols.base import EstimatedQuantity, Quality, Recording
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
-DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"]
+DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), QUANTITIES["peak_to_peak_v"].definition]
 LevelDuration = Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"]
 FittedFrequency = Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
 NaturalFrequency = Annotated[float, Unit("Hz"), QUANTITIES["natural_frequency"].definition]

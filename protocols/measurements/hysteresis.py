@@ -14,7 +14,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Drive, Sine
-from model import Array, format_quantity, format_with_uncertainty
+from model import QUANTITIES, Array, format_quantity, format_with_uncertainty
 from protocols.base import (
     CheckResult,
     EstimatedQuantity,
@@ -51,7 +51,7 @@ class LoopPoint:
     """The loop at one frequency, over volts at the amplifier's input. Errors are standard, from cycle to cycle."""
 
     frequency: FittedFrequency
-    share: Annotated[float, Unit("1"), "width over stroke"]
+    share: Annotated[float, Unit("1"), QUANTITIES["share"].definition]
     share_errors: Annotated[float, Unit("1"), "standard uncertainty of the share"]
     width: Annotated[float, Unit("m"), "falling minus rising branch in the middle of the drive"]
     width_errors: Annotated[float, Unit("m"), "standard uncertainty of the width"]

@@ -16,12 +16,10 @@ from app.gui.plots.base import (
 )
 from app.gui.widgets import Theme, WindowTheme
 from app.live import LiveFeed, TimeSpan
+from model import shown_unit
 
 STRIP_HEIGHT = 64
 """Height of a strip in pixels."""
-
-SHOWN_UNITS = {"A": ("mA", 1e3)}
-"""Displayed unit, and its number per unit of the channel, where the unit is too large for an axis."""
 
 
 class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
@@ -65,7 +63,7 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
             zip(self._plots, self.curves, self._feed.channel_traces(span), strict=False)
         ):
             time_s, values = trace.decimated_curve()
-            values = SHOWN_UNITS.get(self._shown[at][1], ("", 1.0))[1] * values
+            values = shown_unit(self._shown[at][1]).factor * values
             curve.setData(time_s, values)
             plot.setXRange(-span.shown_s, 0, padding=0)
             if values.size:
@@ -86,9 +84,7 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
             curve = pg.PlotCurveItem(antialias=False, skipFiniteCheck=True)
             plot.addItem(curve)
             self.curves.append(curve)
-            self._labels.append(
-                CornerLabel(plot, f"{name} ({SHOWN_UNITS.get(unit, (unit, 1.0))[0]})", self.font(), right=False)
-            )
+            self._labels.append(CornerLabel(plot, f"{name} ({shown_unit(unit).unit})", self.font(), right=False))
         self.setFixedHeight(STRIP_HEIGHT * max(len(self._plots), 1))
         self.setVisible(bool(self._plots))
         self.apply_theme(self._theme.colors)

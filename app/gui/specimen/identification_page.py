@@ -423,7 +423,7 @@ class IdentificationPage(QWidget):
 
 def _cells(e: EstimatedQuantity, statistical: float | None) -> tuple[str, ...]:
     """Return the texts of a row; both uncertainties are rounded alike."""
-    factor, unit = shown_unit(e.unit)
+    factor, unit = shown_unit(e.unit, e.name)
     value = format_with_uncertainty(factor * e.value, factor * e.standard_error)
     relative = [
         None if error is None or not e.value else abs(error / e.value) for error in (e.standard_error, statistical)
