@@ -171,7 +171,7 @@ def dwell(rate_hz: float, span: int) -> None:
     config = config.model_copy(update={"simulation": {**config.simulation, "card": card}})
     protocol = make_protocol("sine-dwell", [PROTOCOL, f"sample_rate_hz={rate_hz}"])
     with tempfile.TemporaryDirectory() as folder, opened(config, 1.0, protocol, Path(folder)) as window:
-        plot = window.measure_page.time_plot
+        plot = window.measure_page.live_pane.time_plot
         plot.select_span(span)
         paints = PaintCounter()
         QApplication.instance().installEventFilter(paints)

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor, QPixmap, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QLabel, QTableWidgetItem, QWidget
+from PySide6.QtGui import QPixmap, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.widgets import (
     STRETCH,
@@ -13,6 +13,7 @@ from app.gui.widgets import (
     WindowTheme,
     column,
     configure,
+    fill_table,
     make_button,
     make_label,
     make_panel,
@@ -22,7 +23,7 @@ from app.gui.widgets import (
 )
 from app.live import CommissioningJob
 from protocols.base import DISABLE_HIGH_VOLTAGE
-from protocols.commissioning.verdict import OutputVerdict, worst_verdict
+from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, worst_verdict
 
 ABOUT_TEXT = (
     "With high voltage off, the source plays what the driver assumes of it, and the card measures it at the amplifier's input: levels, "
@@ -140,18 +141,15 @@ class CommissioningPanel(QWidget):
         verdict = worst_verdict(done.result.checks)
         passed = verdict is OutputVerdict.PASS
         self.verdict_label.setText(f"{'✓' if passed else '✕'} {done.identity}: {verdict}. Record: {done.path}")
-        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.success if passed else self._theme.colors.error}")
+        self.verdict_label.setStyleSheet(f"color: {self._theme.colors.passed_color(passed)}")
         checks = sorted(done.result.checks, key=lambda check: check.passed)
-        self.table.setRowCount(len(checks))
-        for at, check in enumerate(checks):
-            limits = " to ".join(f"{limit:g}" for limit in (check.low, check.high) if limit is not None)
-            figure = f"{check.value:.4g}" if check.value == check.value else "–"
-            cells = (str(check.verdict), str(check.check), figure, limits, check.unit, check.detail)
-            for place, text in enumerate(cells):
-                item = QTableWidgetItem(text)
-                if place == 0 or not check.passed:
-                    item.setForeground(QColor(self._theme.colors.success if check.passed else self._theme.colors.error))
-                self.table.setItem(at, place, item)
+        fill_table(
+            self.table,
+            [_cells(check) for check in checks],
+            lambda at, place: (
+                self._theme.colors.passed_color(checks[at].passed) if place == 0 or not checks[at].passed else ""
+            ),
+        )
         self.table.resizeRowsToContents()
         self.table.show()
         title = f"{done.identity}, firmware {done.identity.firmware or 'unknown'}: {verdict}"
@@ -182,3 +180,9 @@ class CommissioningPanel(QWidget):
         if not self._picture.isNull():
             width = max(self.width() - 30, 200)
             self.picture_label.setPixmap(self._picture.scaledToWidth(width, Qt.TransformationMode.SmoothTransformation))
+
+
+def _cells(check: CheckedOutput) -> tuple[str, ...]:
+    limits = " to ".join(f"{limit:g}" for limit in (check.low, check.high) if limit is not None)
+    value = f"{check.value:.4g}" if check.value == check.value else "–"
+    return str(check.verdict), str(check.check), value, limits, check.unit, check.detail

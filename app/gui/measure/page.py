@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 from app.gui.measure.form_history import FormHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
-from app.gui.plots import LivePane, PointsPlot, ResponsePlot, ResultPlots, TimePlot
+from app.gui.plots import LivePane
 from app.gui.widgets import LogPane, WindowTheme, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
@@ -63,26 +63,6 @@ class MeasurePage(QSplitter):
         self.run_panel.changed.connect(self._update_request)
         self.history = FormHistory(self.run_panel, self)
         self._update_request()
-
-    @property
-    def plots(self) -> ResultPlots:
-        """Plots of the results."""
-        return self.live_pane.plots
-
-    @property
-    def response(self) -> ResponsePlot:
-        """Plot of amplitudes over frequency."""
-        return self.live_pane.plots.response
-
-    @property
-    def time_plot(self) -> TimePlot:
-        """Plot of the live traces."""
-        return self.live_pane.time_plot
-
-    @property
-    def points(self) -> PointsPlot:
-        """Plot of points that are not amplitudes over frequency."""
-        return self.live_pane.plots.points
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state."""

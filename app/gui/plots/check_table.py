@@ -1,11 +1,10 @@
 """Table of the checks of a verdict: pass or fail, figure, limits and remedy."""
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QTableWidgetItem, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QWidget
 
 from app.common import OUTCOME_SYMBOLS, check_row, outcome_severity
-from app.gui.widgets import WindowTheme, column, make_label, make_read_only_table
+from app.gui.widgets import WindowTheme, column, fill_table, make_label, make_read_only_table
 from protocols.base import Outcome, Verdict
 
 COLUMNS = ("", "what", "figure", "limits", "unit", "what to do")
@@ -38,17 +37,15 @@ class CheckTable(QWidget):
         color = self._theme.colors.severity_color(outcome_severity(outcome))
         self.caption.setText(f"{OUTCOME_SYMBOLS[outcome]} {text[:1].upper()}{text[1:]}")
         self.caption.setStyleSheet(f"color: {color}")
-        self.table.setRowCount(len(verdict.checks))
         rows = sorted(map(check_row, verdict.checks), key=lambda row: row.passed)  # what to remedy comes first
-        for at, row in enumerate(rows):
-            mark = "✓ pass" if row.passed else "✕ FAIL"
-            for place, text in enumerate((mark, *row[1:])):
-                item = QTableWidgetItem(str(text))
-                if COLUMNS[place] in RIGHT_ALIGNED:
-                    item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-                if place == 0 or not row.passed:
-                    item.setForeground(QColor(self._theme.colors.success if row.passed else self._theme.colors.error))
-                self.table.setItem(at, place, item)
+        fill_table(
+            self.table,
+            [("✓ pass" if row.passed else "✕ FAIL", *map(str, row[1:])) for row in rows],
+            lambda at, place: (
+                self._theme.colors.passed_color(rows[at].passed) if place == 0 or not rows[at].passed else ""
+            ),
+            [COLUMNS.index(name) for name in RIGHT_ALIGNED],
+        )
         self.table.resizeRowsToContents()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

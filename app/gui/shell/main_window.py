@@ -41,7 +41,6 @@ from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 if TYPE_CHECKING:
     from app.archive.problem_report import ProblemFacts
     from app.gui.help.settings_page import Setting
-    from protocols.runner.request import RunRequest
 
 FRAME_MS = 16
 LEAST_SIZE = QSize(640, 330)
@@ -102,7 +101,7 @@ class MainWindow(QMainWindow):
             else None
         )
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
-        self.tabs = MainTabs(protocol, adapter, config, settings, self.theme, open_bench)
+        self.tabs = MainTabs(protocol, self.controller, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs, self.theme)
         self.notifier = Notifier(self, settings)
@@ -127,7 +126,7 @@ class MainWindow(QMainWindow):
         if self.tabs.currentIndex() == CAMPAIGN:
             self.tabs.campaign.run()
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
-            self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
+            self.tabs.start_run(protocol)
         else:
             # A key that does nothing looks like a broken program.
             why = self.state.blocked_reason or "the form has a fault, which is marked"
@@ -135,22 +134,12 @@ class MainWindow(QMainWindow):
                 why = "the bench is still being connected. Press again when its sign says so"
             self.tabs.show_message(f"Not started: {why}.")
 
-    def start_campaign_run(self, request: "RunRequest") -> None:
-        """Start a run of the campaign if one can still begin."""
-        if self.controller.can_start:
-            self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))
-
     def _on_card_requested(self, action: str, _path: Path) -> None:
         """Start another run from the result card; the pages do the rest."""
         if action == "again":
             self.start_run()
         elif action == "continue":
             self.controller.repeat_entries((), self.tabs.folder)
-
-    def _continue_run(self, path: Path) -> None:
-        """Continue a stopped run, and show it on the Measure page."""
-        self.tabs.setCurrentIndex(MEASURE)
-        self.controller.continue_run(path, (), self.tabs.folder)
 
     def escape(self) -> None:
         """Stop always; without a run the visible page also goes one step back."""
@@ -345,17 +334,9 @@ class MainWindow(QMainWindow):
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
         )
         self.measure_page.run_panel.result_card.requested.connect(self._on_card_requested)
-        self.tabs.run_requested.connect(self.start_campaign_run)
-        self.tabs.continue_requested.connect(self._continue_run)
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
-        self.tabs.bench_run_requested.connect(
-            lambda run: self.controller.start_run(run, self.tabs.folder, self.tabs.specimen)
-        )
-        self.tabs.commissioning_requested.connect(self.controller.commission)
-        self.tabs.stop_requested.connect(self.controller.stop)
-        self.tabs.speed_requested.connect(self.controller.change_speed)
         central = self.central
         self.menus = MainMenus(
             self, self.tabs, self.set_appearance, central.show_welcome, central.start_tutorial, central.show_settings

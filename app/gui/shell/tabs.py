@@ -17,9 +17,10 @@ from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.results.report_job import ReportJob
 from app.gui.shell.page_host import Page, PageHost
 from app.gui.specimen.indicators import SheetIndicators
+from app.gui.status.session_controller import SessionController
 from app.gui.widgets import Toast, WindowTheme
 from app.identification.specimen_label import SpecimenLabel, compare_label
-from app.live import Overlay, SessionAdapter
+from app.live import Overlay
 from app.session import WindowState
 from protocols.base import Protocol
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from app.gui.laboratory.page import LaboratoryPage
     from app.gui.runs.page import RunsPage
     from app.gui.specimen.identification_page import IdentificationSubject
+    from protocols.runner.request import RunRequest
 
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
@@ -41,40 +43,30 @@ TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench", "Laboratory")
 class MainTabs(PageHost):
     """Makes the pages, connects them, and saves and restores their state; the Measure page is made immediately."""
 
-    run_requested = Signal(object)
-    """A `RunRequest` of the campaign for the session."""
-    continue_requested = Signal(object)
-    """Path of a stopped run to continue."""
     bench_chosen = Signal(str)
     """Path or name of the bench to open."""
-    bench_run_requested = Signal(object)
-    """A protocol of the Bench page for the session."""
-    commissioning_requested = Signal(object)
-    """A `CommissioningJob`."""
-    stop_requested = Signal()
     identification_requested = Signal()
     """The specimen of the visible page is to be identified."""
-    speed_requested = Signal(object)
-    """Speed of the simulated bench; None is the virtual clock."""
 
     def __init__(
         self,
         protocol: Protocol,
-        adapter: SessionAdapter,
+        controller: SessionController,
         config: BenchConfig,
         settings: QSettings,
         theme: WindowTheme,
         open_bench: str,
     ) -> None:
         super().__init__(settings)
-        self._config, self._open_bench, self._adapter, self._theme = config, open_bench, adapter, theme
+        self._config, self._open_bench, self._theme = config, open_bench, theme
+        self._controller, self._adapter = controller, controller.adapter
         self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
         self.measure = MeasurePage(
             protocol,
-            adapter.feed,
+            self._adapter.feed,
             self.overlay,
             config.amplifier.amplifier_map,
-            lambda: adapter.session.bench,
+            lambda: self._adapter.session.bench,
             PresetStore(presets_path()),
             theme,
         )
@@ -227,7 +219,7 @@ class MainTabs(PageHost):
             controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._theme
         )
         controller.setParent(page)
-        controller.run_requested.connect(self.run_requested)
+        controller.run_requested.connect(self._start_campaign_run)
         page.run_open_requested.connect(self.open_run)
         page.board.details.review_pane.card.requested.connect(self._on_card_requested)
         page.explore_requested.connect(lambda path: self._overlay_runs([path]))
@@ -255,7 +247,7 @@ class MainTabs(PageHost):
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme)
         page.explore_requested.connect(self._overlay_runs)
-        page.continue_requested.connect(self.continue_requested)
+        page.continue_requested.connect(self._continue_run)
         for card in (page.details.card, page.viewer.card):
             card.requested.connect(self._on_card_requested)
         return page
@@ -266,10 +258,10 @@ class MainTabs(PageHost):
         page = BenchPage(self._adapter, self._config, self._open_bench, self._theme)
         page.restore_state(self._settings)
         page.bench_chosen.connect(self.bench_chosen)
-        page.run_requested.connect(self.bench_run_requested)
-        page.commissioning_requested.connect(self.commissioning_requested)
-        page.stop_requested.connect(self.stop_requested)
-        page.speed_requested.connect(self.speed_requested)
+        page.run_requested.connect(self.start_run)
+        page.commissioning_requested.connect(self._controller.commission)
+        page.stop_requested.connect(self._controller.stop)
+        page.speed_requested.connect(self._controller.change_speed)
         return page
 
     def _make_laboratory(self) -> LaboratoryPage:
@@ -279,6 +271,19 @@ class MainTabs(PageHost):
         page.run_open_requested.connect(self.open_run)
         page.restore_state(self._settings)
         return page
+
+    def start_run(self, protocol: Protocol) -> None:
+        """Start a run of the specimen of the Measure page, if one can begin."""
+        self._controller.start_run(protocol, self.folder, self.specimen)
+
+    def _start_campaign_run(self, request: RunRequest) -> None:
+        if self._controller.can_start:
+            self._controller.start_campaign_run(request, self.campaign.accept_run(request))
+
+    def _continue_run(self, path: Path) -> None:
+        """Continue a stopped run, and show it on the Measure page."""
+        self.setCurrentIndex(MEASURE)
+        self._controller.continue_run(path, (), self.folder)
 
     def _on_card_requested(self, action: str, path: Path) -> None:
         """Carry out an action of a result card that starts no run."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QTableWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
 from app.common import Severity, pluralize
@@ -18,6 +18,7 @@ from app.gui.widgets import (
     WindowTheme,
     column,
     configure,
+    fill_table,
     make_button,
     make_choice,
     make_label,
@@ -308,10 +309,7 @@ class IdentificationPage(QWidget):
 
     def _fill_table(self, result: IdentificationResult) -> None:
         statistical = result.statistical_errors
-        self.table.setRowCount(len(result.identified))
-        for at, e in enumerate(result.identified):
-            for place, text in enumerate(_cells(e, statistical.get(e.name))):
-                self.table.setItem(at, place, QTableWidgetItem(text))
+        fill_table(self.table, [_cells(e, statistical.get(e.name)) for e in result.identified])
         self.table.resizeRowsToContents()
         rows = sum(self.table.rowHeight(at) for at in range(self.table.rowCount()))
         self.table.setFixedHeight(rows + self.table.horizontalHeader().sizeHint().height() + 4)

@@ -44,6 +44,7 @@ from .log_pane import LogPane as LogPane
 from .menu import Menu as Menu
 from .overlaid import Overlaid as Overlaid
 from .progress_row import ProgressRow as ProgressRow
+from .read_only_table import fill_table as fill_table
 from .read_only_table import make_read_only_table as make_read_only_table
 from .sheet_button import SheetButton as SheetButton
 from .sheet_button import SheetStatus as SheetStatus

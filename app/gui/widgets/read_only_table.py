@@ -1,10 +1,11 @@
 """Table widgets that show values: not editable, rows selected whole, left-aligned header."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Literal
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from app.gui.widgets.layouts import configure
 
@@ -44,3 +45,28 @@ def make_read_only_table(
     if stretched == "last":
         header.setSectionResizeMode(len(columns) - 1, mode.Stretch)
     return table
+
+
+def fill_table(
+    table: QTableWidget,
+    rows: Sequence[Sequence[str]],
+    color: Callable[[int, int], str] = lambda _row, _column: "",
+    right_aligned: Collection[int] = (),
+) -> None:
+    """Show rows of texts.
+
+    Args:
+        table: its contents are replaced.
+        rows: a text for each column.
+        color: returns the colour of a cell by row and column; empty for the usual one.
+        right_aligned: columns of numbers.
+    """
+    table.setRowCount(len(rows))
+    for at, texts in enumerate(rows):
+        for place, text in enumerate(texts):
+            item = QTableWidgetItem(text)
+            if place in right_aligned:
+                item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+            if name := color(at, place):
+                item.setForeground(QColor(name))
+            table.setItem(at, place, item)

@@ -60,6 +60,10 @@ class Theme:
             Lamp.MISSING: self.error,
         }[lamp]
 
+    def passed_color(self, passed: bool) -> str:
+        """Colour of a check that passed or failed."""
+        return self.success if passed else self.error
+
     def severity_color(self, severity: Severity) -> str:
         return {
             Severity.INFO: self.text,

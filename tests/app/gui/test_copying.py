@@ -22,7 +22,7 @@ def pasted() -> str:
 def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None:
     stage = open_stage(ahead=True)
     until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")
-    stage.window.measure_page.response.strip_box.setCurrentIndex(1)
+    stage.window.measure_page.live_pane.plots.response.strip_box.setCurrentIndex(1)
     _ = stage.window.measure_page.live_pane.plots.curves  # these are made when they are needed
     canvases = stage.window.findChildren(pg.GraphicsView)
     assert len(canvases) >= 9
@@ -33,8 +33,8 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 160.0))
-    until(stage.window.measure_page.response.model_curves.source_label.text, "for the curve")
-    canvas = stage.window.measure_page.response.canvas
+    until(stage.window.measure_page.live_pane.plots.response.model_curves.source_label.text, "for the curve")
+    canvas = stage.window.measure_page.live_pane.plots.response.canvas
     canvas.setFocus()
     QTest.keyClick(canvas, Qt.Key.Key_D, CONTROL)
     first, head, *rows = pasted().splitlines()
@@ -49,8 +49,8 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
 
 @pytest.mark.deep
 def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
-    canvas = stage.window.measure_page.response.canvas
-    copying = stage.window.measure_page.response.copy_buttons[0]
+    canvas = stage.window.measure_page.live_pane.plots.response.canvas
+    copying = stage.window.measure_page.live_pane.plots.response.copy_buttons[0]
     copying.show_buttons()
     with_buttons = canvas.grab().toImage()
     copying.copy_picture()
@@ -62,7 +62,7 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 
 @pytest.mark.deep
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
-    window, plot = stage.window, stage.window.measure_page.response
+    window, plot = stage.window, stage.window.measure_page.live_pane.plots.response
     find(window, "measure.specimen").setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()

@@ -18,7 +18,7 @@ from tests.helpers.session_events import OPENED
 def test_the_file_of_the_folder_is_drawn_on_every_page_and_the_abdomen_without_it(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
     tabs = stage.window.tabs
-    felt = stage.window.measure_page.response.threshold
+    felt = stage.window.measure_page.live_pane.plots.response.threshold
     assert felt is not None
     assert felt.line.isVisible()
     assert felt.line.value() == pytest.approx(50)
@@ -69,13 +69,13 @@ def test_a_faulty_file_is_a_message_and_the_abdomen_s_line_stays(stage: Stage, t
     find(stage.window, "measure.folder").setText(str(folder))
     until(lambda: said, "for the message")
     assert "threshold 'elbow': neither a site" in said[0]
-    felt = stage.window.measure_page.response.threshold
+    felt = stage.window.measure_page.live_pane.plots.response.threshold
     assert felt is not None
     assert felt.line.isVisible()
 
 
 def test_frequencies_that_are_uncomfortable_are_shaded_on_both_kinds_of_axis(stage: Stage) -> None:
-    plot = stage.window.measure_page.response
+    plot = stage.window.measure_page.live_pane.plots.response
     assert plot.threshold is not None
     begins = [shade.getRegion()[0] for shade in plot.threshold.shades]
     assert begins == pytest.approx([200, 250])

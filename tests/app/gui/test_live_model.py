@@ -47,7 +47,7 @@ def measured() -> list[SinePoint]:
 
 def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
     """The colour of the response plot at a place on its axes."""
-    canvas = stage.window.measure_page.response.canvas
+    canvas = stage.window.measure_page.live_pane.plots.response.canvas
     box = canvas.getPlotItem().getViewBox()
     at = canvas.mapFromScene(box.mapViewToScene(QPointF(hz, um)))
     return canvas.grab().toImage().pixelColor(at)
@@ -57,7 +57,7 @@ def test_accepted_calibration_updates_curve_and_band_in_open_window(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(measure_page, "CALIBRATION_POLL_S", 0.0)
-    response = stage.window.measure_page.response
+    response = stage.window.measure_page.live_pane.plots.response
     until(lambda: response.model_curves.source_label.text() == "curve: the paper's values", "for the paper's curve")
     assert not response.model_curves.band_box.isEnabled()
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
@@ -78,7 +78,7 @@ def test_accepted_calibration_updates_curve_and_band_in_open_window(
 
 @pytest.mark.deep
 def test_membrane_points_use_colour_and_curve_of_their_elongation(stage: Stage) -> None:
-    response, rubber = stage.window.measure_page.response, Membrane()
+    response, rubber = stage.window.measure_page.live_pane.plots.response, Membrane()
     stage.window.measure_page.run_panel.set_protocol(
         MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150))
     )

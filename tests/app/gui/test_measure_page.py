@@ -59,13 +59,15 @@ def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("wiring-check"))
     assert panel.kind is WiringCheck
     assert "level_v" in panel.form.rows
-    assert stage.window.measure_page.plots.currentWidget() is stage.window.measure_page.points
+    assert stage.window.measure_page.live_pane.plots.currentWidget() is stage.window.measure_page.live_pane.plots.points
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == [(WiringCheck(), tmp_path, "T7")]
     stage.happen(*LIVE[:0], RunEnded(RunStatus.STOPPED, "x", "run.h5"))
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("sine-dwell"))
     assert panel.protocol == SineDwell(peak_to_peak_v=4.0)
-    assert stage.window.measure_page.plots.currentWidget() is stage.window.measure_page.response
+    assert (
+        stage.window.measure_page.live_pane.plots.currentWidget() is stage.window.measure_page.live_pane.plots.response
+    )
 
 
 @pytest.mark.deep
@@ -186,7 +188,7 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message
 def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     live(stage)
     stage.happen(*(point(i, 100.0 + 10 * i) for i in range(3)))
-    plot = stage.window.measure_page.response
+    plot = stage.window.measure_page.live_pane.plots.response
     plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[1]])
     assert plot.selection.button.isVisible()
     assert not plot.selection.button.isEnabled()
@@ -221,8 +223,8 @@ def test_a_point_measured_again_takes_the_place_of_the_old_one(stage: Stage) -> 
 @pytest.mark.deep
 def test_points_of_any_protocol_are_drawn_over_its_axes(stage: Stage) -> None:
     stage.happen(OPENED, RunStarted("wiring-check", "run.h5", 6.0, 4, True), PointMeasured(0, POINT))
-    plot = stage.window.measure_page.points
-    assert stage.window.measure_page.plots.currentWidget() is plot
+    plot = stage.window.measure_page.live_pane.plots.points
+    assert stage.window.measure_page.live_pane.plots.currentWidget() is plot
     (x,), (y,) = plot.scatter.getData()
     assert (x, y) == pytest.approx((2.6, 14.0))
 
@@ -231,7 +233,7 @@ def test_points_of_any_protocol_are_drawn_over_its_axes(stage: Stage) -> None:
 def test_residual_and_phase_are_there_on_request(stage: Stage, at: int) -> None:
     live(stage)
     stage.happen(point(0, 100.0))
-    response = stage.window.measure_page.response
+    response = stage.window.measure_page.live_pane.plots.response
     assert not response.residual_strip.isVisible()
     response.strip_box.setCurrentIndex(at)
     assert response.residual_strip.isVisible()

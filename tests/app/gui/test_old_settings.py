@@ -35,7 +35,7 @@ def test_the_window_is_as_the_earlier_version_left_it(open_stage: OpenStage, old
         (100.0, 165.0),
         4.0,
     )
-    assert pages.measure.time_plot.selected_span == 2
+    assert pages.measure.live_pane.time_plot.selected_span == 2
     explored = pages.explore.model.setting
     assert (dict(explored.values), explored.on_skin) == ({"k2": 0.0075, "delta": 0.01}, True)
     campaign = pages.campaign

@@ -32,7 +32,7 @@ def turn_wheel(canvas, notches: int) -> None:
 
 @pytest.mark.deep
 def test_a_zoom_stays_while_points_arrive_until_everything_is_shown_again(measured: Stage) -> None:
-    plot = measured.window.measure_page.response
+    plot = measured.window.measure_page.live_pane.plots.response
     box = plot.plot.getViewBox()
     whole = box.viewRange()
     turn_wheel(plot.canvas, 5)
@@ -52,7 +52,7 @@ def test_a_zoom_stays_while_points_arrive_until_everything_is_shown_again(measur
 
 @pytest.mark.deep
 def test_the_marker_goes_to_the_highest_point_and_along_the_curve(measured: Stage) -> None:
-    plot = measured.window.measure_page.response
+    plot = measured.window.measure_page.live_pane.plots.response
     until(plot.model_curves.source_label.text, "for the curve")
     plot.canvas.setFocus()
     QTest.keyClick(plot.canvas, Qt.Key.Key_P)
@@ -70,7 +70,7 @@ def test_the_marker_goes_to_the_highest_point_and_along_the_curve(measured: Stag
 
 @pytest.mark.deep
 def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: Stage) -> None:
-    plot = measured.window.measure_page.response
+    plot = measured.window.measure_page.live_pane.plots.response
     menu = plot.tools[0].make_menu()
     texts = [action.text() for action in menu.actions()]
     assert "Focused plot: marker to the highest point" in texts
@@ -93,7 +93,7 @@ def test_the_menu_of_a_plot_shows_its_tools_and_leaves_stop_in_reach(measured: S
 
 @pytest.mark.deep
 def test_picture_and_data_are_written_to_files(measured: Stage, tmp_path: Path) -> None:
-    plot = measured.window.measure_page.response
+    plot = measured.window.measure_page.live_pane.plots.response
     tools = plot.tools[0]
     tools._write_data([tmp_path / "response"])
     assert (tmp_path / "response.tsv").read_text("utf-8").startswith("SIMULATED\nseries\tfrequency (Hz)")
@@ -118,7 +118,7 @@ def test_every_plot_has_the_same_tools(open_stage: OpenStage) -> None:
 
 @pytest.mark.deep
 def test_logarithmic_axes_show_the_same_values(measured: Stage) -> None:
-    plot = measured.window.measure_page.response
+    plot = measured.window.measure_page.live_pane.plots.response
     until(plot.model_curves.source_label.text, "for the curve")
     box, scatter = plot.plot.getViewBox(), plot.scatters[0]
     whole, table, (x, y) = box.viewRange(), plot._table(), scatter.getData()
@@ -141,7 +141,7 @@ def test_logarithmic_axes_show_the_same_values(measured: Stage) -> None:
     for entry in entries:
         entry.trigger()
     assert box.viewRange() == whole
-    traces = measured.window.measure_page.time_plot
+    traces = measured.window.measure_page.live_pane.time_plot
     assert not [
         a for a in traces.tools[0].make_menu().actions() if a.text().startswith("Logarithmic") and a.isEnabled()
     ]

@@ -76,7 +76,7 @@ def test_a_running_sweep_is_shown_until_its_run_ends(stage: Stage) -> None:
     stage.happen(OPENED)
     window.start_run()
     stage.happen(*LIVE)
-    plots = window.measure_page.plots
+    plots = window.measure_page.live_pane.plots
     feed.running_curve._pause_s = 0.0  # all samples come at once here
     feed.start_stream(RATE_HZ, SCALES, SENSOR)
     feed.running_curve.observe(RunStarted("sweep", "run.h5", 10.0, 1, simulated=True))

@@ -67,7 +67,7 @@ def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Sta
     begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
     stage.window.measure_page.run_panel.set_protocol(WiringCheck())
     end_with(stage, FAILED_CHECK, begin)
-    plots = stage.window.measure_page.plots
+    plots = stage.window.measure_page.live_pane.plots
     assert plots.currentWidget() is plots.checks
     table = plots.checks.table
     rows = [[table.item(r, c).text() for c in range(table.columnCount())] for r in range(table.rowCount())]

@@ -64,7 +64,10 @@ def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage:
 def test_simulated_stands_on_every_plot(stage: Stage) -> None:
     stage.happen(OPENED)
     measure = stage.window.measure_page
-    assert all(mark.visible for mark in (measure.response.simulated_label, *measure.time_plot.simulated_labels))
+    assert all(
+        mark.visible
+        for mark in (measure.live_pane.plots.response.simulated_label, *measure.live_pane.time_plot.simulated_labels)
+    )
 
 
 @pytest.mark.one_in(100)
@@ -141,7 +144,7 @@ def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -
     for i in range(40):
         stage.window.adapter.observe(blocks[i % 4])
         stage.window.tick()
-    drawn = stage.window.measure_page.time_plot.frames
+    drawn = stage.window.measure_page.live_pane.time_plot.frames
     assert drawn > 0
     for i in range(40):
         stage.window.adapter.observe(blocks[i % 4])
@@ -149,23 +152,23 @@ def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -
     stage.window.status_bar.repaint()
     assert stage.session.stops == 1
     assert find(stage.window, "status.state").text == "GOING TO REST"
-    assert stage.window.measure_page.time_plot.frames == drawn
+    assert stage.window.measure_page.live_pane.time_plot.frames == drawn
     stage.window.tick()
-    assert stage.window.measure_page.time_plot.frames == drawn + 1  # they were waiting
+    assert stage.window.measure_page.live_pane.time_plot.frames == drawn + 1  # they were waiting
 
 
 def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 150.0, Quality.UNSETTLED))
-    spots = stage.window.measure_page.response.scatters[0].points()
+    spots = stage.window.measure_page.live_pane.plots.response.scatters[0].points()
     assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
     assert spots[0].pos().y() == pytest.approx(900.0)
     paper = stage.window.theme.colors.panel
     assert spots[0].brush().color().name() != paper
     assert spots[1].brush().color().name() == paper
     assert "unsettled" in spots[1].data()
-    twice = stage.window.measure_page.response.scatters[1].points()
+    twice = stage.window.measure_page.live_pane.plots.response.scatters[1].points()
     assert twice[0].pos().y() == pytest.approx(864.0)
 
 
@@ -175,12 +178,14 @@ def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.window.start_run()
     found = EstimatedQuantity("natural_frequency", 158.35, 0.0072, "Hz", "this run")
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (found,)))
-    assert stage.window.measure_page.response.corner_label.text == "natural frequency 158.3500 ± 0.0072 Hz"
+    assert (
+        stage.window.measure_page.live_pane.plots.response.corner_label.text == "natural frequency 158.3500 ± 0.0072 Hz"
+    )
 
 
 @pytest.mark.deep
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
-    response = stage.window.measure_page.response
+    response = stage.window.measure_page.live_pane.plots.response
     response.series_boxes[1].click()
     assert not response.scatters[1].isVisible()
     assert response.scatters[0].isVisible()
@@ -193,9 +198,9 @@ def test_curve_and_points_of_different_drives_are_told_apart(stage: Stage) -> No
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
     until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
-    assert stage.window.measure_page.response.hint_label.text() == ""
+    assert stage.window.measure_page.live_pane.plots.response.hint_label.text() == ""
     stage.window.measure_page.run_panel.form.rows["peak_to_peak_v"].set_value(2.0)
-    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure_page.response.hint_label.text())
+    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure_page.live_pane.plots.response.hint_label.text())
 
 
 def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
@@ -318,7 +323,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     first.window.resize(1100, 640)
     first.window.measure_page.live_pane.setSizes([150, 150, 120])
     find(first.window, "measure.specimen").setText("T12 left")
-    first.window.measure_page.time_plot.select_span(2)
+    first.window.measure_page.live_pane.time_plot.select_span(2)
     rows = first.window.measure_page.live_pane.sizes()
     first.window.close()
     until(lambda: not first.window.isVisible())
@@ -326,7 +331,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     assert second.window.size().height() == 640
     assert second.window.measure_page.live_pane.sizes() == rows
     assert find(second.window, "measure.specimen").text() == "T12 left"
-    assert second.window.measure_page.time_plot.selected_span == 2
+    assert second.window.measure_page.live_pane.time_plot.selected_span == 2
     assert find(second.window, "measure.folder").text() == find(first.window, "measure.folder").text()
 
 
@@ -381,7 +386,10 @@ def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> 
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 150.0, Quality.UNSETTLED))
-    canvas, scatter = stage.window.measure_page.response.canvas, stage.window.measure_page.response.scatters[0]
+    canvas, scatter = (
+        stage.window.measure_page.live_pane.plots.response.canvas,
+        stage.window.measure_page.live_pane.plots.response.scatters[0],
+    )
     until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
     QCoreApplication.processEvents()
