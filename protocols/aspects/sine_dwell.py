@@ -187,7 +187,7 @@ def complete_dwell(table: ImportedTable) -> None:
     """Add drive and elongation of the membrane to the points of a dwell.
 
     Raises:
-        ImportRefusedError: the drive is missing or leaves the amplifier's range, or a quantity is given twice.
+        TableImportError: the drive is missing or leaves the amplifier's range, or a quantity is given twice.
     """
     _add_drive(table)
     values, amplifier = table.values, table.amplifier

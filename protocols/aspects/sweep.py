@@ -120,7 +120,7 @@ def _series_run(series: ImportedSamples) -> RunOfSamples:
     """Return the run of one swept time series.
 
     Raises:
-        ImportRefusedError: there is no response, or the sweep is too short.
+        TableImportError: there is no response, or the sweep is too short.
     """
     drive = np.asarray(series.drive_v)
     swept = sweep_frequencies(drive, series.rate_hz)

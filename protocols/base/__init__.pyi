@@ -40,8 +40,8 @@ from .importing import ImportColumn as ImportColumn
 from .importing import ImportedSamples as ImportedSamples
 from .importing import ImportedTable as ImportedTable
 from .importing import ImportForm as ImportForm
-from .importing import ImportRefusedError as ImportRefusedError
 from .importing import RunOfSamples as RunOfSamples
+from .importing import TableImportError as TableImportError
 from .jsonable import to_jsonable as to_jsonable
 from .operator import DISABLE_HIGH_VOLTAGE as DISABLE_HIGH_VOLTAGE
 from .operator import ENABLE_HIGH_VOLTAGE as ENABLE_HIGH_VOLTAGE

@@ -46,7 +46,7 @@ class Aspects:
         """Complete the values of an imported table; return the protocol that they are of, if it is another.
 
         Raises:
-            ImportRefusedError: the values do not suffice, or contradict each other.
+            TableImportError: the values do not suffice, or contradict each other.
         """
         return None
 
@@ -58,7 +58,7 @@ class Aspects:
         """Return the runs that the time series become, all without `series_fault`.
 
         Raises:
-            ImportRefusedError: a series does not suffice.
+            TableImportError: a series does not suffice.
         """
         raise NotImplementedError
 

@@ -17,7 +17,7 @@ DISPLACEMENT_RANGE_M = (1e-9, 1e-2)
 REPEAT_ALIASES = ("run", "trial", "wiederholung")
 
 
-class ImportRefusedError(ValueError):
+class TableImportError(Exception):
     """A table or time series cannot be imported; the message gives file, place, fault and remedy."""
 
 
@@ -72,9 +72,9 @@ class ImportedTable:
         """Number of rows."""
         return len(next(iter(self.values.values())))
 
-    def refusal(self, message: str, row: int | None = None, quantity: str | None = None) -> ImportRefusedError:
+    def refusal(self, message: str, row: int | None = None, quantity: str | None = None) -> TableImportError:
         """Return the error for a fault at a row, in the column of a quantity."""
-        return ImportRefusedError(f"{self.place(row, quantity)}{message}")
+        return TableImportError(f"{self.place(row, quantity)}{message}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +103,9 @@ class ImportedSamples:
     elongation_m: float | None
     simulated: bool
 
-    def refusal(self, message: str) -> ImportRefusedError:
+    def refusal(self, message: str) -> TableImportError:
         """Return the error for a fault of the file."""
-        return ImportRefusedError(f"{self.place}{message}")
+        return TableImportError(f"{self.place}{message}")
 
     def as_series(self, label: str) -> tuple[Series, ...]:
         """Return the drive, where it was recorded, and the displacement over time."""

@@ -105,7 +105,10 @@ class Recording:
 
     def _part(self, rows: tuple[int, int]) -> "Recording":
         here = slice(rows[0] - self.rows[0], rows[1] - self.rows[0])
-        return replace(self, rows=rows, drive_v=self.drive_v[here], displacement_m=self.displacement_m[here])
+        start_s = self.start_s + here.start / self.rate_hz
+        return replace(
+            self, rows=rows, start_s=start_s, drive_v=self.drive_v[here], displacement_m=self.displacement_m[here]
+        )
 
 
 class StreamedRecording(Recording):
@@ -136,7 +139,8 @@ class StreamedRecording(Recording):
 
     def _part(self, rows: tuple[int, int]) -> "Recording":
         kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in SAMPLES}
-        return StreamedRecording(self._read, **kept | {"rows": rows})
+        start_s = self.start_s + (rows[0] - self.rows[0]) / self.rate_hz
+        return StreamedRecording(self._read, **kept | {"rows": rows, "start_s": start_s})
 
 
 @dataclass(frozen=True, slots=True)

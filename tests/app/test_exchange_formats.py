@@ -8,9 +8,8 @@ import pytest
 
 from app.archive.exporting.export import ExportError, export_run
 from app.archive.importing.importer import read_table
-from app.archive.importing.table import TableImportError
 from app.cli.main import main
-from protocols.base import RunStatus, Series, SeriesAxis
+from protocols.base import RunStatus, Series, SeriesAxis, TableImportError
 from protocols.runfile.reader import Run
 from tests.helpers.run_files import begun_run, finished_run
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, split_heading
 from app.common import UnitError, to_number
-from protocols.base import ImportColumn
+from protocols.base import ImportColumn, TableImportError
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 

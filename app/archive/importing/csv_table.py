@@ -12,11 +12,11 @@ from app.archive.importing.table import (
     ImportTable,
     LineLocations,
     TableColumn,
-    TableImportError,
     is_unit,
     split_heading,
 )
 from app.common import NO_PROGRESS, Progress, truncate_text
+from protocols.base import TableImportError
 
 COMMENT_MARKS = ("#", "%", "//")
 """Starts of comment lines."""

@@ -23,7 +23,7 @@ from app.archive.importing.columns import (
 )
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.points import ImportedRun, build_points, write_imported_run
-from app.archive.importing.table import ImportTable, TableImportError
+from app.archive.importing.table import ImportTable
 from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
 from app.archive.importing.values import ImportOptions
@@ -31,6 +31,7 @@ from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value,
 from app.common.audit import record_audit
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
+from protocols.base import TableImportError
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
 from protocols.runfile.schema import HDF5_SIGNATURE

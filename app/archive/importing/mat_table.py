@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
 from drivers.watchdog.subprocesses import python_command, python_environment
+from protocols.base import TableImportError
 
 
 def read_mat_table(path: Path, sha256: str) -> ImportTable:

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Unit
 
 from app.archive.importing.columns import ColumnMapping
-from app.archive.importing.table import ImportTable, TableImportError
+from app.archive.importing.table import ImportTable
 from app.archive.importing.values import (
     ColumnSource,
     ImportOptions,
@@ -26,7 +26,7 @@ from app.archive.importing.values import (
 from app.common import NO_PROGRESS, Progress
 from drivers import LaserSensor
 from model import Array
-from protocols.base import ImportedTable, ImportRefusedError, Protocol, Quality, RunStatus, Series
+from protocols.base import ImportedTable, Protocol, Quality, RunStatus, Series
 from protocols.registry import PROTOCOLS
 from protocols.runfile.layout import RunMetadata
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
@@ -76,10 +76,7 @@ def build_points(
     headings = {name: cells.heading for name, cells in mapping.columns.items()}
     amplifier = options.amplifier.amplifier_map
     whole = ImportedTable(values, dict(options.settings), amplifier, options.elongation_m, headings, place, cautions)
-    try:
-        protocol = protocol.aspects.complete_table(whole) or protocol
-    except ImportRefusedError as error:
-        raise TableImportError(str(error)) from None
+    protocol = protocol.aspects.complete_table(whole) or protocol
     rows = whole.rows
     cautions += check_repeats(table, mapping, values, rows)
     add_stated_uncertainties(kind, values, completed)

@@ -8,6 +8,7 @@ from typing import Any, overload
 
 from app.common import truncate_text
 from model import Array
+from protocols.base import TableImportError
 
 EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
 """Cells without a number."""
@@ -46,10 +47,6 @@ UNIT_SUFFIXES = {
     )
 } | {"mv": "mV", "mn": "mN", "mg": "mg", "percent": "%", "lbs": "lb", "mils": "mil", "thou": "mil"}
 """Units that may end a name: `amplitude_um`."""
-
-
-class TableImportError(Exception):
-    """A table cannot be read or imported; the message gives file, place, fault and remedy."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
+from protocols.base import TableImportError
 
 SIGNATURE = b"TDSm"
 UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription")

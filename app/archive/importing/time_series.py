@@ -8,11 +8,11 @@ import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.points import ImportedRun
-from app.archive.importing.table import ImportTable, TableImportError
+from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from model import Array
-from protocols.base import ImportedSamples, ImportRefusedError, Protocol, RunOfSamples
+from protocols.base import ImportedSamples, Protocol, RunOfSamples, TableImportError
 from protocols.registry import PROTOCOLS
 
 SAMPLING_TOLERANCE = 0.01
@@ -47,15 +47,12 @@ def build_series_runs(
         each, cautions = _read_series(sheet, matched, options, file_progress)
         sources[each] = _Source(sheet, matched, cautions)
         by_protocol[_protocol_of(each)].append(each)
-    try:
-        return [
-            _imported_run(PROTOCOLS[name], run, sources, options)
-            for name, taken in by_protocol.items()
-            if taken
-            for run in PROTOCOLS[name].aspects.series_runs(taken)
-        ]
-    except ImportRefusedError as error:
-        raise TableImportError(str(error)) from None
+    return [
+        _imported_run(PROTOCOLS[name], run, sources, options)
+        for name, taken in by_protocol.items()
+        if taken
+        for run in PROTOCOLS[name].aspects.series_runs(taken)
+    ]
 
 
 def _protocol_of(series: ImportedSamples) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError
+from app.archive.importing.table import ImportTable, TableColumn
 from app.common import truncate_text
 from model import Array
+from protocols.base import TableImportError
 
 START = re.compile(rb"\s{0,4}-1\s*\r?\n\s{0,5}\d{1,4}b?[\s\d]*\r?\n")
 """Delimiter and number of the first data set."""

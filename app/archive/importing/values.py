@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping, TableKind, si_factor
-from app.archive.importing.table import ImportTable, TableColumn, TableImportError
+from app.archive.importing.table import ImportTable, TableColumn
 from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
 from app.config import AmplifierTable
 from model import Array, Mask
-from protocols.base import ImportColumn
+from protocols.base import ImportColumn, TableImportError
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from app.archive.importing import csv_table, numeric_text, read_table
-from app.archive.importing.table import TableImportError
 from app.common.progress import OperationCancelled, Progress
+from protocols.base import TableImportError
 from tests.helpers.importing import brought, refused
 
 
