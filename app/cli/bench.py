@@ -23,8 +23,8 @@ from app.cli.options import (
     option,
     options,
 )
-from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, writing_output
-from app.common import ExitCode, UsageError, check_row, print_line, print_message
+from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_answer, print_json, writing_output
+from app.common import ExitCode, UsageError, check_row, print_message
 from app.config import bench_template, find_devices
 from app.services import operator_reachable
 from drivers import REST_REPEATABILITY_V, BenchError
@@ -295,12 +295,9 @@ class FaultsCommand:
     json: bool = JSON_PLAIN
 
     def execute(self) -> int:
-        if self.json:
-            print_json(FAULT_DESCRIPTIONS)
-            return ExitCode.DONE
         width = max(map(len, FAULT_DESCRIPTIONS))
-        print_line("\n".join(f"{name:{width}}  {text}" for name, text in FAULT_DESCRIPTIONS.items()))
-        return ExitCode.DONE
+        lines = (f"{name:{width}}  {text}" for name, text in FAULT_DESCRIPTIONS.items())
+        return print_answer(FAULT_DESCRIPTIONS, lines, self.json)
 
 
 BENCH_COMMANDS = CommandGroup(

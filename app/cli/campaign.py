@@ -35,7 +35,7 @@ from app.cli.options import (
     option,
     options,
 )
-from app.cli.output import CommandResult, check_output_files, print_json, render
+from app.cli.output import CommandResult, check_output_files, print_answer, render
 from app.common import (
     Column,
     ExitCode,
@@ -44,7 +44,6 @@ from app.common import (
     UsageError,
     format_bytes,
     format_duration,
-    print_line,
     print_message,
     usage_errors,
 )
@@ -253,12 +252,12 @@ def _rehearse(campaign_: Campaign, options: CampaignCommand) -> int:
     bench = select_bench(options)
     with connect(bench.config, None if bench.config.simulated else bench.speed) as lab:
         rehearsal = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
-    if options.json:
-        items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
-        refusals = [{"item": item.name, "reason": reason} for item, reason in rehearsal.refusals]
-        print_json({**asdict(rehearsal), "items": items, "refusals": refusals})
-    else:
-        print_line(_rehearsal_text(rehearsal))
+    record = {
+        **asdict(rehearsal),
+        "items": [{"item": item.name, **asdict(one)} for item, one in rehearsal.items],
+        "refusals": [{"item": item.name, "reason": reason} for item, reason in rehearsal.refusals],
+    }
+    print_answer(record, [_rehearsal_text(rehearsal)], options.json)
     return ExitCode.USAGE if rehearsal.refusals else ExitCode.DONE
 
 
@@ -284,29 +283,22 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
     estimates = () if isinstance(found, str) else found.identified
     verdict = "" if isinstance(found, str) else verdict_line(found)
-    if as_json:
-        record = {
-            "specimen": campaign_.specimen,
-            "simulated": campaign_.simulated,
-            "path": str(campaign_.path),
-            "identified": [asdict(estimate) for estimate in estimates],
-            "verdict": verdict,
-            "items": [_item_record(line) for line in lines],
-        }
-        print_json(record)
-        return ExitCode.DONE
-    print_line(
-        f"campaign of {campaign_.specimen}" + ("   SIMULATED" if campaign_.simulated else "") + f"   {campaign_.path}"
-    )
-    for line in lines:
-        print_line(_item_text(line))
+    record = {
+        "specimen": campaign_.specimen,
+        "simulated": campaign_.simulated,
+        "path": str(campaign_.path),
+        "identified": [asdict(estimate) for estimate in estimates],
+        "verdict": verdict,
+        "items": [_item_record(line) for line in lines],
+    }
+    simulated = "   SIMULATED" if campaign_.simulated else ""
+    texts = [f"campaign of {campaign_.specimen}{simulated}   {campaign_.path}", *map(_item_text, lines)]
     if estimates:
-        print_line("identified from these runs, with total uncertainties ('tactor-bench identify' for more):")
-    for estimate in estimates:
-        print_line(f"    {format_named_estimate(estimate)}")
+        texts.append("identified from these runs, with total uncertainties ('tactor-bench identify' for more):")
+    texts += [f"    {format_named_estimate(estimate)}" for estimate in estimates]
     if verdict:
-        print_line(f"    the model is {verdict}")
-    return ExitCode.DONE
+        texts.append(f"    the model is {verdict}")
+    return print_answer(record, texts, as_json)
 
 
 def _item_record(state: ItemState) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,10 +58,8 @@ def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) 
     if as_json:
         print_json(result_record(result))
         return ExitCode.DONE
-    for line in result.heading:
+    for line in (*result.heading, *([""] if result.heading else [])):
         print_line(line)
-    if result.heading:
-        print_line("")
     for table in result.tables:
         print_table(table)
     for note in result.notes:
@@ -136,6 +134,16 @@ def print_table(table: Table) -> None:
     out.print(visible_text(table.title, multiline=True), style="bold", soft_wrap=True)
     out.print(shown)
     out.print()
+
+
+def print_answer(record: Any, lines: Iterable[str], as_json: bool) -> int:
+    """Print a record as JSON, or as lines of text; return the exit code 0."""
+    if as_json:
+        print_json(record)
+    else:
+        for line in lines:
+            print_line(line)
+    return ExitCode.DONE
 
 
 def print_json(record: Any) -> None:

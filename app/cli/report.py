@@ -5,6 +5,7 @@ from pathlib import Path
 
 from app.cli.options import FOLDER, THRESHOLD, argument, command, option
 from app.cli.output import print_json, writing_output
+from app.cli.runs import check_folder
 from app.common import (
     NO_PROGRESS,
     ExitCode,
@@ -77,8 +78,7 @@ class ReportCommand:
             return _write_example(self.new_laboratory, EXAMPLE_LABORATORY.format(sections=names))
         if self.specimen is None:
             raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
-        if not self.folder.is_dir():
-            raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
+        check_folder(self.folder)
         if self.sign is not None and not self.by.strip():
             raise UsageError("--sign needs the name of who signs: --by NAME")
         return self._write(self.specimen)

@@ -3,7 +3,6 @@
 Other modules of the program are imported where they are used, so that help texts and the window appear without delay.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from inspect import getdoc
@@ -211,6 +210,7 @@ class ProtocolsCommand:
 
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, warn
+        from app.cli.output import print_answer
         from app.session import load_protocol_class
         from protocols.registry import PROTOCOLS
 
@@ -228,8 +228,7 @@ class ProtocolsCommand:
             ]
             widest = max(map(len, PROTOCOLS))
             lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
-        print_line(json.dumps(rows) if self.json else "\n".join(lines))
-        return ExitCode.DONE
+        return print_answer(rows, lines, self.json)
 
 
 def _parameter_records(kind: "type[Protocol]") -> list[dict[str, str]]:

@@ -3,7 +3,8 @@
 import json
 import sqlite3
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
@@ -41,6 +42,34 @@ EXPLAINED = (Outcome.DOUBTFUL, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.
 """Verdicts whose reasons are printed below the list."""
 
 
+def check_folder(folder: Path) -> None:
+    """Raise UsageError if there is no folder of runs."""
+    if not folder.is_dir():
+        raise UsageError(f"there is no folder {folder}; name the one your runs are in")
+
+
+@contextmanager
+def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) -> Iterator[Catalogue]:
+    """Read what is new in a folder of runs, with a bar on a terminal, and yield its catalogue.
+
+    Raises:
+        UsageError: the index cannot be read or written, here or by the caller.
+    """
+    catalogue = Catalogue(folder)
+    try:
+        if rebuild:
+            catalogue.index.unlink(missing_ok=True)
+        with terminal_progress("reading runs", quiet) as progress:
+            scanned = catalogue.scan(progress)
+        for sentence in scanned.skipped:
+            print_message(sentence)
+        yield catalogue
+    except (sqlite3.Error, OSError) as error:
+        raise UsageError(
+            f"the index {catalogue.index} cannot be used: {error}; free space there or remove the file"
+        ) from None
+
+
 @command("example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'")
 class RunsCommand:
     """The runs in a folder and below, newest first. An index in the user's cache speeds this up; the files are
@@ -62,26 +91,13 @@ class RunsCommand:
     json: bool = option("one JSON list on standard output, SI units")
 
     def execute(self) -> int:
-        folder = self.folder
-        if not folder.is_dir():
-            raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
+        check_folder(self.folder)
         run_filter = _run_filter(self)
-        catalogue = Catalogue(folder)
-        try:
-            if self.rebuild:
-                catalogue.index.unlink(missing_ok=True)
-            with terminal_progress("reading runs", self.json) as progress:
-                scanned = catalogue.scan(progress)
+        with scanned_catalogue(self.folder, self.json, self.rebuild) as catalogue:
             entries = catalogue.entries()
-        except (sqlite3.Error, OSError) as error:
-            raise UsageError(
-                f"the index {catalogue.index} cannot be used: {error}; free space there or remove the file"
-            ) from None
-        for sentence in scanned.skipped:
-            print_message(sentence)
         found = run_filter.apply(entries)
         if self.json:
-            print_line(json.dumps([_run_record(folder, entry) for entry in found]))
+            print_line(json.dumps([_run_record(self.folder, entry) for entry in found]))
         else:
             _print_runs(found, len(entries), self.all)
         return ExitCode.DONE

@@ -1,12 +1,13 @@
 """The command `audit`: start, verify and print the audit trail of a folder of runs."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
-from app.archive.audit import AuditResult, begin_audit, verify_audit
+from app.archive.audit import begin_audit, verify_audit
 from app.cli.options import JSON_OBJECT, CommandGroup, argument, option, options
-from app.common import ExitCode, print_line, terminal_progress, usage_errors
+from app.cli.output import print_answer
+from app.cli.runs import check_folder
+from app.common import ExitCode, terminal_progress, usage_errors
 from app.common.audit_log import AuditEntry, AuditError, read_entries
 from protocols.base import visible_text
 
@@ -25,15 +26,11 @@ class StartAuditCommand(_AuditOptions):
 
     @usage_errors(AuditError)
     def execute(self) -> int:
-        if not self.folder.is_dir():
-            raise AuditError(f"there is no folder {self.folder}; name the one your runs are in")
+        check_folder(self.folder)
         with terminal_progress("hashing files", self.json) as progress:
             entry = begin_audit(self.folder, progress)
-        if self.json:
-            print_line(json.dumps({"head": entry.hash, "files": len(entry.files)}))
-        else:
-            print_line(f"The audit trail of {self.folder} begins with {len(entry.files)} files. Head: {entry.hash}")
-        return ExitCode.DONE
+        text = f"The audit trail of {self.folder} begins with {len(entry.files)} files. Head: {entry.hash}"
+        return print_answer({"head": entry.hash, "files": len(entry.files)}, [text], self.json)
 
 
 @options
@@ -46,28 +43,16 @@ class VerifyAuditCommand(_AuditOptions):
     def execute(self) -> int:
         with terminal_progress("hashing files", self.json) as progress:
             result = verify_audit(self.folder, self.head, progress)
-        if self.json:
-            print_line(json.dumps(_record(result)))
-        else:
-            for problem in result.problems:
-                print_line(visible_text(f"✕ {problem}"))
-            for name in result.unrecorded:
-                print_line(visible_text(f"? {name} is not in the audit trail"))
-            state = f"{len(result.problems)} problems" if result.problems else "unchanged"
-            up_to = (
-                "" if self.head else "; changes that rewrite the whole trail show only against a --head kept elsewhere"
-            )
-            print_line(f"{len(result.entries)} entries: {state}{up_to}. Head: {result.head}")
+        state = f"{len(result.problems)} problems" if result.problems else "unchanged"
+        up_to = "" if self.head else "; changes that rewrite the whole trail show only against a --head kept elsewhere"
+        lines = [
+            *(visible_text(f"✕ {problem}") for problem in result.problems),
+            *(visible_text(f"? {name} is not in the audit trail") for name in result.unrecorded),
+            f"{len(result.entries)} entries: {state}{up_to}. Head: {result.head}",
+        ]
+        record = {**asdict(result), "entries": len(result.entries), "head": result.head}
+        print_answer(record, lines, self.json)
         return ExitCode.FAILED if result.problems else ExitCode.DONE
-
-
-def _record(result: AuditResult) -> dict[str, object]:
-    return {
-        "entries": len(result.entries),
-        "problems": list(result.problems),
-        "unrecorded": list(result.unrecorded),
-        "head": result.head,
-    }
 
 
 @options
@@ -87,13 +72,11 @@ class ShowAuditCommand(_AuditOptions):
             if (not self.action or entry.action == self.action)
             and (not self.subject or any(self.subject in text for text in (entry.subject, *entry.files)))
         ]
-        if self.json:
-            print_line(json.dumps({"entries": [asdict(entry) for entry in found], "problems": problems}))
-            return ExitCode.FAILED if problems else ExitCode.DONE
-        for entry in found if self.all else found[-SHOWN_LINES:]:
-            print_line(visible_text(_line(entry)))
-        for problem in problems:
-            print_line(visible_text(f"✕ {problem}"))
+        lines = [_line(entry) for entry in (found if self.all else found[-SHOWN_LINES:])]
+        lines += [f"✕ {problem}" for problem in problems]
+        print_answer(
+            {"entries": [asdict(each) for each in found], "problems": problems}, map(visible_text, lines), self.json
+        )
         return ExitCode.FAILED if problems else ExitCode.DONE
 
 
@@ -111,8 +94,7 @@ class HeadAuditCommand(_AuditOptions):
         entries, _ = read_entries(self.folder)
         last = entries[-1] if entries else None
         head = {"head": last.hash if last else "", "entries": len(entries), "time": last.time if last else ""}
-        print_line(json.dumps(head) if self.json else str(head["head"]))
-        return ExitCode.DONE
+        return print_answer(head, [str(head["head"])], self.json)
 
 
 AUDIT_COMMANDS = CommandGroup(

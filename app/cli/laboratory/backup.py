@@ -5,8 +5,8 @@ from pathlib import Path
 
 from app.archive.backup import back_up
 from app.cli.options import FOLDER, JSON_OBJECT, argument, command, option
-from app.cli.output import print_json
-from app.common import ExitCode, print_line, terminal_progress
+from app.cli.output import print_answer
+from app.common import ExitCode, terminal_progress
 from protocols.base import visible_text
 
 
@@ -22,14 +22,11 @@ class BackupCommand:
     def execute(self) -> int:
         with terminal_progress("copying", self.json) as progress:
             result = back_up(self.folder, self.target, compare_all=self.compare, progress=progress)
-        if self.json:
-            print_json(asdict(result))
-        else:
-            for problem in result.problems:
-                print_line(visible_text(f"✕ {problem}"))
-            compared = " and equal" if self.compare else ""
-            print_line(
-                f"{len(result.copied)} files copied and verified, {len(result.unchanged)} unchanged{compared}, "
-                f"{len(result.problems)} problems: {self.folder} in {self.target}"
-            )
+        compared = " and equal" if self.compare else ""
+        summary = (
+            f"{len(result.copied)} files copied and verified, {len(result.unchanged)} unchanged{compared}, "
+            f"{len(result.problems)} problems: {self.folder} in {self.target}"
+        )
+        problems = (visible_text(f"✕ {problem}") for problem in result.problems)
+        print_answer(asdict(result), [*problems, summary], self.json)
         return ExitCode.FAILED if result.problems else ExitCode.DONE

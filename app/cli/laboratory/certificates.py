@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
-from app.cli.output import CommandResult, print_json, render
+from app.cli.output import CommandResult, print_answer, render
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message, usage_errors
 from app.config.certificate import (
     ROLES,
@@ -134,20 +134,16 @@ class ShowCertificateCommand:
             known = ", ".join(each.number for each in found) or "none"
             raise UsageError(f"there is no single certificate '{self.number}' in {self.folder}; there are: {known}")
         (one,) = chosen
-        if self.json:
-            print_json(asdict(one))
-            return ExitCode.DONE
-        print_line(f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}")
-        print_line(f"due {one.due or 'not stated'}: {one.state(datetime.now(UTC).date())}")
-        for name, digest in one.files:
-            print_line(f"attached {name}, SHA-256 {digest[:16]}...")
+        lines = [
+            f"Certificate {one.number} of {one.laboratory}, {one.date}: {one.name}",
+            f"due {one.due or 'not stated'}: {one.state(datetime.now(UTC).date())}",
+            *(f"attached {name}, SHA-256 {digest[:16]}..." for name, digest in one.files),
+        ]
         for column in one.columns:
             errors = one_line(column.standard_uncertainties)
-            print_line(
-                f"{column.name} [{column.unit}]: {one_line(column.values)}"
-                + (f"; standard uncertainties {errors}" if errors else "")
-            )
-        return ExitCode.DONE
+            stated = f"; standard uncertainties {errors}" if errors else ""
+            lines.append(f"{column.name} [{column.unit}]: {one_line(column.values)}{stated}")
+        return print_answer(asdict(one), lines, self.json)
 
 
 def one_line(values: tuple[float, ...]) -> str:

@@ -1,6 +1,5 @@
 """The commands `fleet` and `control-chart`: many specimens in one table, and a golden specimen over time."""
 
-import sqlite3
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +11,6 @@ from app.cli.output import CommandResult, check_output_files, render
 from app.common import (
     ExitCode,
     UsageError,
-    print_message,
-    terminal_progress,
     usage_errors,
 )
 from model import Series
@@ -42,28 +39,20 @@ class _FleetOptions:
 
     def read(self) -> "Fleet":
         """Return the values that the options select."""
-        from app.archive import Catalogue, read_since
+        from app.archive import read_since
+        from app.cli.runs import check_folder, scanned_catalogue
         from app.fleet.values import FleetError, read_fleet
         from app.identification import chosen_threshold
         from model import ParameterError
 
-        if not self.folder.is_dir():
-            raise UsageError(f"there is no folder {self.folder}; name the one your runs are in")
+        check_folder(self.folder)
         try:
             since = read_since(self.since) if self.since else ""
         except ValueError:
             raise UsageError(f"--since {self.since}: write a day (2026-11-21), a month (2026-11) or 7d") from None
-        catalogue = Catalogue(self.folder)
-        try:
-            with terminal_progress("reading runs", self.json) as progress:
-                scanned = catalogue.scan(progress)
-            with usage_errors(FleetError, ParameterError):
-                threshold = chosen_threshold(self.folder, self.threshold)
-                fleet = read_fleet(self.folder, catalogue, True if self.simulated else None, threshold)
-        except (sqlite3.Error, OSError) as error:
-            raise UsageError(f"the index {catalogue.index} cannot be used: {error}; remove the file") from None
-        for sentence in scanned.skipped:
-            print_message(sentence)
+        with scanned_catalogue(self.folder, self.json) as catalogue, usage_errors(FleetError, ParameterError):
+            threshold = chosen_threshold(self.folder, self.threshold)
+            fleet = read_fleet(self.folder, catalogue, True if self.simulated else None, threshold)
         found = fleet.filtered(self.specimens, self.batch, self.bench, self.protocol, since)
         if not found.values:
             raise UsageError("no value has all of these properties; give fewer options")

@@ -1,12 +1,12 @@
 """The commands `operator` and `checked`: who measures today, and the second person who checked a run."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from app.archive.checking import check_run
 from app.cli.options import JSON_OBJECT, RUN_FILES, argument, command, option
+from app.cli.output import print_answer
 from app.common import (
     ExitCode,
     UsageError,
@@ -36,12 +36,9 @@ class OperatorCommand:
     def execute(self) -> int:
         remember_typed_conditions(self.name, self.temperature, self.humidity)
         conditions = current_conditions()
-        if self.json:
-            print_line(json.dumps(asdict(conditions)))
-        else:
-            air = conditions.air_text or "temperature and humidity not stated"
-            print_line(f"{conditions.operator or 'nobody'} ({conditions.operator_origin}); {air}")
-        return ExitCode.DONE
+        air = conditions.air_text or "temperature and humidity not stated"
+        text = f"{conditions.operator or 'nobody'} ({conditions.operator_origin}); {air}"
+        return print_answer(asdict(conditions), [text], self.json)
 
 
 @command("example: tactor-bench checked runs/20261121T091502Z_T7_sine-dwell.h5 --by 'Ben Beispiel'")

@@ -7,6 +7,7 @@ from app.archive import Catalogue, RunSummary
 from app.archive.specimen_archive import SUFFIX, ArchiveError, restore_archive, write_archive
 from app.campaign import campaign_path
 from app.cli.options import FOLDER, argument, command, option
+from app.cli.runs import check_folder
 from app.common import (
     ExitCode,
     OperationCancelled,
@@ -41,8 +42,7 @@ class ArchiveCommand:
 
     @usage_errors(ArchiveError)
     def execute(self) -> int:
-        if not self.folder.is_dir():
-            raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
+        check_folder(self.folder)
         archive = self.out or Path(f"{safe_name(self.specimen)}{SUFFIX}")
         if archive.suffix != SUFFIX:
             raise UsageError(
