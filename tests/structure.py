@@ -8,6 +8,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from graphlib import TopologicalSorter
@@ -21,7 +22,7 @@ PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_benc
 PLUS_MINUS_AT_END = re.compile(r"(±|(?<![\w\[])\+-|\+/-)\s*$")
 PLUS_MINUS_IN_TEMPLATE = re.compile(r"(±|\+-) ?\{")
 FORMATTER = Path("model/value_text.py")
-MOST_FILES, MOST_TEST_FILES, LONGEST_CHAIN = 20, 40, 7
+MOST_FILES, MOST_TEST_FILES, LONGEST_CHAIN, MOST_FAMILY_FILES = 20, 40, 7, 5
 PROTOCOL_NAMES_LIST = Path(__file__).with_name("protocol_names.txt")
 """Product files outside `protocols` that still name a protocol, one a line; the list may only shrink."""
 
@@ -171,6 +172,39 @@ def composes_uncertainty(tree: ast.AST) -> bool:
     return False
 
 
+def names_of_families() -> dict[str, re.Pattern[str]]:
+    """What names a family of function generators: its drivers, their classes, and its models and series."""
+    found = {}
+    for path in sorted((ROOT / "drivers" / "evidence" / "generators").glob("*.toml")):
+        drivers = tomllib.loads(path.read_text(encoding="utf-8"))["drivers"]
+        code = ast.parse((ROOT / "drivers" / "generators" / f"{path.stem}.py").read_text(encoding="utf-8"))
+        classes = [node.name for node in code.body if isinstance(node, ast.ClassDef)]
+        models = [rf"(?=\w{{5}}){beginning}\w*" for driver in drivers.values() for beginning in driver["makers"]]
+        found[path.stem] = re.compile(rf"\b({'|'.join([*drivers, *classes, *models])})\b")
+    return found
+
+
+def files_that_name_a_family() -> dict[str, list[str]]:
+    """Product files that name each family of function generators; simulated benches, which choose a model, aside."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", *(f"{package}/" for package in PACKAGES)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    names = [n for n in listed.stdout.split() if n.endswith((".py", ".pyi", ".toml")) and (ROOT / n).is_file()]
+    texts = {
+        name: (ROOT / name).read_text(encoding="utf-8")
+        for name in names
+        if Path(name).parent.name != "sim_hardware" or not name.endswith(".toml")
+    }
+    return {
+        family: [name for name, text in texts.items() if pattern.search(text)]
+        for family, pattern in names_of_families().items()
+    }
+
+
 def main(arguments: list[str]) -> int:
     """Print the report; return 1 where a limit is exceeded."""
     crowded = {f: n for f, n in files_per_folder(*PACKAGES).items() if n > MOST_FILES}
@@ -191,10 +225,13 @@ def main(arguments: list[str]) -> int:
     print("files to take off the list:", ", ".join(sorted(listed - naming)) or "none")
     composing = [str(path) for path, tree in modules(*PACKAGES) if path != FORMATTER and composes_uncertainty(tree)]
     print("files that compose an uncertainty:", ", ".join(composing) or "none")
+    families = files_that_name_a_family()
+    print(f"files that name a family of generators (at most {MOST_FAMILY_FILES}):", families)
+    many = max(map(len, families.values())) > MOST_FAMILY_FILES
     if "--statements" in arguments:
         count = statements(*PACKAGES)
         print("statements:", ", ".join(f"{name} {n}" for name, n in sorted(count.items())), "| all", count.total())
-    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN or naming != listed or composing else 0
+    return 1 if crowded or repeated or len(chain) > LONGEST_CHAIN or naming != listed or composing or many else 0
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from tests.structure import built_in_protocols, composes_uncertainty, names_a_protocol
+from tests.structure import built_in_protocols, composes_uncertainty, names_a_protocol, names_of_families
 
 NAMES = frozenset(built_in_protocols())
 
@@ -55,3 +55,10 @@ def test_an_uncertainty_composed_by_hand_is_detected(code: str) -> None:
 )
 def test_a_sign_that_explains_composes_nothing(code: str) -> None:
     assert not composes_uncertainty(ast.parse(code))
+
+
+@pytest.mark.parametrize(
+    "text", ['"siglent-sdg"', "class X(SiglentSdg): ...", "# as an SDG1032X", "the SDG6000X series"]
+)
+def test_a_family_of_generators_that_is_named_is_detected(text: str) -> None:
+    assert [family for family, pattern in names_of_families().items() if pattern.search(text)] == ["siglent"]

@@ -9,7 +9,7 @@ from app.config.driver_registry import SOURCES, built_in_names, load_driver, sup
 from drivers import SUPPLY_DIALECTS, BenchError, Identity, reason_unsuitable
 
 LAN_PORTS = (5025, 5555)
-"""Ports of function generators: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
+"""Ports on which function generators take messages."""
 
 QUERY_TIMEOUT_S = 1.0
 

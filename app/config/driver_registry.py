@@ -141,6 +141,11 @@ def supports_model(driver: Any, model: str) -> bool:
     return model.upper().startswith(tuple(getattr(driver, "MODELS", ())) or ("\0",))
 
 
+def serves_one_client(name: str) -> bool:
+    """Return whether the instruments of a driver of sources answer one LAN client at a time; empty for no driver."""
+    return bool(name) and bool(getattr(load_driver(SOURCES, name), "single_session", False))
+
+
 def _source_drivers() -> Iterator[Callable[..., Source]]:
     """Yield the built-in drivers and every plug-in that works."""
     for name in built_in_names(SOURCES):

@@ -175,7 +175,7 @@ class WatchdogTable(ConfigTable):
     ] = 0.4
     own_connection: Annotated[
         bool,
-        "whether the source takes a second connection (LAN: yes, except Siglent; USB and serial: no, a program that hangs is ended)",
+        "whether the source takes a second connection (LAN: yes, with most instruments; USB and serial: no, a program that hangs is ended)",
     ] = True
     patience_s: Annotated[
         float, Unit("s"), Interval(ge=1, le=600), "how long it retries where the source does not answer"

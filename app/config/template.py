@@ -1,10 +1,10 @@
 """Template of a first bench file, filled in with the devices that were found."""
 
 import json
-import re
 from collections.abc import Sequence
 
 from app.config.discovery import FoundDevice
+from app.config.driver_registry import serves_one_client
 
 TEMPLATE = """\
 # Bench file, written by 'tactor-bench bench new'. A value may carry a unit, in quotes: gain_m_per_v = "0.1 mm/V".
@@ -87,9 +87,6 @@ device = {device}         # {identity}
 serial = {serial}
 server = {server}  # host:port of NI's gRPC device server; "" where the card is in this computer"""
 
-SINGLE_SESSION = re.compile(r"\b(SDG|T3AFG)\d")
-"""Generators that answer one LAN client at a time."""
-
 
 def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     """Return the text of a bench file for the devices that were found."""
@@ -97,7 +94,7 @@ def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     supply = next((f for f in devices if f.role == "supply"), None)
     card = next((f for f in devices if f.role == "card"), None)
     source = generator or supply
-    lan = source is None or (source.where.startswith("TCPIP") and not SINGLE_SESSION.search(source.identity))
+    lan = source is None or (source.where.startswith("TCPIP") and not serves_one_client(source.driver))
     ports = "".join(f"# serial port found: {f.where} {f.identity}\n" for f in devices if f.role == "serial port")
     hint = (
         '# [meters.display]      # a laser sensor read over its serial port\n# driver = "keyence-lkg"\n# port = "..."\n'

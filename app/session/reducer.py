@@ -54,7 +54,7 @@ ACTION_MESSAGES = {
 RESUME_MESSAGE = (Severity.INFO, "Resume was requested")
 
 INSTRUMENT_PATTERN = r"\b{role} [^:.;,]{{1,40}}:"
-"""A driver's message begins with its instrument: `function generator 33511B: no answer ...`."""
+"""A driver's message begins with its instrument: `function generator X: no answer ...`."""
 
 
 def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:

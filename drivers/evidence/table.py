@@ -4,8 +4,8 @@ A table `drivers.<name>` has the `models` it is about and its `assumptions`: qua
 and models where they are others. In a family of function generators it also has the `makers`, the maker in the reply to `*IDN?`
 by the beginning of the model's name, and, where the range of the attenuator is held, `idle_mv`, the largest deviation of the idle
 level in mV. What every such driver assumes is in `every_generator.toml`: a family's row of the same quantity replaces what it
-gives, and `not_assumed` lists the quantities to leave out. `{name}` stands for a text under `sources`, of the same
-file or of `sources.toml`, or for `{idle_mv}`.
+gives, and `not_assumed` lists the quantities to leave out. `{name}` stands for a text under `sources`, or for
+`{idle_mv}`.
 
 The table of docs/generators.md is written from here. An assumption without evidence is unproven: `tactor-bench commission`
 measures those that show at the output, before high voltage is on.
@@ -109,7 +109,7 @@ def _rows(tables: Mapping[str, Any]) -> Iterator[Assumption]:
 
 def _assumption(driver: str, table: Mapping[str, Any], row: Mapping[str, Any], tables: Mapping[str, Any]) -> Assumption:
     """Return a row of a driver's table as an assumption, with its sources and numbers put in."""
-    names = _read("sources")["sources"] | tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
+    names = tables.get("sources", {}) | {"idle_mv": table.get("idle_mv", "")}
     return Assumption(
         driver,
         row.get("models", table["models"]),

@@ -2,7 +2,7 @@
 
 A change of function, load or range can drop an instrument's output to 0 V, which is -500 V on the specimen. So all of them
 are set once, before the output comes up. The function is always the arbitrary waveform: its first point is the idle level,
-which is the offset (33220A guide p. 227); a sine is one cycle of it repeated, a sweep or a series of steps is a waveform
+which is the offset; a sine is one cycle of it repeated, a sweep or a series of steps is a waveform
 played once, and so is a held level with its ramps from and to rest. Every drive is a finite burst: it returns to the offset
 by itself if this computer fails. The offset itself moves on the way to rest only, and while an instrument is commissioned.
 
@@ -52,6 +52,8 @@ class BurstGenerator:
 
     dialect_type: ClassVar[type[Dialect]]
 
+    single_session: ClassVar[bool] = False
+    """Whether its instruments answer one LAN client at a time."""
     hastens_levels: bool = False
     """Whether Stop plays what is left of a level faster, where its end could only be waited for. Only where commissioning has
     measured that a change of frequency continues a running burst: no guide says so."""
@@ -77,9 +79,11 @@ class BurstGenerator:
         self._output = BurstOutput(self._scpi, clock, self.dialect, step_v, step_interval_s)
         self.plays_to_the_end = not self.capabilities.holds_range
         """Whether a drive can only be stopped by waiting for its end."""
-        self.single_session = self.capabilities.single_session
         limit = f" within {MAX_UNSTOPPABLE_DRIVE_S:g} s" if self.plays_to_the_end else ""
         self.unattended_end = f"a drive plays to its end and is at rest{limit}"
+
+    def __init_subclass__(cls) -> None:
+        cls.single_session = cls.dialect_type.capabilities.single_session
 
     @classmethod
     def supports_model(cls, model: str) -> bool:

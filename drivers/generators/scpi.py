@@ -1,4 +1,4 @@
-"""SCPI dialect: settings common to Keysight, Rigol and Tektronix generators, with their headers as data."""
+"""SCPI dialect: settings that several families of generators have in common, with their headers as data."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -149,8 +149,8 @@ class ScpiDialect:
     def freeze_range(self, levels: Levels) -> None:
         """Freeze the attenuator at the range of the largest sine on this bench.
 
-        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99). Whether the idle
-        amplitude is possible in that range, no guide says (33220A User's Guide p. 66: perhaps not).
+        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99). No guide says
+        whether the idle amplitude is possible in that range.
         """
         source, idle_vpp = self.SOURCE_PREFIX, self.capabilities.idle_amplitude_vpp
         self.write_checked(

@@ -61,7 +61,7 @@ class InstrumentUnit:
 
 @dataclass(frozen=True, slots=True)
 class GeneratorSettings:
-    """Settings that shape the output; the defaults are those of a Trueform instrument after reset.
+    """Settings that shape the output; the defaults are those after a reset.
 
     `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
     the amplitude; None is at its start phase. `inverted` flips the output about its offset, which is unchanged. `gated`

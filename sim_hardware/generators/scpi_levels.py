@@ -38,7 +38,7 @@ class OutputLevels:
     """
 
     min_held_vpp: ClassVar[float] = 0.0
-    """Smallest amplitude while the range is held, if it is larger: it may be (33220A User's Guide p. 66), no guide gives it."""
+    """Smallest amplitude while the range is held, if it is larger: a guide says that it may be, and none gives it."""
 
     def __init__(
         self,

@@ -55,7 +55,7 @@ DEVIATIONS = (
     ),
     Trait("offset", ("nominal", "low"), "volts of the offset: 6 % low"),
     Trait("filter", ("smooth", "rings"), "the filter between the points of a waveform overshoots", NO_MODEL),
-    Trait("surge", ("none", "at-start"), "a pulse when a burst begins (Menlo Systems: DG1000Z with an offset)"),
+    Trait("surge", ("none", "at-start"), "a pulse when a burst begins (seen by Menlo Systems, with an offset)"),
     Trait("droop", ("steady", "sags"), "a level within one long waveform: sags by 10 % per second"),
     Trait("start", ("triggered", "sometimes-lost"), "every second trigger starts nothing"),
     Trait(

@@ -23,7 +23,7 @@ class GeneratorParameters:
         clock_ppm: how much faster its clock runs than the card's.
         command_s: processing time of a message; real instruments need milliseconds.
         relay_s: how long an attenuator relay leaves the output at 0 V.
-        high_z_by_hand: whether a person has set High Z on the front panel of a box whose wire cannot (AFG1000).
+        high_z_by_hand: whether a person has set High Z on the front panel of a model whose load cannot be set by wire.
         traits: traits that are not drawn from the seed, e.g. `silence=long stale=often` (sim_hardware.generators.traits).
     """
 

@@ -4,8 +4,8 @@ An instrument declares its commands as patterns (`[SOURce[1]:]VOLTage[:LEVel]`);
 header, keeps the path from one command of a message to the next (IEEE 488.2, SCPI-99 Vol. 1 ch. 6), and joins replies.
 
 The bytes of a binary block may look like an end of line, a comma or a quote. A block is `#`, a digit, that many digits of
-length, and as many bytes (IEEE 488.2, 7.7.6). To a Siglent instrument the bytes go bare after `WAVEDATA,`: its socket reads
-lines, and the first byte 0x0A ends the message (benchctrl at 0c6e51e, on an SDG1032X). Messages are bytes, or the same as
+length, and as many bytes (IEEE 488.2, 7.7.6). To some instruments the bytes go bare after `WAVEDATA,`: their socket reads
+lines, and the first byte 0x0A ends the message (benchctrl at 0c6e51e). Messages are bytes, or the same as
 Latin-1 text.
 """
 
@@ -102,7 +102,7 @@ def match_keyword(text: str, *names: str) -> str:
 
 
 def format_real(value: float) -> str:
-    """A float as Trueform instruments write it; infinity is 9.9E+37."""
+    """A float with a sign and 14 decimals; infinity is 9.9E+37."""
     return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
 
 
@@ -120,7 +120,7 @@ def check_argument_count(arguments: Arguments, count: int) -> None:
 
 
 _BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
-_SIGLENT_BLOCK_HEADER = re.compile(r"WAVEDATA,")
+_BARE_BLOCK_HEADER = re.compile(r"WAVEDATA,")
 _PLACEHOLDER = "\x00"
 """Replaces a block in a message; no driver sends it."""
 
@@ -168,7 +168,7 @@ def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
         size = int(length) if length.isdigit() and len(length) == digits else 1 << 30
         data = block.end() + digits
         found.append((block.start(), data + size, data))
-    if bare := _SIGLENT_BLOCK_HEADER.search(text, start, end):
+    if bare := _BARE_BLOCK_HEADER.search(text, start, end):
         found.append((bare.end(), end, bare.end()))
     return min(found, default=None)
 

@@ -148,7 +148,7 @@ class ScpiTcpServer(Closeable):
             self._drop(sock)
             return
         if self._instrument.single_session and sock is not next(iter(self._partial_lines)):
-            return  # accepted, and never answered (dmm6500-serial-decode at 0465be2, on an SDG2122X)
+            return  # accepted, and never answered (dmm6500-serial-decode at 0465be2)
         lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
             # Messages that arrive together are carried out one after the other, as an instrument does. The time of one counts
