@@ -39,10 +39,11 @@ from scipy.signal import butter, sosfilt
 
 from app.archive.catalogue import Catalogue
 from app.archive.importing import read_table
-from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot, draw_plot, new_figure
+from app.plotting.panels import PlotPanel, ReportPlot, draw_plot, new_figure
 from app.report.document import WIDTH_IN
 from app.report.drawings import draw_report_plot
 from drivers.interfaces import Block
+from model import Band, Series
 from model.identification import joint_fit
 from model.identification.observations import resample
 from model.parameters import Tactor
@@ -193,8 +194,9 @@ def list_of_known_runs(folder: Path) -> Iterator[Pair]:
 def figure_of_a_report(_: Path) -> Iterator[Pair]:
     """Drawn for PDF and HTML, against matplotlib's SVG of the same figure."""
     x = np.linspace(0, 250, 100)
-    curve = PlotLine("model", x, np.sin(x / 40), np.sin(x / 40) - 0.1, np.sin(x / 40) + 0.1)
-    dots = MeasuredPoints("measured", x[::5], curve.y[::5], np.full(20, 0.05), np.ones(20, bool))
+    y = np.sin(x / 40)
+    curve = Series(x, y, band=Band(y - 0.1, y + 0.1), label="model")
+    dots = Series(x[::5], y[::5], np.full(20, 0.025), label="measured")
     plot = ReportPlot("a plot", (PlotPanel("(a)", "frequency (Hz)", "displacement (µm)", (curve,), (dots,)),))
 
     def ours() -> None:

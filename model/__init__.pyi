@@ -28,6 +28,7 @@ from .quantities import current_name as current_name
 from .quantities import find_quantity as find_quantity
 from .quantities import quantity_label as quantity_label
 from .quantities import shown_unit as shown_unit
+from .series import Band as Band
 from .series import Role as Role
 from .series import Series as Series
 from .series import SeriesAxis as SeriesAxis

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,13 @@ class SeriesAxis:
         return f"{self.description} ({self.unit})"
 
 
+class Band(NamedTuple):
+    """Lower and upper end of an interval about each value, (N,), such as the 95 % band of a model curve."""
+
+    lower: Array
+    upper: Array
+
+
 X_AXIS, Y_AXIS = SeriesAxis("x"), SeriesAxis("y")
 
 
@@ -53,6 +60,7 @@ class Series:
         usable: (N,), whether fits may use each value; None for all of them.
         fit: (N,), a line fitted to y, or to its modulus; NaN where it was not fitted.
         fit_description: of the fit.
+        band: interval about y, or about its modulus.
         coherence: (N,), share of the power of y that follows x, 0..1.
         name: kind of series, such as `frequency response`; `label` distinguishes it from others of this kind.
         entry: the entry of the run's plan it belongs to.
@@ -69,6 +77,7 @@ class Series:
     usable: Mask | None = None
     fit: Array | None = None
     coherence: Array | None = None
+    band: Band | None = None
     x_axis: SeriesAxis = X_AXIS
     y_axis: SeriesAxis = Y_AXIS
     fit_description: str = "fit"
@@ -87,6 +96,11 @@ class Series:
     def title(self) -> str:
         """Name and label."""
         return f"{self.name} {self.label}".strip()
+
+    @property
+    def fit_rows(self) -> Mask:
+        """(N,), whether fits may use each value."""
+        return np.ones(self.x.size, bool) if self.usable is None else self.usable
 
     @property
     def is_complex(self) -> bool:
@@ -112,7 +126,8 @@ class Series:
         """Return the series in other units, such as those of a display; the axes keep their names and SI units."""
         arrays = ("y", "errors", "total_errors", "fit")
         scaled = {name: y_factor * array for name in arrays if (array := getattr(self, name)) is not None}
-        return replace(self, x=x_factor * self.x, **scaled)
+        band = None if self.band is None else Band(*(y_factor * end for end in self.band))
+        return replace(self, x=x_factor * self.x, band=band, **scaled)
 
     def within(self, low: float, high: float) -> Self:
         """Return the values of a range of x."""
@@ -122,7 +137,8 @@ class Series:
         """Return the values of a mask, slice or index of rows."""
         arrays = ("x", "y", "errors", "total_errors", "usable", "fit", "coherence")
         kept = {name: array[rows] for name in arrays if (array := getattr(self, name)) is not None}
-        return replace(self, **kept)
+        band = None if self.band is None else Band(*(end[rows] for end in self.band))
+        return replace(self, band=band, **kept)
 
     def columns(self) -> Iterator[tuple[SeriesAxis, Array]]:
         """Yield name, unit and description of each column with its values as real numbers; x and y come first."""

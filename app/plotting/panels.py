@@ -4,39 +4,14 @@ Colors of Okabe and Ito, which colour-blind readers can distinguish; markers and
 black and white.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from model import Array, Mask
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredPoints:
-    """Measured points with half of their 95 % intervals; hollow where not usable."""
-
-    label: str
-    x: Array
-    y: Array
-    half_interval: Array
-    usable: Mask
-    marker: str = "o"
-    model_y: Array | None = None
-    """Model values at the points; the residual strip shows the difference."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlotLine:
-    """A curve with an optional 95 % band."""
-
-    label: str
-    x: Array
-    y: Array
-    lower: Array | None = None
-    upper: Array | None = None
-    style: str = "-"
+from model import COVERAGE_FACTOR_95, Series
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +24,12 @@ class StackedBar:
     """At its end."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceLine:
-    """A line to compare with and its label; level where `x` is None. With `shaded` a band of x that begins between two values."""
+class ShadedRange(NamedTuple):
+    """A band of x that begins between two values, and its label."""
 
-    x: Array | None
-    y: Array
+    low: float
+    high: float
     label: str
-    shaded: tuple[float, float] | None = None
-    shaded_label: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +39,20 @@ class PlotPanel:
     title: str
     x_label: str
     y_label: str
-    lines: tuple[PlotLine, ...] = ()
-    points: tuple[MeasuredPoints, ...] = ()
-    reference: ReferenceLine | None = None
+    lines: tuple[Series, ...] = ()
+    """Of the model, with their bands."""
+    points: tuple[Series, ...] = ()
+    """With error bars of 95 %; hollow where not usable. The residual strip shows the difference from their fit, the model's values."""
+    reference: Series | None = None
+    """A labelled line to compare with; level if it has one value."""
+    shaded: ShadedRange | None = None
     from_zero: bool = True
     unit: str = ""
     """Unit of y and of the residuals."""
+    markers: Sequence[str] = "os^Dv"
+    """Of the points, in turn."""
+    styles: Sequence[str] = "-"
+    """Of the lines, in turn."""
     bars: tuple[StackedBar, ...] = ()
     """Horizontal bars, from the top; with them there are no lines and points."""
 
@@ -130,8 +110,8 @@ def legend_height_in(plot: ReportPlot) -> float:
     labels = {line.label for panel in plot.panels for line in panel.lines}
     for points in (points for panel in plot.panels for points in panel.points):
         shown = np.isfinite(points.y)
-        labels |= {points.label} if (shown & points.usable).any() else set()
-        labels |= {points.label + FLAGGED} if (shown & ~points.usable).any() else set()
+        labels |= {points.label} if (shown & points.fit_rows).any() else set()
+        labels |= {points.label + FLAGGED} if (shown & ~points.fit_rows).any() else set()
     return LEGEND_IN * -(-len(labels - {""}) // LEGEND_COLUMNS)
 
 
@@ -188,7 +168,7 @@ def _draw_panel(figure: Any, panel: PlotPanel, box: Box) -> Any:
     left, bottom, width, height = box
     above = ABOVE_IN if panel.title else 0.06
     inner = (left + LEFT_IN, bottom + BELOW_IN, width - LEFT_IN - RIGHT_IN, height - BELOW_IN - above)
-    with_model = [d for d in panel.points if d.model_y is not None and (d.usable & np.isfinite(d.y)).any()]
+    with_model = [d for d in panel.points if d.fit is not None and (d.fit_rows & np.isfinite(d.y)).any()]
     strip = STRIP_SHARE * inner[3] if with_model else 0.0
     gap = 0.07 if with_model else 0.0
     axes = _add_axes(figure, (inner[0], inner[1] + strip + gap, inner[2], inner[3] - strip - gap))
@@ -225,26 +205,42 @@ def _add_axes(figure: Any, box: Box) -> Any:
 
 
 def _draw_lines(axes: Any, panel: PlotPanel) -> None:
-    for line in panel.lines:
-        if line.lower is not None and line.upper is not None:
-            axes.fill_between(line.x, line.lower, line.upper, color=MODEL_COLOR, alpha=0.3, lw=0)
-        axes.plot(line.x, line.y, line.style, color=MODEL_COLOR, lw=1.1, label=line.label)
-    for colour, dots in zip(POINT_COLORS * len(panel.points), panel.points, strict=False):
+    for style, line in zip(cycle(panel.styles), panel.lines, strict=False):
+        if line.band is not None:
+            axes.fill_between(line.x, *line.band, color=MODEL_COLOR, alpha=0.3, lw=0)
+        axes.plot(line.x, line.y, style, color=MODEL_COLOR, lw=1.1, label=line.label)
+    for color, marker, dots in _symbols(panel):
         draw_measured(
-            axes, dots.x, dots.y, dots.half_interval, dots.usable, dots.label, face=colour, hollow="white",
-            **_error_bar_style(dots, colour),
-        )  # fmt: skip
+            axes,
+            dots,
+            dots.label,
+            face=color,
+            hollow="white",
+            coverage=COVERAGE_FACTOR_95,
+            **_error_bar_style(marker, color),
+        )
     if panel.reference is not None:
-        draw_reference(axes, panel.reference)
-    if panel.from_zero and all((d.y[d.usable] >= 0).all() for d in panel.points):
+        draw_reference(axes, panel.reference, panel.shaded)
+    if panel.from_zero and all((d.y[d.fit_rows] >= 0).all() for d in panel.points):
         axes.set_ylim(0, None)
     axes.margins(y=0.08)
 
 
-def draw_reference(axes: Any, line: ReferenceLine, color: str = LEVEL_COLOR, size: float = SMALL_PT - 0.5) -> None:
-    """Draw a line to compare with and its band, and keep the limits of x that the axes have now."""
+def _symbols(panel: PlotPanel) -> Iterator[tuple[str, str, Series]]:
+    """Yield color and marker of each series of points."""
+    return zip(cycle(POINT_COLORS), cycle(panel.markers), panel.points)
+
+
+def draw_reference(
+    axes: Any,
+    line: Series,
+    shaded: ShadedRange | None = None,
+    color: str = LEVEL_COLOR,
+    size: float = SMALL_PT - 0.5,
+) -> None:
+    """Draw a line to compare with, level if it has one value, and a shaded range; keep the limits of x that the axes have now."""
     low, high = axes.get_xlim()
-    if line.x is None:
+    if line.x.size == 1:
         axes.axhline(line.y[0], color=color, lw=0.9, ls=(0, (6, 2)))
     else:
         axes.plot(line.x, line.y, color=color, lw=0.9, ls=(0, (6, 2)))
@@ -252,12 +248,12 @@ def draw_reference(axes: Any, line: ReferenceLine, color: str = LEVEL_COLOR, siz
         line.label, (0, line.y[0]), (2, 1.5), xycoords=axes.get_yaxis_transform(), textcoords="offset points",
         ha="left", va="bottom", fontsize=size, color=color,
     )  # fmt: skip
-    if line.shaded is not None and high > line.shaded[0]:
-        for begin in line.shaded:  # darker from the second on
+    if shaded is not None and high > shaded.low:
+        for begin in (shaded.low, shaded.high):  # darker from the second on
             if begin < high:
                 axes.axvspan(begin, high, color=SHADE_COLOR, alpha=0.1, lw=0, zorder=0)
         axes.annotate(
-            line.shaded_label, (min(high, line.shaded[1]), 0.99), (-2, 0), xycoords=axes.get_xaxis_transform(),
+            shaded.label, (min(high, shaded.high), 0.99), (-2, 0), xycoords=axes.get_xaxis_transform(),
             textcoords="offset points", ha="right", va="top", fontsize=size, color=SHADE_COLOR, rotation=90,
         )  # fmt: skip
     axes.set_xlim(low, high)
@@ -265,41 +261,41 @@ def draw_reference(axes: Any, line: ReferenceLine, color: str = LEVEL_COLOR, siz
 
 def draw_measured(
     axes: Any,
-    x: Array,
-    y: Array,
-    errors: Array,
-    usable: Mask,
+    points: Series,
     label: str | None,
     face: Any = "tab:red",
     hollow: str = "none",
     flagged: str = FLAGGED,
+    coverage: float = 1.0,
     **style: Any,
 ) -> None:
-    """Draw measured points with error bars; those that no fit may use are hollow, and labelled so."""
+    """Draw measured points with bars of `coverage` times their errors; those that no fit may use are hollow, and labelled so."""
+    x, y, usable = points.x, points.plotted, points.fit_rows
+    bars = coverage * np.nan_to_num(
+        np.zeros(x.size) if points.errors is None else points.errors, posinf=0.0, neginf=0.0
+    )
     finite = np.isfinite(y)
     for shown, fill, suffix in ((finite & usable, face, ""), (finite & ~usable, hollow, flagged)):
         if shown.any():
-            bars = np.where(np.isfinite(errors[shown]), errors[shown], 0.0)
-            axes.errorbar(x[shown], y[shown], bars, mfc=fill, label=label and label + suffix, **style)
+            axes.errorbar(x[shown], y[shown], bars[shown], mfc=fill, label=label and label + suffix, **style)
 
 
-def _error_bar_style(points: MeasuredPoints, color: str) -> dict[str, Any]:
+def _error_bar_style(marker: str, color: str) -> dict[str, Any]:
     return {
-        "fmt": points.marker, "ms": 3.4, "mew": 0.8, "mec": color, "ecolor": color, "elinewidth": 0.8, "capsize": 0, "zorder": 3,
+        "fmt": marker, "ms": 3.4, "mew": 0.8, "mec": color, "ecolor": color, "elinewidth": 0.8, "capsize": 0, "zorder": 3,
     }  # fmt: skip
 
 
 def _draw_residuals(axes: Any, panel: PlotPanel) -> None:
     axes.axhline(0, color=MODEL_COLOR, lw=1.0)
     for line in panel.lines:
-        if line.lower is not None and line.upper is not None:
-            axes.fill_between(line.x, line.lower - line.y, line.upper - line.y, color=MODEL_COLOR, alpha=0.3, lw=0)
-    for colour, dots in zip(POINT_COLORS * len(panel.points), panel.points, strict=False):
-        if dots.model_y is not None:
-            gap = np.where(dots.usable, dots.y - dots.model_y, np.nan)
-            draw_measured(
-                axes, dots.x, gap, dots.half_interval, dots.usable, None, face=colour, **_error_bar_style(dots, colour)
-            )
+        if line.band is not None:
+            axes.fill_between(line.x, *(end - line.y for end in line.band), color=MODEL_COLOR, alpha=0.3, lw=0)
+    for color, marker, dots in _symbols(panel):
+        if dots.fit is not None:
+            gap = replace(dots, y=np.where(dots.fit_rows, dots.y - dots.fit, np.nan))
+            style = _error_bar_style(marker, color)
+            draw_measured(axes, gap, None, face=color, coverage=COVERAGE_FACTOR_95, **style)
     axes.set_ylabel("Δ", fontsize=NORMAL_PT)
     axes.margins(y=0.15)
     low, high = axes.get_ylim()

@@ -10,8 +10,8 @@ import numpy as np
 
 from app.identification import points_of_run
 from app.plotting.panels import draw_measured, draw_reference, new_figure
-from app.plotting.threshold_line import threshold_line
-from model import AmplifierMap, Array, SeriesAxis, Specimen, format_estimate, shown_unit
+from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
+from model import AmplifierMap, Array, Series, SeriesAxis, Specimen, format_estimate, shown_unit
 from model.response import (
     ABDOMEN_THRESHOLD,
     PerceptionThreshold,
@@ -99,10 +99,10 @@ def _draw_response(axes: Any, run: Run, specimen: Specimen, threshold: Perceptio
         ("peak_to_peak", 1e6, "measured, max - min", "o", 6, "tab:red"),
         ("fundamental", 2e6, "measured, 2 x fundamental", "s", 4, "tab:orange"),
     ):
-        y, errors = scale * points[name], scale * points[f"{name}_errors"]
-        draw_measured(axes, f, y, errors, good, label, fmt=marker, ms=size, mec=color, ecolor=color)
+        measured = Series(f, points[name], points[f"{name}_errors"], usable=good).scaled(1.0, scale)
+        draw_measured(axes, measured, label, fmt=marker, ms=size, mec=color, ecolor=color)
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    draw_reference(axes, threshold_line(threshold, curve_f), "tab:green", 9)
+    draw_reference(axes, threshold_line(threshold, curve_f), UNCOMFORTABLE, "tab:green", 9)
     found = "\n".join(map(format_estimate, run.record.estimates))
     axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
 
@@ -137,27 +137,16 @@ def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionT
         whole, _ = _driven(pressed, curve_f, amplitude_v, amplifier)
         axes.plot(curve_f, 1e6 * whole, "--", color=colour, lw=0.9)
         label = "free" if free else f"{1e3 * elongation:.2f} mm"
-        f, moved, errors = (points[name][of_part] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
-        draw_measured(
-            axes,
-            f,
-            1e6 * moved,
-            1e6 * errors,
-            good[of_part],
-            label,
-            face=colour,
-            flagged="",
-            fmt="o",
-            ms=5,
-            color=colour,
-        )
+        measured = Series(points["frequency"], points["peak_to_peak"], points["peak_to_peak_errors"], usable=good)
+        shown = measured.at(of_part).scaled(1.0, 1e6)
+        draw_measured(axes, shown, label, face=colour, flagged="", fmt="o", ms=5, color=colour)
     axes.set(
         xlabel="frequency (Hz)",
         ylabel="peak-to-peak displacement of the centre (µm)",
         xlim=(0, curve_f[-1]),
         ylim=(0, None),
     )
-    draw_reference(axes, threshold_line(threshold, curve_f), "tab:green", 9)
+    draw_reference(axes, threshold_line(threshold, curve_f), UNCOMFORTABLE, "tab:green", 9)
     axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 
@@ -204,12 +193,8 @@ def _draw_figure(axes: Any, run: Run, specimen: Specimen, figure: Figure) -> Non
         axes.plot(over * line.x, factor * line.plotted, "-", color=color, lw=1.2, label=line.label)
     for at, series in enumerate(figure.points):
         color, marker = POINT_COLORS[at % len(POINT_COLORS)], figure.markers.get(series.label, "os^Dv"[at % 5])
-        assert series.errors is not None
-        assert series.usable is not None
-        draw_measured(
-            axes, over * series.x, factor * series.plotted, factor * series.errors, series.usable,
-            series.label or "measured", face=color, fmt=marker, color=color,
-        )  # fmt: skip
+        shown = series.scaled(over, factor)
+        draw_measured(axes, shown, series.label or "measured", face=color, fmt=marker, color=color)
     _draw_model(axes, run, specimen, figure, over, factor)
     for level in figure.levels:
         axes.axhline(factor * level, color="tab:green", lw=0.8)

@@ -9,7 +9,7 @@ from app.common import NO_PROGRESS, Progress, pluralize
 from app.common.audit_log import AuditError, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
-from app.plotting.panels import PlotLine, PlotPanel, ReportPlot
+from app.plotting.panels import PlotPanel, ReportPlot
 from app.report import tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
@@ -257,11 +257,9 @@ def _provenance_section(folder: Path, summary: SpecimenSummary, runs: tuple[Repo
 
 
 def _study_panel(figure: PaperFigure) -> PlotPanel:
-    lines = tuple(
-        PlotLine("", curve.x, 1e6 * curve.y, style=LINE_STYLES[i % len(LINE_STYLES)])
-        for i, curve in enumerate(figure.curves)
-    )
-    return PlotPanel(figure.name.replace("fig", "Fig. "), "frequency (Hz)", "displacement (µm)", lines)
+    lines = tuple(replace(curve.scaled(1.0, 1e6), label="") for curve in figure.curves)
+    title = figure.name.replace("fig", "Fig. ")
+    return PlotPanel(title, "frequency (Hz)", "displacement (µm)", lines, styles=LINE_STYLES)
 
 
 def audit_blocks(folder: Path) -> list[Block]:

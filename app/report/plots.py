@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
-from app.plotting.threshold_line import threshold_line
+from app.plotting.panels import PlotPanel, ReportPlot
+from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, SpecimenModel
-from model import COVERAGE_FACTOR_95, Array, Series, SeriesAxis, shown_unit
+from model import Array, Band, Role, Series, SeriesAxis, shown_unit
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_SOURCE, PerceptionThreshold
 from model.studies.uncertainty import UncertaintyBand
@@ -83,17 +83,13 @@ def _response_panel(
         grid = np.append(GRID_HZ, np.arange(GRID_HZ[-1] + 5, top + 5, 5.0))
         band = specimen.curve_with_band(specimen.amplitude_curve(grid, volts, elongation, whole))
     dots = []
-    for i, run in enumerate(runs):
+    for run in runs:
         y, errors = _peak_to_peak(run)
         here = specimen.curve_values(specimen.amplitude_curve(run.frequency_hz, volts, elongation, whole))
         # Scaled to the drive of each point: around rest the response of the two slopes is proportional to the drive.
         model = None if here is None else 1e6 * here * _drive_amplitudes(run) / volts
         label = "measured" if len(runs) == 1 else start_time_label(run.label)
-        dots.append(
-            MeasuredPoints(
-                label, run.frequency_hz, 1e6 * y, 1e6 * COVERAGE_FACTOR_95 * errors, run.usable, "os^Dv"[i % 5], model
-            )
-        )
+        dots.append(Series(run.frequency_hz, 1e6 * y, 1e6 * errors, usable=run.usable, fit=model, label=label))
     return PlotPanel(
         title,
         "frequency (Hz)",
@@ -101,6 +97,7 @@ def _response_panel(
         (model_line(specimen, grid, band, 1e6),),
         tuple(dots),
         threshold_line(threshold, grid),
+        UNCOMFORTABLE,
         unit="µm",
     )
 
@@ -118,13 +115,15 @@ def _peak_to_peak(run: FrequencyResponseObservation) -> tuple[Array, Array]:
 
 def model_line(
     specimen: SpecimenModel, x: Array, band: UncertaintyBand | None, factor: float = 1.0, label: str = ""
-) -> PlotLine:
+) -> Series:
     """Return a model curve, with its band if identified parameters affect it."""
     if band is None:
-        return PlotLine("the model cannot be evaluated here", x[:0], x[:0])
-    wide = bool((band.upper > band.lower).any())
-    edges = (factor * band.lower, factor * band.upper) if wide else (None, None)
-    return PlotLine((label or specimen.description) + (", 95 % band" if wide else ""), x, factor * band.centre, *edges)
+        return Series(x[:0], x[:0], label="the model cannot be evaluated here", role=Role.MODEL)
+    label = label or specimen.description
+    edges = Band(factor * band.lower, factor * band.upper) if (band.upper > band.lower).any() else None
+    if edges is not None:
+        label += ", 95 % band"
+    return Series(x, factor * band.centre, band=edges, label=label, role=Role.MODEL)
 
 
 def start_time_label(label: str) -> str:
@@ -164,7 +163,7 @@ def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]
             groups.setdefault(name, []).append((series, figure.model))
     x_axis, y_axis = first.points[0].x_axis, first.points[0].y_axis
     (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
-    dots = []
+    dots, markers = [], []
     for i, ((label, _), parts) in enumerate(groups.items()):
         x, y, errors, usable, model = (
             np.concatenate(column)
@@ -172,20 +171,17 @@ def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]
                 *((s.x, s.plotted, s.errors, s.usable, _model_values(specimen, m, s.x)) for s, m in parts), strict=True
             )
         )
-        dots.append(
-            MeasuredPoints(
-                label, over * x, factor * y, factor * COVERAGE_FACTOR_95 * errors, usable,
-                first.markers.get(label, "os^Dv"[i % 5]), None if np.isnan(model).all() else factor * model,
-            )
-        )  # fmt: skip
+        markers.append(first.markers.get(label, "os^Dv"[i % 5]))
+        fit = None if np.isnan(model).all() else model
+        dots.append(Series(x, y, errors, usable=usable, fit=fit, label=label).scaled(over, factor))
     grid = first.model_grid(np.concatenate([series.x for parts in groups.values() for series, _ in parts]))
-    lines: tuple[PlotLine, ...] = ()
+    lines: tuple[Series, ...] = ()
     if first.model is not None and np.isfinite(_model_values(specimen, first.model, grid)).any():
         band = specimen.curve_with_band(specimen.figure_curve(first.model, grid))
         lines = (model_line(specimen, over * grid, band, factor),)
     panel = PlotPanel(
         "", _axis_label(x_axis, x_unit), _axis_label(y_axis, y_unit), lines, tuple(dots),
-        from_zero=first.from_zero, unit=y_unit,
+        from_zero=first.from_zero, unit=y_unit, markers=markers,
     )  # fmt: skip
     return ReportPlot(first.title, (panel,), f"{first.caption} {ERROR_BARS_NOTE}".strip())
 
@@ -211,9 +207,7 @@ def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
     grid = np.linspace(0.0, 1.05 * float(delta.max()), 30)
     band = specimen.curve_with_band(lambda _, m, __: m.c_s_delta * grid / 100 + m.c_s_0)
     line = specimen.membrane.c_s_delta * delta / 100 + specimen.membrane.c_s_0
-    dots = MeasuredPoints(
-        "each by itself", delta, values, COVERAGE_FACTOR_95 * errors, np.ones(delta.size, bool), "o", line
-    )
+    dots = Series(delta, values, errors, fit=line, label="each by itself")
     panel = PlotPanel(
         "",
         "pre-stretch δ (%)",
@@ -252,7 +246,7 @@ def curve_agreements(plots: Sequence[ReportPlot]) -> list[CurveAgreement]:
 def _panel_agreement(plot: ReportPlot, panel: PlotPanel) -> CurveAgreement | None:
     from scipy.special import stdtr
 
-    pairs = [(d.y[d.usable], d.model_y[d.usable]) for d in panel.points if d.model_y is not None and d.usable.any()]
+    pairs = [(d.y[d.fit_rows], d.fit[d.fit_rows]) for d in panel.points if d.fit is not None and d.fit_rows.any()]
     if not pairs:
         return None
     y, model = (np.concatenate(column) for column in zip(*pairs, strict=True))
