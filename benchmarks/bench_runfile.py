@@ -20,11 +20,12 @@ import numpy as np
 from timing import tell
 
 from drivers.interfaces import Block
+from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.layout import RAW_CHUNK, TABLE_CHUNK
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import BLOCK_DTYPE
 from protocols.runfile.writer import RunFileWriter
-from tests.helpers.run_files import SCALES, run_metadata
+from tests.helpers.run_files import SCALES, initial_record
 
 CHANNELS = ("drive", "displacement")
 BLOCKS = 300
@@ -96,7 +97,7 @@ def lost_by_a_kill(folder: Path, rate_hz: float, after_s: float) -> float:
 def _write_as_acquired(folder: Path, rate_hz: float, began: Connection) -> None:
     scans = round(0.05 * rate_hz)
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, scans)).astype(np.int16)
-    writer = RunFileWriter.new(folder, run_metadata("killed", (100.0,), 5000.0))
+    writer = RunFileWriter.new(folder, initial_record("killed", (100.0,), 5000.0), SinePoint)
     writer.start_stream(rate_hz, SCALES)
     start = monotonic()
     began.send(start)
@@ -109,7 +110,7 @@ def written(folder: Path, rate_hz: float, scans: int) -> dict[str, float]:
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, scans)).astype(np.int16)
     name = f"{rate_hz / 1e3:g} kS/s"
     blocks = max(min(BLOCKS, round(1e7 / scans)), 20)
-    ours = RunFileWriter.new(folder, run_metadata(f"at {rate_hz:g}", (100.0,), 5000.0))
+    ours = RunFileWriter.new(folder, initial_record(f"at {rate_hz:g}", (100.0,), 5000.0), SinePoint)
     ours.start_stream(rate_hz, SCALES)
     plain = PlainWriter(folder / f"plain-{rate_hz:g}.h5")
     taken: dict[object, list[float]] = {ours: [], plain: []}
@@ -131,7 +132,7 @@ def written(folder: Path, rate_hz: float, scans: int) -> dict[str, float]:
 
 
 def read_in_units(folder: Path) -> dict[str, float]:
-    writer = RunFileWriter.new(folder, run_metadata("sweep", (100.0,), 5000.0))
+    writer = RunFileWriter.new(folder, initial_record("sweep", (100.0,), 5000.0), SinePoint)
     writer.start_stream(SWEEP_RATE_HZ, SCALES)
     count = round(SWEEP_S * SWEEP_RATE_HZ)
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, count)).astype(np.int16)

@@ -26,8 +26,8 @@ from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SinePoint
-from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import estimate_swept_response
@@ -48,8 +48,8 @@ def written(folder: Path) -> Path:
     noise = np.random.default_rng(1).standard_normal((2, volts.size))
     both = np.stack((volts, moved / SENSOR.gain_m_per_v)) + np.array([[2.7e-4], [5e-3]]) * noise
     raw = np.rint(both / SCALE.coefficients[1]).astype(np.int16)
-    header = RunMetadata("sweep", "Sweep", {}, SinePoint, ("frequency", "fundamental"), SENSOR, {}, True, "benchmark")
-    file = RunFileWriter.new(folder, header)
+    record = RunRecord(protocol="sweep", title="Sweep", axes=("frequency", "fundamental"), sensor=SENSOR)
+    file = RunFileWriter.new(folder, record, SinePoint)
     file.start_stream(RATE, (SCALE, SCALE))
     for start in range(0, raw.shape[1], BLOCK):
         file.append_block(Block(start, raw[:, start : start + BLOCK]), start / RATE)

@@ -174,10 +174,11 @@ def export_of(size: int, folder: Path, kind: str) -> Work:
     from app.archive.transfer import export_runs
     from drivers.drive import Sine
     from drivers.interfaces import Block
+    from protocols.measurements.sine_dwell import SinePoint
     from protocols.runfile.writer import RunFileWriter
-    from tests.helpers.run_files import SCALES, run_metadata
+    from tests.helpers.run_files import SCALES, initial_record
 
-    writer = RunFileWriter.new(folder, run_metadata("growth", (100.0,), 5000.0))
+    writer = RunFileWriter.new(folder, initial_record("growth", (100.0,), 5000.0), SinePoint)
     writer.start_stream(5e3, SCALES)
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, 50_000)).astype(np.int16)
     for start in range(0, size, 50_000):

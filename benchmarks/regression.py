@@ -48,11 +48,12 @@ from model.identification import joint_fit
 from model.identification.observations import resample
 from model.parameters import Tactor
 from model.response.harmonic_response import frequency_response, system_matrices, tactor_modal_form
+from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from protocols.signals import fit_sine
 from protocols.signals.swept_response import estimate_swept_response
-from tests.helpers.run_files import SCALES, finished_run, run_metadata
+from tests.helpers.run_files import SCALES, finished_run, initial_record
 from tests.helpers.sampled import march
 
 TABLE = Path(__file__).with_name("ratios.toml")
@@ -108,7 +109,10 @@ def response_of_a_sweep(_: Path) -> Iterator[Pair]:
 def writing_of_blocks(folder: Path) -> Iterator[Pair]:
     """50 ms at 250 kS/s, against h5py in SWMR mode with a flush and the same datasets."""
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, 12_500)).astype(np.int16)
-    ours, plain = RunFileWriter.new(folder, run_metadata("blocks", (100.0,), 5000.0)), PlainWriter(folder / "plain.h5")
+    ours, plain = (
+        RunFileWriter.new(folder, initial_record("blocks", (100.0,), 5000.0), SinePoint),
+        PlainWriter(folder / "plain.h5"),
+    )
     ours.start_stream(250e3, SCALES)
     written = {"ours": 0, "plain": 0}
 
@@ -127,7 +131,7 @@ def writing_of_blocks(folder: Path) -> Iterator[Pair]:
 @contextmanager
 def reading_in_units(folder: Path) -> Iterator[Pair]:
     """300 s of 5 kS/s, against h5py times a gain."""
-    writer = RunFileWriter.new(folder, run_metadata("sweep", (100.0,), 5000.0))
+    writer = RunFileWriter.new(folder, initial_record("sweep", (100.0,), 5000.0), SinePoint)
     writer.start_stream(5e3, SCALES)
     raw = np.random.default_rng(1).integers(-30000, 30000, (2, 1_500_000)).astype(np.int16)
     for start in range(0, raw.shape[1], 5000):

@@ -5,8 +5,6 @@ import os
 import platform
 import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +16,7 @@ import numpy as np
 from drivers import InputChannel, LaserSensor
 from protocols.base import Outcome, RunConditions, RunStatus, to_jsonable
 from protocols.runfile.names import truncate_utf8
+from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     ENTRY_COLUMN,
@@ -30,39 +29,11 @@ from protocols.runfile.schema import (
     RECORDING_DTYPE,
 )
 
+PointColumns = Mapping[str, tuple[str, str, int]]
+"""Columns of points, see `protocols.runfile.schema.point_columns`."""
+
 RAW_CHUNK = 16_384
 TABLE_CHUNK = 64
-
-
-@dataclass(frozen=True, slots=True)
-class RunMetadata:
-    """Metadata of a run, known before it starts."""
-
-    protocol: str
-    title: str
-    parameters: Mapping[str, Any]
-    point_type: type
-    axes: tuple[str, str]
-    sensor: LaserSensor
-    bench: Mapping[str, Any]
-    simulated: bool
-    specimen: str = "unnamed"
-    resumed_from: Path | None = None
-    """The resumed run: its points are carried over, its raw data is linked."""
-    imported: Mapping[str, Any] = field(default_factory=dict)
-    """Source files, hashes and columns of an imported run; empty for a measured one."""
-    channels: Sequence[InputChannel] = ()
-    """Further inputs, in the order of a block's rows from the third on."""
-    reference: Mapping[str, Any] = field(default_factory=dict)
-    """Model of the free specimen that the verdict compares with; empty for an imported run."""
-    requested: Mapping[str, Any] = field(default_factory=dict)
-    """Requested values of the parameters that were adapted to the source; empty if none was."""
-    started_at: datetime | None = None
-    """Time of the measurement, if not now."""
-    conditions: RunConditions = field(default_factory=RunConditions)
-    """Who measures, and the state of the air."""
-    default_plot: str = ""
-    """Name of the series that a NeXus viewer opens to; empty for the points."""
 
 
 def software_versions() -> dict[str, str]:
@@ -79,7 +50,7 @@ def _version(package: str) -> str:
         return "unknown"
 
 
-def create_file(path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]) -> None:
+def create_file(path: Path, record: RunRecord, columns: PointColumns, channels: Sequence[InputChannel]) -> None:
     """Create the file of a run with all datasets, in one step: a killed program leaves a whole file or none.
 
     Raises:
@@ -87,7 +58,7 @@ def create_file(path: Path, metadata: RunMetadata, point_columns: Mapping[str, t
         OSError: it cannot be written.
     """
     with h5py.File(path, "w", driver="core", backing_store=False, libver="latest") as file:
-        _create_datasets(file, path, metadata, point_columns)
+        _create_datasets(file, record, columns, channels)
         file.flush()
         image = file.id.get_file_image()
     working = path.with_name(f".{path.name}.{os.getpid()}")  # no run yet, and hidden
@@ -111,49 +82,45 @@ def creator_of(name: str) -> int | None:
 
 
 def _create_datasets(
-    file: h5py.File, path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]
+    file: h5py.File, record: RunRecord, columns: PointColumns, channels: Sequence[InputChannel]
 ) -> None:
-    """Create all datasets; `point_columns` as of protocols.runfile.schema.point_columns."""
     file.attrs.update(
         {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
     )
     entry = create_group(file, "entry", "NXentry", default="points")
-    now = (metadata.started_at or datetime.now(UTC)).isoformat(timespec="milliseconds")
     for name, value, length in (
         ("status", str(RunStatus.RUNNING), 16),
         ("reason", "", MAX_TEXT_BYTES),
         ("verdict", str(Outcome.NOT_JUDGED), 16),
-        ("start_time", now, 32),
+        ("start_time", record.start_time, 32),
         ("end_time", "", 32),
-        ("title", f"{metadata.title} of {metadata.specimen}", MAX_TEXT_BYTES),
+        ("title", record.title, MAX_TEXT_BYTES),
     ):
         entry.create_dataset(name, data=np.array(truncate_utf8(value, length), f"S{length}"))
     for name, value in {
-        "protocol": metadata.protocol,
-        "parameters": json.dumps(metadata.parameters),
-        "specimen": metadata.specimen,
-        "configuration": json.dumps(to_jsonable(metadata.bench), allow_nan=False),
+        "protocol": record.protocol,
+        "parameters": json.dumps(record.parameters),
+        "specimen": record.specimen,
+        "configuration": json.dumps(to_jsonable(record.configuration), allow_nan=False),
         "software": json.dumps(software_versions()),
         "host": socket.gethostname(),
-        **({"requested": json.dumps(metadata.requested)} if metadata.requested else {}),
-        **({"reference": json.dumps(to_jsonable(metadata.reference))} if metadata.reference else {}),
+        **({"requested": json.dumps(record.requested)} if record.requested else {}),
+        **({"reference": json.dumps(to_jsonable(record.reference))} if record.reference else {}),
     }.items():
         entry.create_dataset(name, data=value)
-    if metadata.imported:
-        entry["imported"] = json.dumps(to_jsonable(metadata.imported), ensure_ascii=False, allow_nan=False)
+    if record.imported:
+        entry["imported"] = json.dumps(to_jsonable(record.imported), ensure_ascii=False, allow_nan=False)
     entry["process_id"] = os.getpid()
-    entry["simulated"] = metadata.simulated
-    # Relative, so that a folder of runs can be moved.
-    earlier = os.path.relpath(metadata.resumed_from, path.parent) if metadata.resumed_from else ""
-    entry["continues"] = earlier
-    if earlier:
-        entry["earlier"] = h5py.ExternalLink(earlier, "/entry")
-    _create_trace(entry, metadata.sensor, metadata.channels)
-    _create_points(entry, metadata.axes, point_columns)
+    entry["simulated"] = record.simulated
+    entry["continues"] = record.continues
+    if record.continues:
+        entry["earlier"] = h5py.ExternalLink(record.continues, "/entry")
+    _create_trace(entry, record.sensor, channels)
+    _create_points(entry, record.axes, columns)
     for name, kind in (("events", EVENT_DTYPE), ("blocks", BLOCK_DTYPE), ("recordings", RECORDING_DTYPE)):
         entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,), fletcher32=True)
-    _create_instrument(entry, metadata)
-    _create_conditions(entry, metadata.conditions)
+    _create_instrument(entry, record)
+    _create_conditions(entry, record.conditions)
 
 
 def _create_trace(entry: h5py.Group, sensor: LaserSensor, channels: Sequence[InputChannel]) -> None:
@@ -185,7 +152,7 @@ def _create_trace(entry: h5py.Group, sensor: LaserSensor, channels: Sequence[Inp
         trace[channel.name].attrs.update({"kind": channel.kind, "terminal": channel.terminal})
 
 
-def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: Mapping[str, tuple[str, str, int]]) -> None:
+def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: PointColumns) -> None:
     x, y = axes
     points = create_group(entry, "points", "NXdata", signal=y, axes=[x])
     for name, (unit, description, width) in columns.items():
@@ -198,22 +165,22 @@ def _create_points(entry: h5py.Group, axes: tuple[str, str], columns: Mapping[st
     entries.attrs.update({"units": "1", "long_name": "entry of the plan"})
 
 
-def _create_instrument(entry: h5py.Group, metadata: RunMetadata) -> None:
+def _create_instrument(entry: h5py.Group, record: RunRecord) -> None:
     instrument = create_group(entry, "instrument", "NXinstrument")
     sensor = create_group(instrument, "displacement_sensor", "NXsensor")
     for name, value, unit in (
-        ("gain", metadata.sensor.gain_m_per_v, "m/V"),
-        ("zero", metadata.sensor.zero_v, "V"),
-        ("delay", metadata.sensor.delay_s, "s"),
-        ("delay_uncertainty", metadata.sensor.delay_uncertainty_s, "s"),
-        ("gain_relative_uncertainty", metadata.sensor.gain_relative_uncertainty, "1"),
-        ("valid_low", metadata.sensor.valid_low_v, "V"),
-        ("valid_high", metadata.sensor.valid_high_v, "V"),
+        ("gain", record.sensor.gain_m_per_v, "m/V"),
+        ("zero", record.sensor.zero_v, "V"),
+        ("delay", record.sensor.delay_s, "s"),
+        ("delay_uncertainty", record.sensor.delay_uncertainty_s, "s"),
+        ("gain_relative_uncertainty", record.sensor.gain_relative_uncertainty, "1"),
+        ("valid_low", record.sensor.valid_low_v, "V"),
+        ("valid_high", record.sensor.valid_high_v, "V"),
     ):
         sensor.create_dataset(name, data=value).attrs["units"] = unit
     for name in ("name", "serial", "calibrated", "expires"):
-        sensor[name] = getattr(metadata.sensor, name)
-    for role, identity in dict(metadata.bench.get("identities", {})).items():
+        sensor[name] = getattr(record.sensor, name)
+    for role, identity in record.identities.items():
         create_group(instrument, role, "NXcollection")["name"] = str(identity)
 
 

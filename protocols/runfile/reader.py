@@ -241,6 +241,7 @@ class Run(Closeable):
             reference=read_object(entry, "reference") if "reference" in entry else {},
             software=read_object(entry, "software"),
             axes=(attribute_text(plotted, "axes"), attribute_text(plotted, "signal")),
+            default_plot=_default_plot(entry),
             status=status,
             crashed=status is RunStatus.RUNNING and self._is_abandoned(),
             reason=reason,
@@ -338,6 +339,12 @@ def _read_estimates(entry: "h5py.Group") -> tuple[EstimatedQuantity, ...]:
 def _series_names(entry: "h5py.Group") -> tuple[str, ...]:
     every = subgroup(entry, SERIES_GROUP) if SERIES_GROUP in entry else {}
     return tuple(dict.fromkeys(attribute_text(subgroup(every, name), "name") for name in every))
+
+
+def _default_plot(entry: "h5py.Group") -> str:
+    if SERIES_GROUP not in entry or "default" not in (every := subgroup(entry, SERIES_GROUP)).attrs:
+        return ""
+    return attribute_text(subgroup(every, attribute_text(every, "default")), "name")
 
 
 def _largest_point(points: Mapping[str, Array]) -> LargestPoint | None:

@@ -74,6 +74,8 @@ class RunRecord:
     """Versions of the software that computed the results, by name."""
     axes: tuple[str, str] = ("", "")
     """Columns of the points that are plotted: x and y."""
+    default_plot: str = ""
+    """Name of the series that a NeXus viewer opens to; empty where that is the points."""
     status: RunStatus = RunStatus.RUNNING
     crashed: bool = False
     """Whether the status is `running` but the writing process is gone (known on the same computer, or once repaired)."""

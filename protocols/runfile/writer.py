@@ -13,6 +13,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
@@ -20,12 +21,13 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from drivers import Block, Drive, Scale, as_record
+from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
 from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
-from protocols.runfile.layout import RunMetadata, create_file
+from protocols.runfile.layout import create_file
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.presence import FilePresence
+from protocols.runfile.record import RunRecord
 from protocols.runfile.results import append_estimates, append_results, store_verdict
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
@@ -54,12 +56,21 @@ _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
 class RunFileWriter:
     """Writes one run file: create, `start_stream` when the card runs, append, `finish`. Errors are StorageError."""
 
-    def __init__(self, path: Path, metadata: RunMetadata, hold_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        path: Path,
+        record: RunRecord,
+        point_type: type,
+        channels: Sequence[InputChannel] = (),
+        hold_s: float = 0.0,
+    ) -> None:
         """Create the file with all its datasets.
 
         Args:
             path: the run file.
-            metadata: of the run.
+            record: of the run, as it is before its start; its start time is now if it has none.
+            point_type: type of its points.
+            channels: further inputs, in the order of a block's rows from the third on.
             hold_s: real time for which blocks may be held and then written together; anything else that is appended, and
                 reading, writes them first. A killed program loses what it holds.
 
@@ -68,11 +79,11 @@ class RunFileWriter:
             FileExistsError: there is such a file.
         """
         self.path = self._first_path = path
-        self._metadata = metadata
-        self._channels = (*CHANNELS, *(channel.name for channel in metadata.channels))
+        self._begun_with = record, point_type, channels
+        self._channels = (*CHANNELS, *(channel.name for channel in channels))
         self._created_at, self._created_s = datetime.now(UTC), time.monotonic()
         self.row_count = 0
-        self._columns = point_columns(metadata.point_type)
+        self._columns = point_columns(point_type)
         self._point_count = 0
         self._hold_s, self._written_s = hold_s, -math.inf
         self._held: list[tuple[Block, int, float]] = []
@@ -84,7 +95,8 @@ class RunFileWriter:
         """Rows of events and points, for another file in case this one is lost."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            create_file(path, metadata, self._columns)
+            begun = record.start_time or self._created_at.isoformat(timespec="milliseconds")
+            create_file(path, replace(record, start_time=begun), self._columns, channels)
             self._file = h5py.File(path, "r+", libver="latest")
             _OPEN[path] = self._file, self._open_datasets
             self._file.swmr_mode = True
@@ -97,18 +109,26 @@ class RunFileWriter:
             ) from error
 
     @classmethod
-    def new(cls, folder: Path, metadata: RunMetadata, hold_s: float = 0.0) -> Self:
+    def new(
+        cls,
+        folder: Path,
+        record: RunRecord,
+        point_type: type,
+        channels: Sequence[InputChannel] = (),
+        hold_s: float = 0.0,
+    ) -> Self:
         """Create a file in `folder`, named by time, specimen and protocol; numbered within the same second.
 
         Raises:
             StorageError: it cannot be created.
         """
-        first = run_path(folder, metadata.specimen, metadata.protocol, metadata.started_at or datetime.now(UTC))
+        begun = datetime.fromisoformat(record.start_time) if record.start_time else datetime.now(UTC)
+        first = run_path(folder, record.specimen, record.protocol, begun)
         for attempt in range(1, 1000):
             path = first if attempt == 1 else first.with_stem(f"{first.stem}-{attempt}")
             if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
                 with contextlib.suppress(FileExistsError):  # another program's, of this moment
-                    return cls(path, metadata, hold_s)
+                    return cls(path, record, point_type, channels, hold_s)
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
@@ -273,7 +293,7 @@ class RunFileWriter:
             with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
-                append_series(file, series, self._metadata.default_plot)
+                append_series(file, series, self._begun_with[0].default_plot)
                 append_estimates(file, estimates)
         except StorageError as error:
             if path == self.path and not self._presence.problem:
@@ -311,7 +331,7 @@ class RunFileWriter:
                     self.path = saved
                     told = f"{reason}; what was measured is saved in {saved}"
                     return self._append_results(saved, told, estimates, series, verdict)
-            rest = RunFileWriter.new(folder, self._metadata)
+            rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
                 rest._append_row(name, row)  # noqa: SLF001 - of this class

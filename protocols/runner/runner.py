@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import logging
+import os
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -27,7 +28,7 @@ from protocols.base import (
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState
 from protocols.runfile.errors import StorageError
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.conclusion import RunConclusion, describe_end
@@ -52,26 +53,25 @@ STATED_WAIT_S = 2.0
 WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {:.1f} s"
 
 
-def run_metadata(
+def initial_record(
     request: RunRequest, bench: Bench, reference: ReferenceModel, adapted: AdaptedProtocol | None = None
-) -> RunMetadata:
-    """Return the metadata that the run file has before the run begins."""
+) -> RunRecord:
+    """Return the record that the run file has before the run begins."""
     adapted = adapted or AdaptedProtocol(request.protocol)
     protocol = adapted.protocol
-    return RunMetadata(
+    return RunRecord(
         protocol=protocol.name,
-        title=protocol.title,
+        title=f"{protocol.title} of {request.specimen}",
         parameters=protocol.model_dump(mode="json"),
-        point_type=protocol.point_type,
         axes=protocol.axes,
         default_plot=protocol.default_plot,
         sensor=bench.sensor,
-        bench=bench.configuration,
+        configuration=bench.configuration,
         simulated=bench.simulated,
         specimen=request.specimen,
-        channels=bench.channels,
         requested=adapted.requested,
-        resumed_from=request.resume.path if request.resume else None,
+        # Relative, so that a folder of runs can be moved.
+        continues=os.path.relpath(request.resume.path, request.folder) if request.resume else "",
         reference=reference.as_record(),
         conditions=request.conditions or RunConditions(),
     )
@@ -110,8 +110,10 @@ class Runner:
         self._resume_state = request.resume.resume_state if request.resume else ResumeState()
         # The model of the free specimen, behind this bench's amplifier.
         reference = replace(request.reference or ReferenceModel(), amplifier=bench.amplifier.map)
-        metadata = run_metadata(request, bench, reference, self._adapted)
-        self._run_file = RunFileWriter.new(request.folder, metadata, bench.hold_s)
+        record = initial_record(request, bench, reference, self._adapted)
+        self._run_file = RunFileWriter.new(
+            request.folder, record, self._protocol.point_type, bench.channels, bench.hold_s
+        )
         self.path = self._run_file.path
         self._armed: ArmedBench | None = None
         warnings = (bench.sensor.expiry_warning(datetime.now(UTC).date()), request.calibration_warning)

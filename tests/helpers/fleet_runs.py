@@ -11,7 +11,7 @@ from drivers import LaserSensor
 from model import EstimatedQuantity
 from protocols.base import Outcome, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SinePoint
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
 
 BEGIN = datetime(2026, 1, 5, 9, 0, tzinfo=UTC)
@@ -31,19 +31,18 @@ def write_run(
     folder: Path, specimen: str, day: float, largest_m: float, resonance_hz: float, number: int, simulated: bool = True
 ) -> Path:
     """Write the finished run of a specimen with its largest amplitude and resonance."""
-    metadata = RunMetadata(
-        "sine-dwell",
-        "Sine dwell",
-        {"peak_to_peak_v": 5.0},
-        SinePoint,
-        ("frequency", "fundamental"),
-        laser(number),
-        {"name": f"bench {number}", "identities": {"sensor": "laser"}},
-        simulated,
-        specimen,
-        started_at=BEGIN + timedelta(days=day),
+    record = RunRecord(
+        protocol="sine-dwell",
+        title=f"Sine dwell of {specimen}",
+        specimen=specimen,
+        start_time=(BEGIN + timedelta(days=day)).isoformat(timespec="milliseconds"),
+        simulated=simulated,
+        parameters={"peak_to_peak_v": 5.0},
+        axes=("frequency", "fundamental"),
+        sensor=laser(number),
+        configuration={"name": f"bench {number}", "identities": {"sensor": "laser"}},
     )
-    file = RunFileWriter.new(folder, metadata)
+    file = RunFileWriter.new(folder, record, SinePoint)
     file.start_stream(5000.0, ())
     for f, share in ((resonance_hz - 40, 0.4), (resonance_hz, 1.0), (resonance_hz + 40, 0.35)):
         y = largest_m * share

@@ -23,7 +23,7 @@ from annotated_types import Unit
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, LogMessage, RunStatus
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.repair import needs_repair, repair_folder, repair_run
 from protocols.runfile.sidecar import notes_path, read_notes
 from protocols.runfile.verify import FileState, verify_run
@@ -47,10 +47,9 @@ def write_run(folder: Path, acknowledged: int) -> None:
     def acknowledge(kind: str, number: int) -> None:
         os.write(acknowledged, f"{kind} {number}\n".encode())
 
-    metadata = RunMetadata(
-        "sine-dwell", "P", {}, Spot, ("frequency", "height"), LaserSensor("laser", 1e-4), {}, True, "T"
-    )
-    file = RunFileWriter.new(folder, metadata)
+    sensor = LaserSensor("laser", 1e-4)
+    record = RunRecord(protocol="sine-dwell", title="P of T", specimen="T", axes=("frequency", "height"), sensor=sensor)
+    file = RunFileWriter.new(folder, record, Spot)
     acknowledge("created", 1)
     file.start_stream(5000.0, (Scale((0.0, 3e-4)), Scale((0.0, 3e-4))))
     for k in range(BLOCKS):

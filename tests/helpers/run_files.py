@@ -12,7 +12,7 @@ from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import NOT_JUDGED, RunFileWriter
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
@@ -28,22 +28,20 @@ def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Qua
     )  # fmt: skip
 
 
-def run_metadata(specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunMetadata:
-    return RunMetadata(
+def initial_record(specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunRecord:
+    return RunRecord(
         protocol="sine-dwell",
-        title="Sine dwell",
+        title=f"Sine dwell of {specimen}",
         parameters=SineDwell(frequencies_hz=frequencies, sample_rate_hz=rate_hz).model_dump(),
-        point_type=SinePoint,
         axes=("frequency", "peak_to_peak"),
         sensor=LaserSensor("laser", 1e-4),
-        bench={},
         simulated=True,
         specimen=specimen,
     )
 
 
 def begun_run(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
-    file = RunFileWriter.new(folder, run_metadata(specimen, frequencies, rate_hz))
+    file = RunFileWriter.new(folder, initial_record(specimen, frequencies, rate_hz), SinePoint)
     file.start_stream(rate_hz, SCALES)
     wave = np.sin(2 * np.pi * 100.0 * np.arange(1000) / rate_hz)
     raw = np.round(np.stack([2.5 + 2.5 * wave, 5 * wave]) * 3276.8).astype(np.int16)

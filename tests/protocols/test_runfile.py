@@ -25,8 +25,8 @@ from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, Event, LogMessage, Quality, RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StorageError
-from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.record import RunRecord
 from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.run_files import SCALES
@@ -44,13 +44,20 @@ class Spot:
 
 SENSOR = LaserSensor("laser", 1e-4, 0.5, -10, 10, 1e-4, 0.01, "S1", "2026-01-01")
 SCALE = Scale((1e-4, 3.2e-4, 2e-14, -3e-19))
-HEADER = RunMetadata(
-    "sine-dwell", "Sine dwell", {"x": 1}, Spot, ("frequency", "height"), SENSOR, {"name": "b"}, True, "T 1/µ"
+RECORD = RunRecord(
+    protocol="sine-dwell",
+    title="Sine dwell of T 1/µ",
+    specimen="T 1/µ",
+    simulated=True,
+    parameters={"x": 1},
+    axes=("frequency", "height"),
+    sensor=SENSOR,
+    configuration={"name": "b"},
 )
 
 
-def new(folder: Path, metadata: RunMetadata = HEADER) -> RunFileWriter:
-    file = RunFileWriter.new(folder, metadata)
+def new(folder: Path, record: RunRecord = RECORD) -> RunFileWriter:
+    file = RunFileWriter.new(folder, record, Spot)
     file.start_stream(5000.0, (SCALE, SCALE))
     return file
 
@@ -126,14 +133,14 @@ from typing import Annotated
 from annotated_types import Unit
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
 @dataclass
 class Spot:
     frequency: Annotated[float, Unit("Hz"), "f"]
     height: Annotated[float, Unit("m"), "h"]
 sensor, scale = LaserSensor("laser", 1e-4), Scale((0.0, 3e-4))
-file = RunFileWriter.new(Path(sys.argv[1]), RunMetadata("p", "P", {}, Spot, ("frequency", "height"), sensor, {}, True, "T"))
+file = RunFileWriter.new(Path(sys.argv[1]), RunRecord(protocol="p", axes=("frequency", "height"), sensor=sensor), Spot)
 file.start_stream(5000.0, (scale, scale))
 print(file.path, flush=True)
 for k in range(100000):
@@ -216,7 +223,7 @@ def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Pat
 )
 def test_a_folder_that_cannot_be_written_is_a_sentence() -> None:
     with pytest.raises(StorageError, match=r"cannot be created: .*; choose another folder"):
-        RunFileWriter.new(Path("/proc/nowhere"), HEADER)
+        RunFileWriter.new(Path("/proc/nowhere"), RECORD, Spot)
 
 
 def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
@@ -370,7 +377,7 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
 def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:
     """No object and no attribute is created while samples come in: that is what a kill damages."""
     with contextlib.closing(
-        h5py.File(new(tmp_path, replace(HEADER, reference={"model": "any"})).path, "r", swmr=True)
+        h5py.File(new(tmp_path, replace(RECORD, reference={"model": "any"})).path, "r", swmr=True)
     ) as file:
         names: list[Any] = []
         file.visit(names.append)
@@ -393,7 +400,7 @@ class FlaggedSpot:
 
 
 def test_superseded_point_keeps_its_other_flags(tmp_path: Path) -> None:
-    file = RunFileWriter.new(tmp_path, replace(HEADER, point_type=FlaggedSpot))
+    file = RunFileWriter.new(tmp_path, RECORD, FlaggedSpot)
     file.append_point(FlaggedSpot(1.0, 2.0, int(Quality.UNSETTLED | Quality.SIMULATED)))
     file.flag_superseded(0)
     file.finish(RunStatus.COMPLETED, "")
@@ -428,7 +435,7 @@ def test_columns_of_a_point_that_a_kill_cut_are_of_equal_length(tmp_path: Path) 
 
 
 def test_blocks_that_are_held_are_written_together_before_anything_that_follows_them(tmp_path: Path) -> None:
-    file = RunFileWriter.new(tmp_path, HEADER, hold_s=1e9)
+    file = RunFileWriter.new(tmp_path, RECORD, Spot, hold_s=1e9)
     file.start_stream(1000.0, SCALES)
     blocks = [np.full((2, 10), number, np.int16) for number in range(7)]
 

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import h5py
@@ -18,15 +17,15 @@ from protocols.runfile.reader import Run
 from protocols.runfile.schema import REPAIRED
 from protocols.runfile.transaction import journal_path
 from protocols.runfile.writer import RunFileWriter
-from tests.protocols.test_runfile import HEADER, Spot, new
+from tests.protocols.test_runfile import RECORD, Spot, new
 
 pytestmark = pytest.mark.deep
 
-SECOND = replace(HEADER, started_at=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
+SECOND = replace(RECORD, start_time="2026-01-02T03:04:05.000+00:00")
 
 
 def test_runs_of_one_second_are_numbered_up_to_a_thousand(tmp_path: Path) -> None:
-    first, second = (RunFileWriter.new(tmp_path, SECOND) for _ in range(2))
+    first, second = (RunFileWriter.new(tmp_path, SECOND, Spot) for _ in range(2))
     for file in (first, second):
         file.finish(RunStatus.STOPPED, "")
     stem = first.path.stem
@@ -34,9 +33,9 @@ def test_runs_of_one_second_are_numbered_up_to_a_thousand(tmp_path: Path) -> Non
     for number in range(3, 1000):
         (tmp_path / f"{stem}-{number}.h5").touch()
     with pytest.raises(StorageError, match="holds a thousand runs of this second; choose another folder"):
-        RunFileWriter.new(tmp_path, SECOND)
+        RunFileWriter.new(tmp_path, SECOND, Spot)
     (tmp_path / f"{stem}-999.h5").unlink()
-    last = RunFileWriter.new(tmp_path, SECOND)
+    last = RunFileWriter.new(tmp_path, SECOND, Spot)
     last.finish(RunStatus.STOPPED, "")
     assert last.path.name == f"{stem}-999.h5"
 

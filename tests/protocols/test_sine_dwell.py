@@ -29,7 +29,7 @@ from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, r
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest
-from protocols.runner.runner import run_metadata
+from protocols.runner.runner import initial_record
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
@@ -184,9 +184,9 @@ def test_parameters_outside_their_range_are_refused(settings: dict, says: str) -
 
 def test_the_header_names_everything_a_reader_needs() -> None:
     with laboratory() as lab:
-        told = run_metadata(RunRequest(SineDwell(), Path(), "T9"), lab.bench, ReferenceModel())
-    assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
-    assert told.bench["identities"]["generator"].startswith("Keysight")
+        told = initial_record(RunRequest(SineDwell(), Path(), "T9"), lab.bench, ReferenceModel())
+    assert told.configuration["simulation"]["tactor"]["k2"] == 7.0e-3
+    assert told.configuration["identities"]["generator"].startswith("Keysight")
     assert told.simulated
 
 

@@ -28,7 +28,7 @@ from drivers import LaserSensor
 from model import Array
 from protocols.base import ImportedTable, Protocol, Quality, RunStatus, Series
 from protocols.registry import PROTOCOLS
-from protocols.runfile.layout import RunMetadata
+from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 from protocols.runfile.writer import RunFileWriter
 
@@ -108,17 +108,16 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
     """
     names = ", ".join(name for name, _ in run.files)
     nothing = math.nan
-    header = RunMetadata(
+    record = RunRecord(
         protocol=run.protocol.name,
-        title=run.protocol.title,
+        title=f"{run.protocol.title} of {options.specimen}",
         parameters=dict(run.parameters),
-        point_type=type(run.points[0]),
         axes=_plotted_axes(run),
         default_plot=run.protocol.default_plot,
         sensor=LaserSensor(
             options.sensor or "not told (imported)", nothing, nothing, nothing, nothing, nothing, options.gain_error
         ),
-        bench={"amplifier": options.amplifier.model_dump(), "identities": {}},
+        configuration={"amplifier": options.amplifier.model_dump(), "identities": {}},
         simulated=run.simulated,
         specimen=options.specimen,
         imported={
@@ -129,9 +128,9 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
             "cautions": list(run.warnings),
             "measured": options.measured.isoformat() if options.measured else None,
         },
-        started_at=options.measured,
+        start_time=options.measured.isoformat(timespec="milliseconds") if options.measured else "",
     )
-    file = RunFileWriter.new(folder, header)
+    file = RunFileWriter.new(folder, record, type(run.points[0]))
     for entry, point in zip(run.entries, run.points, strict=True):
         file.append_point(point, entry)
     hashes = ", ".join(f"{name} (SHA-256 {sha256[:16]}...)" for name, sha256 in run.files)

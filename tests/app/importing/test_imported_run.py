@@ -20,8 +20,8 @@ from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
 from protocols.base import Protocol, Quality, RunStatus
 from protocols.registry import PROTOCOLS
-from protocols.runfile.layout import RunMetadata
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import point_columns
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.importing import FULL, GOOD, brought, points
@@ -101,10 +101,14 @@ def test_a_specimen_is_identified_from_old_tables_alone(tmp_path: Path) -> None:
 def written(folder: Path, protocol: type[Protocol]) -> Path:
     """A run of any protocol with a number of its own in every cell, some of them none."""
     random = np.random.default_rng(7)
-    header = RunMetadata(
-        protocol.name, protocol.title, {}, protocol.point_type, protocol.axes, LaserSensor("l", 1e-4), {}, False, "T9"
+    record = RunRecord(
+        protocol=protocol.name,
+        title=f"{protocol.title} of T9",
+        specimen="T9",
+        axes=protocol.axes,
+        sensor=LaserSensor("l", 1e-4),
     )
-    file = RunFileWriter.new(folder, header)
+    file = RunFileWriter.new(folder, record, protocol.point_type)
     widths = {name: width for name, (_, _, width) in point_columns(protocol.point_type).items()}
     for row in range(3):
         values: dict[str, Any] = {f.name: float(random.uniform(1.0, 2.0)) for f in fields(protocol.point_type)}
