@@ -21,13 +21,13 @@ from protocols.base import (
     Protocol,
     Quality,
     Recording,
-    ReferenceModel,
     RunStatus,
     Series,
     extend_plan,
 )
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.record import RunRecord
 from protocols.runfile.schema import ENTRY_COLUMN
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
@@ -52,10 +52,8 @@ class ResumableRun:
 
     path: Path
     protocol: Protocol
-    specimen: str
+    record: RunRecord
     resume_state: ResumeState
-    reference: ReferenceModel | None = None
-    """Model of the free specimen that the run was compared with."""
 
 
 def protocol_of_run(run: Run, run_name: str) -> Protocol:
@@ -107,7 +105,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
         continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
-        return ResumableRun(path, protocol, run.record.specimen, continuation, run.reference)
+        return ResumableRun(path, protocol, run.record, continuation)
 
 
 FLAGGED_ENTRIES = "flagged"

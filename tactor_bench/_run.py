@@ -2,11 +2,11 @@
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Self, TypeVar, overload
+from typing import Generic, Self, TypeVar, overload
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from model import Array
 from protocols.base import Outcome, Quality, Recording, Verdict
 from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
+from protocols.runfile.record import RunRecord
 from protocols.runfile.trace import RunTrace
 from tactor_bench._tables import CurveTable, EstimateTable, Points
 
@@ -53,6 +54,16 @@ class Samples:
         return self.time_s.size
 
 
+class _Fact(Generic[T]):
+    """An attribute of a run that its record has."""
+
+    def __init__(self, read: Callable[[RunRecord], T]) -> None:
+        self._read = read
+
+    def __get__(self, run: "MeasuredRun", owner: type | None = None) -> T:
+        return self._read(run.record)
+
+
 class MeasuredRun:
     """A run file, read when it is needed. The file is closed after every read, so there is nothing to close.
 
@@ -61,6 +72,7 @@ class MeasuredRun:
 
     Attributes:
         path: the file.
+        record: all facts of the run but its points, series, log and samples; the attributes below are some of them.
         protocol: name of the protocol, for example `sine-dwell`.
         title: protocol and specimen in words.
         specimen: name of the specimen.
@@ -76,20 +88,24 @@ class MeasuredRun:
         duration_s: length of what was sampled.
     """
 
+    protocol = _Fact(lambda record: record.protocol)
+    title = _Fact(lambda record: record.title)
+    specimen = _Fact(lambda record: record.specimen)
+    status = _Fact(lambda record: record.state)
+    reason = _Fact(lambda record: record.reason)
+    verdict = _Fact(lambda record: record.verdict)
+    simulated = _Fact(lambda record: record.simulated)
+    start_time = _Fact(lambda record: datetime.fromisoformat(record.start_time))
+    parameters = _Fact(lambda record: record.parameters)
+    configuration = _Fact(lambda record: record.configuration)
+    software = _Fact(lambda record: record.software)
+    duration_s = _Fact(lambda record: record.duration_s)
+
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with Run(self.path) as run, translate_read_errors(self.path):
-            self.protocol, self.title, self.specimen = run.record.protocol, run.record.title, run.record.specimen
-            self.status, self.reason, self.simulated = run.record.state, run.record.reason, run.record.simulated
-            self.verdict = run.record.verdict
-            self.start_time = datetime.fromisoformat(run.record.start_time)
-            self.parameters, self.configuration, self.software = (
-                run.record.parameters,
-                run.record.configuration,
-                run.record.software,
-            )
-            self.sample_rate_hz, self.duration_s = run.trace.rate_hz, run.trace.duration_s
-            self._recordings = run.trace.recording_count
+            self.record = run.record
+            self.sample_rate_hz, self._recordings = run.trace.rate_hz, run.trace.recording_count
 
     def __repr__(self) -> str:
         simulated = ", SIMULATED" if self.simulated else ""
@@ -129,10 +145,11 @@ class MeasuredRun:
         from protocols.runfile.sidecar import NotesError
 
         try:
-            self.verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)
+            verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)
         except NotesError as error:
             raise OSError(str(error)) from error
-        return self.verdict
+        self.record = replace(self.record, verdict=verdict)
+        return verdict
 
     def close(self) -> None:
         """Give the kept arrays free."""

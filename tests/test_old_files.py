@@ -242,7 +242,7 @@ def test_a_run_that_did_not_end_is_resumed(run: str, entries: int, folder: Path)
     before = set(folder.glob("runs/*.h5"))
     assert program("resume", run, *BENCH) == 0
     (new,) = set(folder.glob("runs/*.h5")) - before
-    assert load_run(new).state == "completed"
+    assert load_run(new).record.state == "completed"
     with h5py.File(new) as file:
         assert set(file["entry/points/entry"]) == set(range(entries))
 

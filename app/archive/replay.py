@@ -18,18 +18,17 @@ from protocols.base import (
     EVENTS,
     BlockStored,
     DriveStarted,
-    EstimatedQuantity,
     PointMeasured,
     PromptShown,
     Protocol,
     RecordingFinished,
     Series,
-    Verdict,
     usable_mask,
 )
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import LoggedEvent, Run, RunReadError, translate_read_errors
+from protocols.runfile.record import RunRecord
 from protocols.runfile.trace import RunTrace
 
 ROWS_PER_CHUNK = 1_000_000
@@ -49,28 +48,16 @@ class TraceWindow:
 
 @dataclass(frozen=True, slots=True)
 class LoadedRun:
-    """Everything that a page shows of one run."""
+    """A run as a page shows it: its record with points, series, log and traces in memory."""
 
     path: Path
-    title: str
-    protocol: str
-    specimen: str
-    state: str
-    reason: str
-    start_time: str
-    verdict: Verdict
-    simulated: bool
-    parameters: Mapping[str, Any]
+    record: RunRecord
     points: tuple[Any, ...]
-    curves: tuple[Series, ...]
-    estimates: tuple[EstimatedQuantity, ...]
+    series: tuple[Series, ...]
     messages: tuple[LogLine, ...]
     traces: TraceWindow
-    duration_s: float
     hints: tuple[str, ...] = ()
     """The protocol's warnings about the points."""
-    gain_uncertainty: float = 0.0
-    """Relative standard uncertainty of the displacement sensor's gain."""
 
     @property
     def max_hz(self) -> float:
@@ -80,11 +67,7 @@ class LoadedRun:
     @property
     def result(self) -> ResultSummary:
         """What the result card shows of the run."""
-        kind = _summarized_kind(PROTOCOLS.get(self.protocol), self.points)
-        return summarize_result(
-            self.verdict, self.reason, self.estimates, kind, self.points, self.hints, str(self.path), self.simulated,
-            gain_uncertainty=self.gain_uncertainty,
-        )  # fmt: skip
+        return _result(self.path, self.record, self.points, self.hints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,24 +106,13 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
         log = [_log_line(event, begun, kind) for event in run.events()]
         points = tuple(_load_points(run, kind))
         return LoadedRun(
-            path=path,
-            title=run.record.title,
-            protocol=run.record.protocol,
-            specimen=run.record.specimen,
-            state=run.record.state,
-            reason=run.record.reason,
-            start_time=run.record.start_time,
-            verdict=run.record.verdict,
-            simulated=run.record.simulated,
-            parameters=run.record.parameters,
-            points=points,
-            curves=run.series(),
-            estimates=run.record.estimates,
-            messages=tuple(message for message in log if message is not None),
-            traces=read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
-            duration_s=run.trace.duration_s,
-            hints=_load_hints(run, kind, points),
-            gain_uncertainty=run.record.sensor.gain_relative_uncertainty,
+            path,
+            run.record,
+            points,
+            run.series(),
+            tuple(message for message in log if message is not None),
+            read_trace_window(run.trace) if with_traces else TraceWindow(np.empty(0), np.empty(0), np.empty(0)),
+            _load_hints(run, kind, points),
         )
 
 
@@ -148,17 +120,20 @@ def run_result(run: Run) -> ResultSummary:
     """Return what the result card shows of an open run."""
     kind = PROTOCOLS.get(run.record.protocol)
     points = tuple(_load_points(run, kind))
-    hints = _load_hints(run, kind, points)
+    return _result(run.path, run.record, points, _load_hints(run, kind, points))
+
+
+def _result(path: Path, record: RunRecord, points: tuple[Any, ...], hints: tuple[str, ...]) -> ResultSummary:
     return summarize_result(
-        run.record.verdict,
-        run.record.reason,
-        run.record.estimates,
-        _summarized_kind(kind, points),
+        record.verdict,
+        record.reason,
+        record.estimates,
+        _summarized_kind(PROTOCOLS.get(record.protocol), points),
         points,
         hints,
-        str(run.path),
-        run.record.simulated,
-        gain_uncertainty=run.record.sensor.gain_relative_uncertainty,
+        str(path),
+        record.simulated,
+        gain_uncertainty=record.sensor.gain_relative_uncertainty,
     )
 
 

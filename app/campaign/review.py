@@ -82,9 +82,9 @@ def review_rows(
 ) -> tuple[ReviewRow, ...]:
     """Return a row for every estimate, and one for every check that is not of an estimate; failed checks come first."""
     known = {} if earlier is None else {e.name: e for e in earlier.record.estimates}
-    checks = {current_name(check.name): check for check in run.verdict.checks}
+    checks = {current_name(check.name): check for check in run.record.verdict.checks}
     rows = []
-    for estimate in run.estimates:
+    for estimate in run.record.estimates:
         check = checks.pop(estimate.name, None)
         limits = check_row(check) if check is not None else None
         rows.append(
@@ -122,8 +122,8 @@ def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:
     facts = Quality.SIMULATED | Quality.IMPORTED
     counts = Counter((one.name or "").lower().replace("_", " ") for flag in flags for one in flag & ~facts)
     found += [QualityIndicator(f"{count} {name}", Severity.WARNING) for name, count in counts.items()]
-    if checks := run.verdict.checks:
-        passed = len(checks) - len(run.verdict.failed_checks)
+    if checks := run.record.verdict.checks:
+        passed = len(checks) - len(run.record.verdict.failed_checks)
         severity = Severity.SUCCESS if passed == len(checks) else Severity.ERROR
         found.append(QualityIndicator(f"{passed} of {pluralize(len(checks), 'check')} passed", severity))
     coherence = [
@@ -195,7 +195,7 @@ def _other_results(folder: Path, run: LoadedRun) -> list[RunSummary]:
     """Return the newest result of every other specimen by the same protocol, as far as the catalogue knows the folder."""
     newest: dict[str, RunSummary] = {}
     for each in Catalogue(folder).entries():  # newest first
-        same = each.protocol == run.protocol and bool(each.simulated) is run.simulated and each.has_result
-        if same and each.specimen != run.specimen:
+        same = each.protocol == run.record.protocol and bool(each.simulated) is run.record.simulated and each.has_result
+        if same and each.specimen != run.record.specimen:
             newest.setdefault(each.specimen, each)
     return list(newest.values())

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.archive.importing import ImportedRun, ImportOptions, import_files, read_time
+from app.archive.importing import ImportedPoints, ImportOptions, import_files, read_time
 from app.cli.options import JSON_OBJECT, argument, command, option
 from app.cli.output import CommandResult, render
 from app.common import (
@@ -132,7 +132,7 @@ def _parse_number(option: str, text: str | None, unit: str) -> float | None:
     return number
 
 
-def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> CommandResult:
+def _import_result(runs: Sequence[ImportedPoints], written: Sequence[Path]) -> CommandResult:
     tables, notes = [], list[str]()
     for taken in runs:
         names = ", ".join(name for name, _ in taken.files)

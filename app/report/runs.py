@@ -1,6 +1,5 @@
 """Run files of a report, found in the catalogue: observations, instruments, quality flags, hash."""
 
-import hashlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -9,12 +8,13 @@ from pathlib import Path
 from app.archive import Catalogue, RunFilter, RunState, RunSummary, run_result
 from app.common import NO_PROGRESS, Progress, ResultSummary
 from app.identification import points_of_run, run_observations, shape_count_of_run
-from model import AmplifierMap, ParameterError
+from model import ParameterError
 from model.identification import FitOptions, Observation
 from protocols import Quality
-from protocols.base import Figure, Outcome
+from protocols.base import Figure, Outcome, file_hash
 from protocols.registry import aspects_of
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.record import RunRecord
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
 """Flags that are reported elsewhere and are not faults."""
@@ -43,14 +43,12 @@ class ReportRun:
     usable_count: int = 0
     flag_counts: Mapping[str, int] = field(default_factory=dict)
     instruments: tuple[InstrumentRecord, ...] = ()
-    software: str = ""
-    amplifier: AmplifierMap = field(default_factory=AmplifierMap)
+    record: RunRecord = field(default_factory=RunRecord)
     observations: tuple[Observation, ...] = ()
     figures: tuple[Figure, ...] = ()
     """Of its protocol, with a title."""
     result: ResultSummary | None = None
     """What the result card shows of it; None if its file could not be used."""
-    continues: Path | None = None
     sha256: str = ""
     problem: str = ""
     """Why its file could not be used."""
@@ -100,11 +98,13 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
 
 def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
     """Set the exclusion reason of runs that must not be part of the identification."""
-    continued_in = {run.continues: run.name for run in runs if run.continues is not None}
+    continued_in = {
+        (run.path.parent / run.record.continues).resolve(): run.name for run in runs if run.record.continues
+    }
     first = {run.sha256: run.name for run in reversed(runs)}
     real = any(run.observations and not run.summary.simulated for run in runs)
     used = [run for run in runs if run.observations and not ((real and run.summary.simulated) or run.without_result)]
-    maps = [run.amplifier for run in used or runs]
+    maps = [run.record.amplifier_map for run in used or runs]
 
     def exclusion_reason(run: ReportRun) -> str:
         if (later := continued_in.get(run.path.resolve())) is not None:
@@ -115,7 +115,7 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
             return "it is simulated, and there are real runs"
         if run.without_result:
             return f"{run.summary.verdict_text}: {run.summary.explanation}"
-        if run.amplifier != maps[-1]:
+        if run.record.amplifier_map != maps[-1]:
             return "its amplifier was configured differently from that of the newest run"
         return ""
 
@@ -134,10 +134,8 @@ def _read_report_run(file: Path, summary: RunSummary) -> ReportRun:
     problem = "" if summary.readable else summary.record.reason
     try:
         if not problem:
-            with file.open("rb") as content:
-                sha256 = hashlib.file_digest(content, "sha256").hexdigest()
             with Run(file) as run, translate_read_errors(file):
-                return replace(_report_run_of(run, summary), sha256=sha256)
+                return replace(_report_run_of(run, summary), sha256=file_hash(file))
     except RunReadError as error:
         problem = str(error)
     except OSError as error:
@@ -161,12 +159,10 @@ def _report_run_of(run: Run, summary: RunSummary) -> ReportRun:
         usable_count=sum(each.usable for each in flags),
         flag_counts=Counter(flag.description for each in flags for flag in each & ~ORIGIN_FLAGS),
         instruments=_instrument_records(run),
-        software=", ".join(f"{name} {version}" for name, version in run.record.software.items()),
-        amplifier=run.record.amplifier_map,
+        record=run.record,
         observations=observations,
         figures=tuple(figure for figure in figures if figure.title and figure.has_usable_points),
         result=run_result(run),
-        continues=run.resumed_from and run.resumed_from.resolve(),
         exclusion_reason=exclusion_reason,
     )
 

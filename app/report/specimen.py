@@ -252,7 +252,7 @@ def fit_specimen(
     """
     sheet = sheet or SpecimenSheet(name)
     counting = [run for run in runs if run.identifiable]
-    amplifier = counting[-1].amplifier if counting else AmplifierMap()
+    amplifier = counting[-1].record.amplifier_map if counting else AmplifierMap()
     n = max((run.shape_count for run in counting), default=FitOptions.n)
     paper_model = SpecimenModel(sheet.tactor, sheet.membrane, amplifier, None, n, sheet=sheet)
     if not counting:

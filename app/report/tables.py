@@ -432,7 +432,11 @@ def instrument_table(runs: Sequence[ReportRun]) -> Table:
 
 def software_tables(runs: Sequence[ReportRun]) -> list[Table]:
     """Return the table of software versions, if any is known."""
-    used = Counter(run.software for run in runs if run.software)
+    used = Counter(
+        ", ".join(f"{name} {version}" for name, version in run.record.software.items())
+        for run in runs
+        if run.record.software
+    )
     rows = [(software, str(count)) for software, count in sorted(used.items())]
     return [Table.of_rows("Measured with", ("software", "runs"), rows)] if rows else []
 

@@ -17,7 +17,6 @@ from protocols.base import (
     EstimatedQuantity,
     InterferenceMeasured,
     Recording,
-    ReferenceModel,
     RunConditions,
     RunStatus,
     Series,
@@ -122,16 +121,6 @@ class Run(Closeable):
             return with_later_verdict(record, self.path, read_notes(notes_path(self.path)))
         except NotesError as error:
             return replace(record, caution=str(error))
-
-    @property
-    def reference(self) -> ReferenceModel | None:
-        """Model of the free specimen that the verdict compares with; None in runs of earlier versions and imports.
-
-        Raises:
-            RunReadError: the stored model is damaged.
-        """
-        with translate_read_errors(self.path):
-            return ReferenceModel.from_record(self.record.reference) if self.record.reference else None
 
     @property
     def resumed_from(self) -> Path | None:

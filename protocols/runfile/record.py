@@ -14,6 +14,7 @@ from drivers import LaserSensor
 from model import AmplifierMap
 from protocols.base import (
     EstimatedQuantity,
+    ReferenceModel,
     RunConditions,
     RunStatus,
     Verdict,
@@ -108,6 +109,15 @@ class RunRecord:
     def bench_name(self) -> str:
         """Name of the bench; empty in an imported run."""
         return str(self.configuration.get("name", ""))
+
+    @property
+    def reference_model(self) -> ReferenceModel | None:
+        """Model of the free specimen that the verdict compares with.
+
+        Raises:
+            KeyError, TypeError, ValueError: the stored model is damaged.
+        """
+        return ReferenceModel.from_record(self.reference) if self.reference else None
 
     @property
     def sensor_text(self) -> str:

@@ -46,9 +46,12 @@ class RunRequest:
             RunReadError: `path` is not a run that can be resumed.
         """
         from protocols.resume import load_resumable  # h5py is slow to import
+        from protocols.runfile.open import translate_read_errors
 
         earlier = load_resumable(path, repeat_entries)
-        return cls(earlier.protocol, folder, earlier.specimen, earlier, reference=earlier.reference)
+        with translate_read_errors(path):
+            reference = earlier.record.reference_model
+        return cls(earlier.protocol, folder, earlier.record.specimen, earlier, reference=reference)
 
 
 @dataclass(frozen=True, slots=True)

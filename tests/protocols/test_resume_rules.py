@@ -29,7 +29,7 @@ class EarlierRun:
     """A run as `resume` reads it: four entries, of which three were begun and two have a point."""
 
     def __init__(self, **changes: Any) -> None:
-        self.record, self.reference = RunRecord(status=RunStatus.STOPPED, specimen="T1"), None
+        self.record = RunRecord(status=RunStatus.STOPPED, specimen="T1")
         self.labels = ["150 Hz", "155 Hz", "2.54 mm, 155 Hz", "left"]
         self.entry_of = [0, 1, 1]
         self.flags = [0, int(Quality.CLIPPED), 0]

@@ -1,5 +1,5 @@
 from .importer import import_files as import_files
 from .importer import read_table as read_table
 from .importer import read_time as read_time
-from .points import ImportedRun as ImportedRun
+from .points import ImportedPoints as ImportedPoints
 from .values import ImportOptions as ImportOptions

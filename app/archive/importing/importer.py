@@ -22,7 +22,7 @@ from app.archive.importing.columns import (
     table_kinds,
 )
 from app.archive.importing.csv_table import read_text_table
-from app.archive.importing.points import ImportedRun, build_points, write_imported_run
+from app.archive.importing.points import ImportedPoints, build_points, write_imported_run
 from app.archive.importing.table import ImportTable
 from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
@@ -46,7 +46,7 @@ POINTS_SUFFIX, ABOUT_SUFFIX = "_points.csv", "_about.csv"
 
 def import_files(
     options: ImportOptions, amplifier: AmplifierTable, progress: Progress = NO_PROGRESS
-) -> tuple[list[ImportedRun], list[Path]]:
+) -> tuple[list[ImportedPoints], list[Path]]:
     """Return what was read from the files, and the run files that were written.
 
     Args:
@@ -171,7 +171,7 @@ def _import_tables(
     options: ImportOptions,
     amplifier: AmplifierTable,
     progress: Progress,
-) -> list[tuple[ImportedRun, ImportOptions]]:
+) -> list[tuple[ImportedPoints, ImportOptions]]:
     made, series = [], list[tuple[ImportTable, ColumnMapping]]()
     raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, kinds, strict=True) if kind.name == TIME_SERIES)
     sizes = [

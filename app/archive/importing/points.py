@@ -34,7 +34,7 @@ from protocols.runfile.writer import RunFileWriter
 
 
 @dataclass(frozen=True, slots=True)
-class ImportedRun:
+class ImportedPoints:
     """Points of a protocol from a table, before anything is written."""
 
     protocol: type[Protocol]
@@ -56,7 +56,7 @@ class ImportedRun:
 
 def build_points(
     table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress = NO_PROGRESS
-) -> ImportedRun:
+) -> ImportedPoints:
     """Return the points of a table.
 
     Raises:
@@ -88,7 +88,7 @@ def build_points(
     entries = values.pop(ENTRY_COLUMN, np.arange(rows, dtype=float))
     point_type = _with_input_errors(protocol, values)
     points = tuple(_make_points(point_type, values, [int(q) | int(flags) for q in quality]))
-    return ImportedRun(
+    return ImportedPoints(
         protocol,
         points,
         tuple(int(e) for e in entries),
@@ -100,7 +100,7 @@ def build_points(
     )
 
 
-def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -> Path:
+def write_imported_run(run: ImportedPoints, options: ImportOptions, folder: Path) -> Path:
     """Write the run file and return its path.
 
     Raises:
@@ -138,7 +138,7 @@ def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -
     return file.path
 
 
-def _plotted_axes(run: ImportedRun) -> tuple[str, str]:
+def _plotted_axes(run: ImportedPoints) -> tuple[str, str]:
     """Return the columns of the default plot: the protocol's, or what was measured instead of its second."""
     x, y = run.protocol.axes
     measured = (y, *(run.protocol.aspects.import_form.required or ((y,),))[-1])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
-from app.archive.importing.points import ImportedRun
+from app.archive.importing.points import ImportedPoints
 from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
@@ -29,7 +29,7 @@ def build_series_runs(
     series: Sequence[tuple[ImportTable, ColumnMapping]],
     options: ImportOptions,
     progress: Progress = NO_PROGRESS,
-) -> list[ImportedRun]:
+) -> list[ImportedPoints]:
     """Return the runs that time series become: each series goes to the first protocol that takes it.
 
     Raises:
@@ -91,9 +91,9 @@ def _read_series(
 
 def _imported_run(
     protocol: type[Protocol], run: RunOfSamples, sources: dict[ImportedSamples, _Source], options: ImportOptions
-) -> ImportedRun:
+) -> ImportedPoints:
     tables = [sources[each] for each in run.samples]
-    return ImportedRun(
+    return ImportedPoints(
         protocol,
         run.points,
         tuple(range(len(run.points))),

@@ -190,9 +190,12 @@ class CampaignPage(QStackedWidget):
     def _show_review(self, review: ResultReview) -> None:
         self.board.details.show_review(review)
         run = review.run
-        amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
+        amplitude_v, elongations = (
+            float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
+            elongations_of(run.points),
+        )
         self._review_request = CurveRequest(
-            1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations, run.protocol
+            1.05 * run.max_hz, amplitude_v, run.path.parent, run.record.specimen, elongations, run.record.protocol
         )
 
     def open(self, path: Path) -> None:

@@ -158,11 +158,11 @@ class ReviewPane(QWidget):
             return
         run, chosen = self.review.run, self.figure_box.currentText()
         series = tuple(sorted(self._series, key=lambda curve: curve.y_axis.name == chosen))
-        kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
+        kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
         # Without a verdict, so that a wiring check has its points: its checks are in the table.
-        found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.estimates)
-        curves = series or run.curves
-        self.plots.show_results(kind, run.points, curves, found, run.simulated, curves_first=bool(series))
+        found = RunEnded(RunStatus.COMPLETED, "", "", () if series else run.record.estimates)
+        curves = series or run.series
+        self.plots.show_results(kind, run.points, curves, found, run.record.simulated, curves_first=bool(series))
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the points."""

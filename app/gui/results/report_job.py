@@ -37,7 +37,7 @@ class ReportJob(QObject):
         def read() -> str:
             from app.archive import load_run
 
-            return load_run(run, with_traces=False).specimen
+            return load_run(run, with_traces=False).record.specimen
 
         self._worker.submit(
             read, lambda specimen: self.start(run.parent, specimen), lambda error: self._say(str(error))

@@ -202,15 +202,15 @@ class RunDetailsPane(QWidget):
 
     def show_result(self, run: LoadedRun) -> None:
         """Show the card of a single run, and plot one without a response over frequency by its own points, curves or checks."""
-        kind = PROTOCOLS.get(run.protocol)
+        kind = PROTOCOLS.get(run.record.protocol)
         self.card.show_summary(run.result)
         self.card.show()
         self.facts_label.setText(self._people)
         self.facts_label.setVisible(bool(self._people))
-        if kind is None or not (run.points or run.curves) or self.plot.isVisibleTo(self):
+        if kind is None or not (run.points or run.series) or self.plot.isVisibleTo(self):
             return
-        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
-        self.result_plots.show_results(kind, run.points, run.curves, found, run.simulated)
+        found = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
+        self.result_plots.show_results(kind, run.points, run.series, found, run.record.simulated)
         self.result_plots.show()
         self.empty_label.hide()
         if self.isVisible() and self._content_layout is not None:

@@ -212,10 +212,13 @@ class RunsPage(QStackedWidget):
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
-        amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
+        amplitude_v, elongations = (
+            float(run.record.parameters.get("peak_to_peak_v", 5.0)) / 2,
+            elongations_of(run.points),
+        )
         folder = run.path.parent
         self._overlay.submit(
-            CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.specimen, elongations, run.protocol)
+            CurveRequest(1.05 * run.max_hz, amplitude_v, folder, run.record.specimen, elongations, run.record.protocol)
         )
         self.setCurrentWidget(self.viewer)
         self.viewer.back_button.setFocus()

@@ -63,18 +63,22 @@ class RunViewer(QWidget):
     def show_run(self, run: LoadedRun) -> None:
         """Show a run; its model curve follows."""
         self.run = run
-        self.heading.setText(run.title)
+        self.heading.setText(run.record.title)
         self.card.show_summary(run.result)
         self.card.show()
-        how = format_outcome(run.state, run.reason) if run.verdict.outcome is Outcome.NOT_JUDGED else ""
-        begun = f"{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}"
-        parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.parameters.items())
+        how = (
+            format_outcome(run.record.state, run.record.reason)
+            if run.record.verdict.outcome is Outcome.NOT_JUDGED
+            else ""
+        )
+        begun = f"{run.record.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.record.duration_s)}"
+        parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.record.parameters.items())
         self.facts_label.setText("\n".join(line for line in (how, begun, parameters) if line))
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
-        kind = PROTOCOLS.get(run.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
-        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates, run.verdict)
-        self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
-        self.trace_plot.show_traces(run.traces, run.simulated)
+        kind = PROTOCOLS.get(run.record.protocol, PROTOCOLS[DEFAULT_PROTOCOL])
+        found = RunEnded(RunStatus.COMPLETED, "", "", run.record.estimates, run.record.verdict)
+        self.plots.show_results(kind, run.points, run.series, found, run.record.simulated)
+        self.trace_plot.show_traces(run.traces, run.record.simulated)
         self.log.show_messages(run.messages)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
