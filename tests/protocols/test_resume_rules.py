@@ -123,7 +123,7 @@ def test_what_cannot_be_resumed(earlier: Earlier, changes: dict[str, Any], refus
         with pytest.raises(RunReadError, match=refused):
             load_resumable(FILE)
     else:
-        assert load_resumable(FILE).specimen == "T1"
+        assert load_resumable(FILE).record.specimen == "T1"
 
 
 def test_points_are_read_with_the_types_of_their_fields(earlier: Earlier) -> None:
