@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -235,7 +236,7 @@ def estimates_of(path: Path) -> tuple[EstimatedQuantity, ...]:
 def test_a_text_that_a_format_cannot_hold_is_not_damage(
     many: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Run, "specimen", "T\udce4")
+    monkeypatch.setattr(Run, "record", property(lambda run: replace(run.stored_record(), specimen="T\udce4")))
     with Run(many) as run, pytest.raises(ExportError, match="take another format"):
         export_run(run, tmp_path / "out", "csv")
     assert main(["export", str(many), "--format", "csv", "--out", str(tmp_path / "out")]) == 1
