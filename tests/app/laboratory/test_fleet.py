@@ -147,9 +147,9 @@ def test_what_else_changed_tells_the_cause(
 
 def test_too_few_values_are_named() -> None:
     selection = _history(0, 0, 1, 1).of("size")
-    with pytest.raises(TooFewValuesError, match="T0 on L0: a control chart needs 8 values"):
+    with pytest.raises(TooFewValuesError, match="T0 on L0"):
         golden_charts(selection, "T0")
-    with pytest.raises(TooFewValuesError, match="no value of X9"):
+    with pytest.raises(TooFewValuesError, match="X9"):
         golden_charts(selection, "X9")
     with pytest.raises(FleetError, match="there are: size"):
         _history(0, 0, 1, 1).of("k2")
