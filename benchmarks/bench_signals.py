@@ -18,7 +18,7 @@ import numpy as np
 from scipy.signal import csd, welch
 from timing import peak_mb, timed
 
-from drivers.drive import LinearSweep
+from drivers.drive_shapes import LinearSweep
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap

@@ -172,7 +172,7 @@ def rows_of_mat(size: int, folder: Path) -> Work:
 
 def export_of(size: int, folder: Path, kind: str) -> Work:
     from app.archive.transfer import export_runs
-    from drivers.drive import Sine
+    from drivers.drive_shapes import Sine
     from drivers.interfaces import Block
     from protocols.measurements.sine_dwell import SinePoint
     from protocols.runfile.writer import RunFileWriter

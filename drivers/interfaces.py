@@ -11,7 +11,7 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, Hold
+from drivers.drive_shapes import Drive, Hold
 from drivers.level_pulse import LevelPulse
 
 

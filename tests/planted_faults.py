@@ -40,7 +40,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
         "drivers/bench/rest.py": "tests/drivers/test_rest.py",
         "drivers/watchdog/process.py": "tests/safety/test_watchdog_loop.py tests/safety/test_watchdog_process.py",
         "drivers/watchdog/client.py": "tests/safety/test_watchdog_client.py tests/safety/test_watchdog_process.py",
-        "drivers/drive.py": "tests/drivers/test_waveforms.py tests/drivers/test_drive.py",
+        "drivers/drive_shapes.py": "tests/drivers/test_waveforms.py tests/drivers/test_drive_shapes.py",
         "drivers/transport/lock.py": "tests/drivers/test_lock.py",
     },
     "runner": {

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold
+from drivers.drive_shapes import Drive, Hold
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import (
     DriveChecker,

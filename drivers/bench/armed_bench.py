@@ -9,7 +9,7 @@ from typing import Protocol
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.rest import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog
-from drivers.drive import Drive
+from drivers.drive_shapes import Drive
 from drivers.errors import BenchError
 from drivers.interfaces import Block, Scale, Stream
 

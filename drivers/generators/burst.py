@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.capabilities import MAX_UNSTOPPABLE_DRIVE_S, PlayableDrives
 from drivers.generators.dialect import Dialect, Levels

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.generators.waveform import reason_memory_too_small
 from drivers.level_pulse import LevelPulse
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import LinearSweep, PeriodicSweep, SquareWave, Steps
+from drivers.drive_shapes import LinearSweep, PeriodicSweep, SquareWave, Steps
 from drivers.level_pulse import LevelPulse
 
 Points = NDArray[np.float64]

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold, Ramp
+from drivers.drive_shapes import Drive, Hold, Ramp
 from drivers.errors import AcquisitionError, BenchError, CardInUseError, InstrumentError
 from drivers.nidaq.analog_input import INPUT, OUTPUT, READBACK, NiConnection
 from drivers.nidaq.output_readback import RELEASE_TOLERANCE_V, OutputReadback

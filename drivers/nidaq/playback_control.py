@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive import Drive
+from drivers.drive_shapes import Drive
 from drivers.errors import InstrumentError
 from drivers.nidaq.output_task import OutputTask, PlaybackProgress
 from drivers.nidaq.rendering import fade_out, idle_level_after_stop_v

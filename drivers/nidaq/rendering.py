@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine, SquareWave
+from drivers.drive_shapes import Drive, LinearSweep, PeriodicSweep, Sine, SquareWave
 
 SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 250e3, 500e3)
 """Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""

@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dialects import SupplyChannel
 from drivers.transport.safe_ramp_down import RampDown

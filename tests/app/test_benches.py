@@ -7,7 +7,7 @@ import pytest
 
 from app.config.bench_file import BenchConfig, ConfigError, load_bench
 from app.session.bench_connection import connect
-from drivers.drive import Hold, Sine
+from drivers.drive_shapes import Hold, Sine
 from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import PRESETS
 from protocols.base import RunStatus

@@ -18,7 +18,7 @@ from app.session.state import (
     WindowState,
     initial_window_state,
 )
-from drivers.drive import Hold, LinearSweep, Sine
+from drivers.drive_shapes import Hold, LinearSweep, Sine
 from model.amplifier_map import AmplifierMap
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.clock import WallClock
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench

@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 
 from drivers.clock import WallClock
-from drivers.drive import Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive_shapes import Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dc_supply import DcSupply
 from drivers.transport.visa import VisaLink

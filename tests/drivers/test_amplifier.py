@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap

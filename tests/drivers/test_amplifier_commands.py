@@ -9,7 +9,7 @@ import pytest
 
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import NoWatchdog
-from drivers.drive import Drive, Hold, Ramp, Sine, Steps
+from drivers.drive_shapes import Drive, Hold, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap

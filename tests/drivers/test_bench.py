@@ -12,7 +12,7 @@ from drivers.bench.armed_bench import ArmedBench
 from drivers.bench.bench import Bench
 from drivers.bench.shutdown import LiveWarning
 from drivers.bench.watchdog_interface import NoWatchdog
-from drivers.drive import Hold, Sine
+from drivers.drive_shapes import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
 from drivers.interfaces import Block
 from sim_hardware.bench import SimulatedBench

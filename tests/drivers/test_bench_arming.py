@@ -14,7 +14,7 @@ import pytest
 from app.session.bench_connection import BenchConnection
 from drivers.bench.bench import ArmedBench, LiveWarning
 from drivers.bench.watchdog_interface import NoWatchdog
-from drivers.drive import Drive, Hold, Sine
+from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, CardInUseError, DriveRejectedError, LinkError, UnsafeError
 from drivers.interfaces import Block
 from sim_hardware.bench import SimulatedBench

@@ -13,7 +13,7 @@ from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.safety_statement import safety_statement
-from drivers.drive import Hold
+from drivers.drive_shapes import Hold
 from drivers.errors import DriveRejectedError, InstrumentError
 from drivers.level_pulse import LevelPulse
 from protocols.base import LevelExceeded, RunStatus

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from drivers.drive import Steps
+from drivers.drive_shapes import Steps
 from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link
 from sim_hardware.bench import SimulatedBench

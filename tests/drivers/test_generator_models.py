@@ -7,7 +7,7 @@ import pytest
 
 from app.config.discovery import _role_of
 from app.config.driver_registry import SOURCES, built_in_names, load_driver, open_generator
-from drivers.drive import LinearSweep, Sine
+from drivers.drive_shapes import LinearSweep, Sine
 from drivers.errors import InstrumentError
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.rigol import Dg1000zDialect

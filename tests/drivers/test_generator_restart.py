@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.drive import Hold, Sine
+from drivers.drive_shapes import Hold, Sine
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES
 from tests.helpers.simulated_bench import assert_safe_voltage

@@ -7,7 +7,7 @@ import pytest
 
 from app.config.driver_registry import open_generator
 from drivers.clock import WallClock
-from drivers.drive import Sine, Steps
+from drivers.drive_shapes import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst import BurstGenerator
 from drivers.transport.scpi import Link

@@ -6,7 +6,7 @@ import pytest
 
 from app.config.driver_registry import open_generator
 from app.session.bench_connection import connect
-from drivers.drive import LinearSweep, Sine, Steps
+from drivers.drive_shapes import LinearSweep, Sine, Steps
 from drivers.errors import BenchError, InstrumentError
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.keysight import Keysight33200

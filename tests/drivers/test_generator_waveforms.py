@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.drive import Sine, Steps
+from drivers.drive_shapes import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from tests.helpers.front_panel import made, press
 from tests.helpers.simulated_bench import assert_safe_voltage

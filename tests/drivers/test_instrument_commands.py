@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from app.config.driver_registry import SOURCES, built_in_names, load_driver
-from drivers.drive import Hold, LinearSweep, PeriodicSweep, Sine, SquareWave, Steps
+from drivers.drive_shapes import Hold, LinearSweep, PeriodicSweep, Sine, SquareWave, Steps
 from drivers.generators.burst import BurstGenerator
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

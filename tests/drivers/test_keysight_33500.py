@@ -54,7 +54,7 @@ def test_the_range_is_frozen_so_that_no_relay_drops_the_output() -> None:
     source, bench, _ = driver()
     source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
-    from drivers.drive import Sine
+    from drivers.drive_shapes import Sine
 
     for amplitude in (0.05, 0.4, 1.2, 2.5, 0.1):  # crosses every attenuator range
         source.start_drive(Sine(100.0, amplitude, 2.5, 5))
@@ -64,7 +64,7 @@ def test_the_range_is_frozen_so_that_no_relay_drops_the_output() -> None:
 
 
 def test_nothing_it_ever_sends_drops_the_output() -> None:
-    from drivers.drive import Hold, Sine
+    from drivers.drive_shapes import Hold, Sine
 
     source, _, link = driver()
     source.initialize_at_rest(2.5, 0.0, 5.0)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from nidaqmx.constants import AcquisitionType, Edge, TerminalConfiguration, VoltageUnits, WriteRelativeTo
 
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench

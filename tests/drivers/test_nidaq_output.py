@@ -10,7 +10,7 @@ from app.config.bench_file import BenchConfig
 from app.session.instruments import source_options
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.shutdown import drive_voltage
-from drivers.drive import LinearSweep, Sine, Steps
+from drivers.drive_shapes import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput

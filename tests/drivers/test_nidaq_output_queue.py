@@ -12,7 +12,7 @@ import pytest
 
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
-from drivers.drive import Hold, LinearSweep, Sine, Steps
+from drivers.drive_shapes import Hold, LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput

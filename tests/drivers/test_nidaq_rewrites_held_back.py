@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
-from drivers.drive import Drive, Hold, LinearSweep, Sine, SquareWave, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput

@@ -9,7 +9,7 @@ import pytest
 from nidaqmx.constants import AcquisitionType
 
 from drivers.clock import WallClock
-from drivers.drive import Ramp, Sine
+from drivers.drive_shapes import Ramp, Sine
 from drivers.errors import AcquisitionError, CardInUseError
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import NiAnalogOutput

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import WallClock
-from drivers.drive import PeriodicSweep, Sine, Steps
+from drivers.drive_shapes import PeriodicSweep, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.siglent import FULL_SCALE, SiglentSdg, without_line_feeds
 from drivers.generators.waveform import SINE_CYCLE

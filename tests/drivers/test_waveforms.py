@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.signal import chirp
 
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps, as_record, from_record
+from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps, as_record, from_record
 
 SINE = Sine(100.0, 1.5, 2.5, 3)
 UPWARD = LinearSweep(25.0, 525.0, 4.0, 2.0, 2.5)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Unit
 
-from drivers.drive import Drive, Hold
+from drivers.drive_shapes import Drive, Hold
 from protocols.base import (
     EstimatedQuantity,
     EventBus,

@@ -7,7 +7,7 @@ from unittest import mock
 import h5py
 import numpy as np
 
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus, Verdict

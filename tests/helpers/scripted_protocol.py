@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Unit
 from pydantic import Field
 
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from protocols.base import EstimatedQuantity, PlanEntry, Protocol, Recording, Settle, Step
 from protocols.measurements.sine_dwell import SineDwell
 

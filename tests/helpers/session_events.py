@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.session.session import BenchOpened
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from protocols.base import (
     BenchArmed,

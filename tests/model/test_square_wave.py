@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.drive import SquareWave
+from drivers.drive_shapes import SquareWave
 from model.amplifier_map import AmplifierMap
 from model.parameter_spec import ParameterError
 from model.parameters import Tactor

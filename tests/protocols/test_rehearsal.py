@@ -12,7 +12,7 @@ import pytest
 from app.config.bench_file import BenchConfig
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
-from drivers.drive import Drive, Hold, LinearSweep, Sine, Steps
+from drivers.drive_shapes import Drive, Hold, LinearSweep, Sine, Steps
 from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from app.archive.replay import load_run
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import EstimatedQuantity, Event, LogMessage, Quality, RestMeasured, RunStatus

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from protocols.base import (
     BenchArmed,
     BlockStored,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.drive import SquareWave
+from drivers.drive_shapes import SquareWave
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.drive import LinearSweep, PeriodicSweep
+from drivers.drive_shapes import LinearSweep, PeriodicSweep
 from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form

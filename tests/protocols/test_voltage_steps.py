@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from app.config.bench_file import BenchConfig
-from drivers.drive import Hold
+from drivers.drive_shapes import Hold
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.statics import voltage_gain

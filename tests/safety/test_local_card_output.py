@@ -9,7 +9,7 @@ import pytest
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock
 from drivers.clock import WallClock
-from drivers.drive import Drive, Hold, Sine
+from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME

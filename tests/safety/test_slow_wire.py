@@ -9,7 +9,7 @@ import pytest
 
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
-from drivers.drive import Drive, Hold, Sine
+from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import InstrumentError
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.safe_ramp_down import FIRST_STEPS, RampDown

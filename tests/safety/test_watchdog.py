@@ -14,7 +14,7 @@ import pytest
 from app.common.errors import ExitCode
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
-from drivers.drive import Drive, Hold, Sine
+from drivers.drive_shapes import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink

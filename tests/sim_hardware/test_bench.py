@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.scpi import Link

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from drivers.clock import WallClock
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.errors import BenchError
 from drivers.generators.keysight import Keysight33500
 from drivers.nidaq.analog_input import NiDigitizer

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.clock import SharedTime, WallClock
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight import Keysight33500
 from drivers.transport.visa import VisaLink

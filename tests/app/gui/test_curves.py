@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, decimate_to_drawn
-from drivers.drive import PeriodicSweep
+from drivers.drive_shapes import PeriodicSweep
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
 from protocols.base import BenchArmed, DriveStarted, RunStarted, Series, SeriesAxis, SeriesReady

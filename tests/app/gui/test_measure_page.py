@@ -11,7 +11,7 @@ from PySide6.QtTest import QTest
 
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
 from app.session.session import RunRejected
-from drivers.drive import Sine
+from drivers.drive_shapes import Sine
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,

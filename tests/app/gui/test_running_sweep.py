@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.live.running_curve import RunningCurve
-from drivers.drive import Drive, LinearSweep, PeriodicSweep
+from drivers.drive_shapes import Drive, LinearSweep, PeriodicSweep
 from drivers.interfaces import Block
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base import BlockStored, DriveStarted, EntryStarted, RunStarted, Series, SeriesReady

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from drivers.drive import LinearSweep
+from drivers.drive_shapes import LinearSweep
 from model.beam.poles import ModalForm
 from model.parameters import Tactor
 from model.response.harmonic_response import frequency_response, poles

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.drive import (
+from drivers.drive_shapes import (
     DRIVES,
     Drive,
     Hold,
