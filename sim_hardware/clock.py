@@ -5,7 +5,7 @@ import threading
 from contextlib import suppress
 
 KEPT_ARRAY_BYTES, KEPT_BYTES = 16 << 20, 64 << 20
-"""Arrays up to the first are taken from the memory of the process, of which up to the second is kept when they are freed."""
+"""Bytes: the largest array that malloc takes from its arena, and the free memory that its arena keeps."""
 
 
 class VirtualClock:
@@ -25,7 +25,7 @@ class VirtualClock:
 
 
 def keep_freed_memory() -> None:
-    """Let glibc keep the memory of freed arrays: to get each page anew from the system takes longer than the work on it."""
+    """Let glibc keep the memory of freed arrays: a new page from the system takes longer than the work on it."""
     mmap_threshold, trim_threshold = -3, -1  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of malloc.h
     with suppress(AttributeError, OSError, TypeError):  # another C library, or Windows
         library = ctypes.CDLL(None)

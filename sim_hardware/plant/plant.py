@@ -117,12 +117,12 @@ class Plant:
 
     @property
     def change_count(self) -> int:
-        """How often something has changed on which the motion depends."""
+        """Number of changes of the voltage, the faults and the set-up, on which the motion depends."""
         return self._history.change_count + self._faults.change_count + len(self._changes)
 
     @contextmanager
     def reading_ahead(self, now_s: float) -> Iterator[None]:
-        """What is simulated beyond `now_s` until the block is left is provisional: a change discards it, `confirm` keeps it."""
+        """Simulate beyond `now_s` provisionally while the block lasts: a change discards the steps, `confirm` keeps them."""
         with self._lock, self._history.reading_ahead(now_s):
             self.discard_ahead()
             self._checkpoint = {name: getattr(self, name) for name in _ADVANCING}
@@ -135,7 +135,7 @@ class Plant:
                 self._is_reading_ahead = False
 
     def confirm(self, now_s: float) -> None:
-        """Keep what was simulated until `now_s`: nothing can change it any more."""
+        """Make the provisional steps until `now_s` final."""
         with self._lock:
             self._confirmed_step = math.floor(now_s * self._rate + 1e-6) // BLOCK * BLOCK
             self._history.mark_read((self._confirmed_step - 1) / self._rate)
@@ -143,7 +143,7 @@ class Plant:
                 self._checkpoint = None
 
     def discard_ahead(self) -> None:
-        """Simulate anew from the last checkpoint until what is confirmed, if more than that was simulated."""
+        """Discard the provisional steps: simulate the final ones anew from the last checkpoint."""
         with self._lock:
             if self._checkpoint is None:
                 return
@@ -152,11 +152,11 @@ class Plant:
             self._advance(self._confirmed_step - 1)
 
     def available_at(self, t: float) -> float:
-        """Bench time from which the displacement at `t` can be known."""
+        """Return the earliest bench time at which the displacement at `t` is final."""
         return (math.ceil(t * self._rate) // BLOCK + 1) * BLOCK / self._rate
 
     def available_until(self, now: float) -> float:
-        """The latest time whose displacement can be known at `now`."""
+        """Return the latest time whose displacement is final at `now`."""
         return (math.floor(now * self._rate + 1e-6) // BLOCK * BLOCK - 1) / self._rate
 
     def schedule_change(
@@ -167,7 +167,7 @@ class Plant:
         transition_s: float = 0.0,
         landing_m_per_s: float = 0.0,
     ) -> float:
-        """Change the situation `after_s` from now, or when the change before is over; bench time when it is complete.
+        """Change the set-up `delay_s` from now, or when the previous change is complete; return the bench time when it is complete.
 
         `transition_s` is the time in which weights are put down or lifted off; they land at `landing_m_per_s`.
         """
