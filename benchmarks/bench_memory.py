@@ -22,7 +22,7 @@ from app.cli.headless import make_protocol
 from app.cli.main import GC_THRESHOLD
 from app.config.bench_file import load_bench
 from app.gui.application import qt_application
-from app.gui.shell.main_window import MainWindow
+from app.gui.shell.main_window import InitialForm, MainWindow
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import connect
 
@@ -46,7 +46,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         kept = QSettings(f"{folder}/settings.ini", QSettings.Format.IniFormat)
         window = MainWindow(
-            SessionAdapter(lambda: connect(config, None)), config, protocol, Path(folder), "bench", kept
+            SessionAdapter(lambda: connect(config, None)), config, InitialForm(protocol, Path(folder), "bench"), kept
         )
         window.show()
         until(lambda: window.state.can_run)

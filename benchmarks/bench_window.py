@@ -40,8 +40,8 @@ from app.cli.main import GC_THRESHOLD
 from app.config import BenchConfig
 from app.config.bench_file import load_bench
 from app.gui.application import SWITCH_INTERVAL_S, qt_application
-from app.gui.shell.main_window import MainWindow
-from app.gui.shell.tabs import CAMPAIGN
+from app.gui.shell.main_window import InitialForm, MainWindow
+from app.gui.shell.page_host import CAMPAIGN
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import connect
 from protocols.base import Protocol
@@ -155,7 +155,9 @@ def press_and_leave(button: QPushButton) -> InputProbe:
 def opened(config: BenchConfig, speed: float | None, protocol: Protocol, folder: Path) -> Iterator[MainWindow]:
     """A window with a connected bench."""
     settings = QSettings(str(folder / "settings.ini"), QSettings.Format.IniFormat)
-    window = MainWindow(SessionAdapter(lambda: connect(config, speed)), config, protocol, folder, "bench", settings)
+    window = MainWindow(
+        SessionAdapter(lambda: connect(config, speed)), config, InitialForm(protocol, folder, "bench"), settings
+    )
     window.show()
     until(lambda: window.state.can_run)
     gc.freeze()  # as the program does

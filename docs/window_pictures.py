@@ -22,8 +22,8 @@ from app.cli.headless import make_protocol
 from app.config.bench_file import BenchConfig
 from app.gui.application import qt_application
 from app.gui.laboratory.page import CHART
-from app.gui.shell.main_window import MainWindow
-from app.gui.shell.tabs import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
+from app.gui.shell.main_window import InitialForm, MainWindow
+from app.gui.shell.page_host import CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
@@ -86,7 +86,7 @@ class Studio:
     def __init__(self, pictures: Path, protocol: Protocol, settings: QSettings, prompts: bool = False) -> None:
         self._pictures = pictures
         self.link = PausableSession(prompts)
-        self.window = MainWindow(self.link, simulated_bench(), protocol, Path("runs"), "T7", settings)
+        self.window = MainWindow(self.link, simulated_bench(), InitialForm(protocol, Path("runs"), "T7"), settings)
         self.window.resize(*SIZES[""])
         self.window.show()
         self.until(

@@ -160,7 +160,7 @@ def _open_window(
     bench_given: bool = True,
 ) -> int:
     from app.config import load_bench
-    from app.gui.application import OpenedBench, open_window
+    from app.gui.application import InitialForm, OpenedBench, open_window
     from app.session import SimulationSettings, connect
 
     def choose(name: str, config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
@@ -180,10 +180,7 @@ def _open_window(
 
     return open_window(
         choose(options.bench or "sim", selected.config, selected.speed, selected.without_commissioning),
-        protocol,
-        options.out,
-        options.specimen,
-        autostart,
+        InitialForm(protocol, options.out, options.specimen, autostart),
         bench_factory=open_bench,
         bench_given=bench_given,
     )

@@ -7,8 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from types import FrameType
 
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
@@ -18,12 +17,12 @@ from app.archive.after_run import AfterRun
 from app.common import to_number
 from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
+from app.gui.shell.main_window import InitialForm as InitialForm
 from app.gui.shell.main_window import MainWindow
-from app.gui.shell.tabs import BENCH
+from app.gui.shell.page_host import BENCH
 from app.gui.widgets import collect_garbage_here
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings
-from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
 DELETION_DELAY_MS, DELETION_PAUSE_MS = 100, 30
@@ -76,10 +75,7 @@ def qt_application() -> QApplication:
 
 def open_window(
     bench: OpenedBench,
-    protocol: Protocol,
-    folder: Path | None = None,
-    specimen: str | None = None,
-    autostart: bool = False,
+    form: InitialForm,
     settings: QSettings | None = None,
     make_session: MakeSession = Session,
     bench_factory: BenchFactory | None = None,
@@ -87,95 +83,76 @@ def open_window(
 ) -> int:
     """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
+    A change of the bench opens another window after the first.
+
     Args:
         bench: the bench to open.
-        protocol: fills the form.
-        folder: for run files; None for the one used last.
-        specimen: its name; None for the one used last.
-        autostart: begin a run as soon as the bench is there.
+        form: contents of the Measure page.
         settings: where window, folder and specimen are stored; None for the user's own settings.
         make_session: tests give one that needs no bench.
         bench_factory: opens another bench by its file, where the window may change to one; raises ConfigError.
-        bench_given: `bench` was asked for; if not, the bench chosen last takes its place, and without one the Bench page is
+        bench_given: the user has named `bench`; if not, the bench chosen last takes its place, and without one the Bench page is
             shown.
     """
     qt_application()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    kept = QSettings() if settings is None else settings
     with collect_garbage_here():
-        return _open_windows(
-            bench,
-            protocol,
-            folder,
-            specimen,
-            autostart,
-            settings or QSettings(),
-            make_session,
-            bench_factory,
-            bench_given,
-        )
+        # pint reads the units of the form and takes half a second to import: import it neither at a key press nor during the
+        # first paint.
+        units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
+        newcomer = not form.autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
+        kept.setValue(WELCOME_SEEN_KEY, True)
+        actions: list[AfterRun] = []
+        recent = RecentErrors()
+        shows_benches, problem = False, ""
+        if not bench_given:
+            bench, shows_benches, problem = _bench_used_last(bench, kept, bench_factory)
+        starts_demo = False
+        while True:
+            requested: list[OpenedBench] = []
 
+            def change(name: str, requested: list[OpenedBench] = requested) -> None:
+                if bench_factory is not None:
+                    requested.append(bench_factory(name))
+                    kept.setValue(LAST_BENCH_KEY, name)
 
-def _open_windows(
-    bench: OpenedBench,
-    protocol: Protocol,
-    folder: Path | None,
-    specimen: str | None,
-    autostart: bool,
-    kept: QSettings,
-    make_session: MakeSession,
-    bench_factory: BenchFactory | None,
-    bench_given: bool,
-) -> int:
-    """Show windows one after the other, as `open_window`: a change of the bench opens another one."""
-    # pint reads the units of the form and takes half a second to import: import it neither at a key press nor during the
-    # first paint.
-    units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
-    newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
-    kept.setValue(WELCOME_SEEN_KEY, True)
-    starts_demo = False
-    actions: list[AfterRun] = []
-    recent = RecentErrors()
-    last, problem = "" if bench_given else str(kept.value(LAST_BENCH_KEY, "")), ""
-    shows_benches = not bench_given and not last
-    if last and bench_factory is not None:
-        try:
-            bench = bench_factory(last)
-        except ConfigError as error:
-            problem, shows_benches = f"The bench used last cannot be opened. {error}", True
-    while True:
-        requested: list[OpenedBench] = []
-
-        def change(name: str, requested: list[OpenedBench] = requested) -> None:
-            if bench_factory is not None:
-                requested.append(bench_factory(name))
-                kept.setValue(LAST_BENCH_KEY, name)
-
-        adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
-        window = MainWindow(
-            adapter, bench.config, protocol, folder, specimen, kept, autostart, change, bench.name, recent
-        )
-        if shows_benches and not starts_demo:
-            window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
-        if problem:
-            window.tabs.bench.show_message(problem)
-        if newcomer:
-            window.central.show_welcome()
-        if starts_demo:
-            window.start_demo()
-        actions.append(_start_actions_after_run(bench, adapter))
-        with recent.observe(window.error_occurred.emit):
-            code = _run_until_closed(window, units)
-        starts_demo = window.demo_requested
-        if not requested or code == UNSAFE_EXIT:
-            break
-        bench = requested[-1]
-        newcomer = autostart = False
-        shows_benches, problem = False, ""  # the page that was visible is shown again
-    for each in actions:  # only now, when no window is open that would stand still meanwhile
-        each.close()
-    if units.ident is not None:
-        units.join()
+            adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
+            window = MainWindow(adapter, bench.config, form, kept, change, bench.name, recent)
+            if shows_benches and not starts_demo:
+                window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
+            if problem:
+                window.tabs.bench.show_message(problem)
+            if newcomer:
+                window.central.show_welcome()
+            if starts_demo:
+                window.start_demo()
+            actions.append(_start_actions_after_run(bench, adapter))
+            with recent.observe(window.error_occurred.emit):
+                code = _run_until_closed(window, units)
+            starts_demo = window.demo_requested
+            if not requested or code == UNSAFE_EXIT:
+                break
+            bench, form, newcomer = requested[-1], replace(form, autostart=False), False
+            shows_benches, problem = False, ""  # the page that was visible is shown again
+        for each in actions:  # only now, when no window is open that would stand still meanwhile
+            each.close()
+        if units.ident is not None:
+            units.join()
     return code
+
+
+def _bench_used_last(
+    bench: OpenedBench, kept: QSettings, bench_factory: BenchFactory | None
+) -> tuple[OpenedBench, bool, str]:
+    """Return the bench used last or else `bench`, whether the Bench page is shown, and why the last one cannot be opened."""
+    last = str(kept.value(LAST_BENCH_KEY, ""))
+    if not last or bench_factory is None:
+        return bench, not last, ""
+    try:
+        return bench_factory(last), False, ""
+    except ConfigError as error:
+        return bench, True, f"The bench used last cannot be opened. {error}"
 
 
 def _start_actions_after_run(bench: OpenedBench, adapter: SessionAdapter) -> AfterRun:

@@ -13,7 +13,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.config.bench_file import BenchConfig
-from app.gui.shell.main_window import MainWindow
+from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.widgets import collect_garbage_here
 from app.live.session_link import SessionAdapter
 from app.session.bench_connection import BenchConnection, connect
@@ -163,7 +163,7 @@ def whole_window(
 ) -> Iterator[MainWindow]:
     """A window that is active and has its simulated bench, with specimen T7."""
     with collect_garbage_here():
-        window = MainWindow(bench, config, protocol, folder, "T7", settings, open_bench="ideal")
+        window = MainWindow(bench, config, InitialForm(protocol, folder, "T7"), settings, open_bench="ideal")
         window.show()
         window.activateWindow()
         assert QTest.qWaitForWindowActive(window, 30_000)

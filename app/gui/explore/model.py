@@ -5,8 +5,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSettings, Signal
+from PySide6.QtGui import QGuiApplication
 
-from app.explore import ExploreRequest, ExploreSession, ExploreSetting, ResponseEngine, make_study, write_study
+from app.explore import (
+    ExploreRequest,
+    ExploreResult,
+    ExploreSession,
+    ExploreSetting,
+    ResponseEngine,
+    make_study,
+    write_study,
+)
 from app.gui.widgets import BackgroundWorker
 from app.live import LatestOnlyWorker
 from model import ParameterError
@@ -74,8 +83,19 @@ class ExploreModel(QObject):
             self.requested = request
             self.worker.submit(request)
 
-    def save_study(self, path: Path, frequencies_hz: Sequence[float]) -> None:
-        """Save a study of the parameters that differ between the kept curves, else of the slider moved last."""
+    def copy(self, kind: str) -> None:
+        """Copy the parameters as text for `--set`, `JSON` or `TOML`."""
+        text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
+        QGuiApplication.clipboard().setText(text)
+        usage = 'tactor-bench model frequency-response --set @FILE, or --set "the text itself"'
+        self.message.emit(f"copied as {kind}: {usage}", False)
+
+    def save_study(self, path: Path, result: ExploreResult | None = None) -> None:
+        """Save a study of the parameters that differ between the kept curves, else of the slider moved last.
+
+        The frequencies are those of `result`; without one, 1 Hz to 250 Hz.
+        """
+        frequencies_hz: Sequence[float] = range(1, 251) if result is None else result.curve.frequency_hz.tolist()
         self.message.emit("computing the study …", False)
         setting, kept, variable = self.setting, self.session.kept_curves, self.session.study_variable
         self._study_worker.submit(

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
-from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
 from app.common import ResultSummary
@@ -141,19 +140,6 @@ class ExplorePage(QSplitter):
         self.overlaid.remove(*self.overlaid.runs)
         self.model.compute()
 
-    def copy(self, kind: str) -> None:
-        """Copy the parameters as text for `--set`."""
-        text = self.model.setting.as_json() if kind == "JSON" else self.model.setting.as_toml()
-        QGuiApplication.clipboard().setText(text)
-        self.status_line.show_message(
-            f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"'
-        )
-
-    def save_study(self, path: Path) -> None:
-        """Save a study of the parameters that differ between the kept curves, else of the slider moved last."""
-        curve = None if self.result is None else self.result.curve
-        self.model.save_study(path, range(1, 251) if curve is None else curve.frequency_hz.tolist())
-
     # -- internal --------------------------------------------------------------------------------------------------------
 
     def _on_fitted(self, result: ExploreFit) -> None:
@@ -232,7 +218,7 @@ class ExplorePage(QSplitter):
 
     def _choose_study_file(self) -> None:
         choose_files(
-            self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
+            self, "Save as study", lambda paths: self.model.save_study(paths[0], self.result), "Study (*.h5);;Sheet (*.csv)", str(self.folder() / "study.h5"),
             Mode.AnyFile,
         )  # fmt: skip
 
@@ -297,7 +283,7 @@ class ExplorePage(QSplitter):
             (bar.series_changed, self._update_series),
             (bar.site_chosen, self.model.set_site),
             (bar.design_button.toggled, self.design.toggle),
-            (bar.copy_chosen, self.copy),
+            (bar.copy_chosen, self.model.copy),
             (bar.run_chosen, self._show_result_of),
             (bar.run_removed, self.overlaid.remove),
             (bar.undo_button.clicked, self.model.undo),

@@ -1,6 +1,7 @@
 """Main window: status bar, notices and pages of one session, refreshed by a timer."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,9 @@ from app.common.recent_errors import RecentErrors
 from app.config import BenchConfig, ConfigError
 from app.gui.remote.controller import RemoteController
 from app.gui.shell.menus import MainMenus
+from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE
 from app.gui.shell.page_stack import CentralStack
-from app.gui.shell.tabs import BENCH, CAMPAIGN, MEASURE, MainTabs
+from app.gui.shell.tabs import MainTabs
 from app.gui.shell.window_settings import make_settings
 from app.gui.status.fault_panel import FaultPanel
 from app.gui.status.notices import NoticeArea
@@ -53,6 +55,22 @@ HIDDEN_CONNECT_DELAY_MS = 500
 """A window that is not visible, and so not painted, connects after this time."""
 
 
+@dataclass(frozen=True)
+class InitialForm:
+    """Contents of the Measure page when the window opens.
+
+    Attributes:
+        folder: for run files; None for the one used last.
+        specimen: its name; None for the one used last.
+        autostart: begin a run as soon as the bench is connected.
+    """
+
+    protocol: Protocol
+    folder: Path | None = None
+    specimen: str | None = None
+    autostart: bool = False
+
+
 class MainWindow(QMainWindow):
     """Shows the state of a session and forwards the operator's commands to it.
 
@@ -66,11 +84,8 @@ class MainWindow(QMainWindow):
         self,
         adapter: SessionAdapter,
         config: BenchConfig,
-        protocol: Protocol,
-        folder: Path | None,
-        specimen: str | None,
+        form: InitialForm,
         settings: QSettings,
-        autostart: bool = False,
         change_bench: Callable[[str], object] | None = None,
         open_bench: str = "sim",
         recent_errors: RecentErrors | None = None,
@@ -78,7 +93,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self._open_bench, self._recent_errors = open_bench, recent_errors or RecentErrors()
         self._text_scale = 1.0
-        self.adapter, self._settings, self._autostart = adapter, settings, autostart
+        self.adapter, self._settings, self._autostart = adapter, settings, form.autostart
         self._change_bench, self.demo_requested = change_bench, False
         self.replaced = False
         """Another window with another bench takes the place of this one, which stays visible until then."""
@@ -101,13 +116,13 @@ class MainWindow(QMainWindow):
             else None
         )
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
-        self.tabs = MainTabs(protocol, self.controller, config, settings, self.theme, open_bench)
+        self.tabs = MainTabs(form.protocol, self.controller, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs, self.theme)
         self.notifier = Notifier(self, settings)
-        self.remote = RemoteController(settings, adapter, self.tabs.describe_next, self)
+        self.remote = RemoteController(settings, adapter, self.tabs.subject.describe_next, self)
         self._build(config.name)
-        self._restore(folder, specimen)
+        self._restore(form)
         self.theme.set_colors(self.theme.colors)
         self._show_state()
         QGuiApplication.styleHints().colorSchemeChanged.connect(
@@ -358,7 +373,7 @@ class MainWindow(QMainWindow):
             },
         )
 
-    def _restore(self, folder: Path | None, specimen: str | None) -> None:
+    def _restore(self, form: InitialForm) -> None:
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
@@ -368,7 +383,7 @@ class MainWindow(QMainWindow):
         requested = self._autostart or self.measure_page.run_panel.protocol != build_protocol(
             PROTOCOLS[DEFAULT_PROTOCOL], {}
         )
-        self.tabs.restore_state(folder, specimen, requested)
+        self.tabs.restore_state(form.folder, form.specimen, requested)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())

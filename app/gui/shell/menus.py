@@ -10,7 +10,8 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
 from app.gui.help.tutorial import TUTORIALS
-from app.gui.shell.tabs import MEASURE, RUNS, MainTabs
+from app.gui.shell.page_host import MEASURE, RUNS
+from app.gui.shell.tabs import MainTabs
 from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
 from protocols.registry import PROTOCOLS
 
@@ -122,7 +123,7 @@ class MainMenus:
             yield PaletteEntry(
                 "run",
                 f"Run: {run.specimen} {run.protocol} {begun}",
-                partial(self._tabs.open_run, path),
+                partial(self._tabs.results.open_run, path),
                 run.verdict_text,
             )
 

@@ -11,6 +11,11 @@ from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 from app.gui.widgets import ACTIONS, BackgroundWorker, column, configure, make_scroll_area, splitters
 from app.session import WindowState
 
+MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
+"""Index of each page."""
+
+TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench", "Laboratory")
+
 PRELOAD_PAUSE_MS = 30
 """Between the creation of two pages."""
 

@@ -15,7 +15,8 @@ from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.tutorial import TutorialBand
 from app.gui.help.welcome import WelcomePage
-from app.gui.shell.tabs import BENCH, TITLES, MainTabs
+from app.gui.shell.page_host import BENCH, TITLES
+from app.gui.shell.tabs import MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ class CentralStack(QWidget):
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         column(self.hint, self.tutorial, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
-        tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.shown_specimen))
-        tabs.identification_requested.connect(lambda: self.show_identification(tabs.identification_subject))
+        tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.subject.specimen))
+        tabs.identification_requested.connect(lambda: self.show_identification(tabs.subject.identification))
         tabs.currentChanged.connect(lambda at: self.tutorial.set_page(tabs.tabText(at)))
         self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
@@ -70,8 +71,8 @@ class CentralStack(QWidget):
             "shortcuts": ("shortcut_sheet", self.show_shortcuts),
             "palette": ("command_palette", self.show_palette),
             "settings": ("settings_page", self.show_settings),
-            "specimen": ("specimen_page", lambda: self.show_specimen(*tabs.shown_specimen)),
-            "identification": ("identification_page", lambda: self.show_identification(tabs.identification_subject)),
+            "specimen": ("specimen_page", lambda: self.show_specimen(*tabs.subject.specimen)),
+            "identification": ("identification_page", lambda: self.show_identification(tabs.subject.identification)),
             "problem": ("problem_page", self.show_problem),
         }
         add_actions(

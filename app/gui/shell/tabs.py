@@ -14,8 +14,9 @@ from app.gui.laboratory.folder_threshold import FolderThreshold
 from app.gui.measure.operator import OperatorOfToday
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
-from app.gui.results.report_job import ReportJob
-from app.gui.shell.page_host import Page, PageHost
+from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
+from app.gui.shell.result_actions import ResultActions
+from app.gui.shell.visible_subject import VisibleSubject
 from app.gui.specimen.indicators import SheetIndicators
 from app.gui.status.session_controller import SessionController
 from app.gui.widgets import Toast, WindowTheme
@@ -30,14 +31,7 @@ if TYPE_CHECKING:
     from app.gui.explore.page import ExplorePage
     from app.gui.laboratory.page import LaboratoryPage
     from app.gui.runs.page import RunsPage
-    from app.gui.specimen.identification_page import IdentificationSubject
     from protocols.runner.request import RunRequest
-
-
-MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
-"""Index of each page."""
-
-TITLES = ("Measure", "Campaign", "Explore", "Runs", "Bench", "Laboratory")
 
 
 class MainTabs(PageHost):
@@ -71,9 +65,9 @@ class MainTabs(PageHost):
             theme,
         )
         self._toast = Toast(self)
-        self._report_job = ReportJob(self.show_message, self)
+        self.results, self.subject = ResultActions(self, self.show_message), VisibleSubject(self)
         panel = self.measure.run_panel
-        panel.result_card.requested.connect(self._on_card_requested)
+        panel.result_card.requested.connect(self.results.perform)
         panel.label_scanned.connect(self._compare_label)
         self._operator = OperatorOfToday(panel, self._worker, self)
         self._threshold = FolderThreshold(self._worker, self._created.values, self.show_message)
@@ -139,29 +133,6 @@ class MainTabs(PageHost):
     def specimen(self) -> str:
         return self.measure.run_panel.specimen_edit.text().strip()
 
-    @property
-    def shown_specimen(self) -> tuple[Path, str]:
-        """Folder and name of the specimen that the visible page is about."""
-        return self._specimen_of(self.campaign.controller) if self._shows(CAMPAIGN) else (self.folder, self.specimen)
-
-    def describe_next(self) -> tuple[str, str]:
-        """Return the specimen of the visible page, and the next step of the open campaign as text."""
-        step = self.campaign.board.step if CAMPAIGN in self._created else None
-        return self.shown_specimen[1], "" if step is None else step.heading
-
-    @property
-    def identification_subject(self) -> IdentificationSubject:
-        """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
-        from app.gui.specimen.identification_page import IdentificationSubject
-
-        folder, specimen = self.shown_specimen
-        runs: tuple[Path, ...] = ()
-        if self._shows(EXPLORE):
-            runs = tuple(run.path for run in self.explore.overlaid.runs)
-        elif self._shows(CAMPAIGN):
-            runs = self.campaign.controller.counting_runs
-        return IdentificationSubject(runs[0].parent if runs else folder, specimen, runs)
-
     # -- interface to the main window ---------------------------------------------------------------------------------
 
     def preload_pages(self) -> None:
@@ -195,20 +166,12 @@ class MainTabs(PageHost):
 
     def shutdown(self) -> None:
         """Stop background threads."""
-        self._report_job.shutdown()
+        self.results.shutdown()
         self.overlay.close()
         self._adapter.feed.running_curve.close()
         super().shutdown()
 
     # -- inside --------------------------------------------------------------------------------------------------------
-
-    def _shows(self, index: int) -> bool:
-        """Whether a page is created and visible."""
-        return self.currentIndex() == index and index in self._created
-
-    def _specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
-        summary = controller.summary
-        return (self.folder, self.specimen) if summary is None else (summary.path.parent, summary.specimen)
 
     def _make_campaign(self) -> CampaignPage:
         from app.gui.campaign.page import CampaignPage
@@ -220,11 +183,11 @@ class MainTabs(PageHost):
         )
         controller.setParent(page)
         controller.run_requested.connect(self._start_campaign_run)
-        page.run_open_requested.connect(self.open_run)
-        page.board.details.review_pane.card.requested.connect(self._on_card_requested)
-        page.explore_requested.connect(lambda path: self._overlay_runs([path]))
+        page.run_open_requested.connect(self.results.open_run)
+        page.board.details.review_pane.card.requested.connect(self.results.perform)
+        page.explore_requested.connect(lambda path: self.results.overlay_runs([path]))
         page.restore_state(self._settings)
-        self.sheets.add(page.board.header.sheet_button, lambda: self._specimen_of(controller))
+        self.sheets.add(page.board.header.sheet_button, lambda: self.subject.specimen_of(controller))
         controller.changed.connect(self.sheets.update_changed)
         page.board.header.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
         return page
@@ -234,8 +197,8 @@ class MainTabs(PageHost):
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._theme, fit_runs)
-        page.runs_wanted.connect(self._choose_runs)
-        page.card.requested.connect(self._on_card_requested)
+        page.runs_wanted.connect(self.results.choose_runs)
+        page.card.requested.connect(self.results.perform)
         page.folder, page.specimen = lambda: self.folder, lambda: (self.folder, self.specimen)
         self.sheets.add(page.toolbar.sheet_button, lambda: (self.folder, self.specimen))
         page.toolbar.identify_button.clicked.connect(lambda _=False: self.identification_requested.emit())
@@ -246,10 +209,10 @@ class MainTabs(PageHost):
         from app.gui.runs.page import RunsPage
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme)
-        page.explore_requested.connect(self._overlay_runs)
+        page.explore_requested.connect(self.results.overlay_runs)
         page.continue_requested.connect(self._continue_run)
         for card in (page.details.card, page.viewer.card):
-            card.requested.connect(self._on_card_requested)
+            card.requested.connect(self.results.perform)
         return page
 
     def _make_bench(self) -> BenchPage:
@@ -268,7 +231,7 @@ class MainTabs(PageHost):
         from app.gui.laboratory.page import LaboratoryPage
 
         page = LaboratoryPage(lambda: self.folder, self._theme)
-        page.run_open_requested.connect(self.open_run)
+        page.run_open_requested.connect(self.results.open_run)
         page.restore_state(self._settings)
         return page
 
@@ -285,34 +248,6 @@ class MainTabs(PageHost):
         self.setCurrentIndex(MEASURE)
         self._controller.continue_run(path, (), self.folder)
 
-    def _on_card_requested(self, action: str, path: Path) -> None:
-        """Carry out an action of a result card that starts no run."""
-        if action == "open":
-            self.open_run(path)
-        elif action == "explore":
-            self._overlay_runs([path])
-        elif action == "next":
-            self.setCurrentIndex(CAMPAIGN)
-        elif action == "report":
-            self._report_job.start_of(path)
-
-    def _choose_runs(self) -> None:
-        """Show the list of runs, to choose those to lay over the model's curves."""
-        self.setCurrentIndex(RUNS)
-        self.runs.go_back()
-        self.runs.details.show_message(
-            "Select one or several runs, then press Explore (E): they are laid over the model's curves."
-        )
-
     def show_message(self, text: str) -> None:
         """Show a short message in the corner of the pages."""
         self._toast.show_message(text)
-
-    def open_run(self, path: Path) -> None:
-        """Open a run on the Runs page."""
-        self.setCurrentIndex(RUNS)
-        self.runs.open_run(path)
-
-    def _overlay_runs(self, paths: list[Path]) -> None:
-        self.setCurrentIndex(EXPLORE)
-        self.explore.overlaid.add(paths)

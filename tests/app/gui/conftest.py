@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import qt_application
-from app.gui.shell.main_window import FRAME_MS, MainWindow
+from app.gui.shell.main_window import FRAME_MS, InitialForm, MainWindow
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenPage, OpenStage, Stage, end
@@ -60,14 +60,13 @@ def open_stage(
     def make(*, ahead: bool = False, **options: Any) -> Stage:
         session = ListeningSession()
         link = SessionAdapter(lambda: pytest.fail("nobody connects here"), lambda *_: session)
-        given = {
-            "protocol": SineDwell(),
-            "folder": tmp_path,
-            "specimen": "T7",
-            "settings": settings,
-            "open_bench": "ideal",
-        } | options
-        window = MainWindow(link, config, **given)
+        contents = {"protocol": SineDwell(), "folder": tmp_path, "specimen": "T7"}
+        form = InitialForm(
+            **{name: options.pop(name, value) for name, value in contents.items()},
+            autostart=options.pop("autostart", False),
+        )
+        given = {"settings": settings, "open_bench": "ideal"} | options
+        window = MainWindow(link, config, form, **given)
         if not ahead:
             window.tabs.preload_pages = lambda: None  # type: ignore[method-assign]
         window.show()

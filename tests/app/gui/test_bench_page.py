@@ -13,7 +13,7 @@ from app.config.bench_file import BenchConfig, load_bench
 from app.config.discovery import FoundDevice
 from app.gui import application
 from app.gui.shell.main_window import MainWindow
-from app.gui.shell.tabs import BENCH, MEASURE
+from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import CommissioningJob
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
@@ -192,8 +192,7 @@ def test_the_bench_chosen_last_is_opened_at_the_next_start(
     def start() -> None:
         application.open_window(
             application.OpenedBench(lambda: pytest.fail("nothing connects here"), load_bench("ideal")),
-            SineDwell(),
-            tmp_path,
+            application.InitialForm(SineDwell(), tmp_path),
             settings=settings,
             make_session=lambda *_: ListeningSession(),
             bench_factory=lambda name: application.OpenedBench(

@@ -326,7 +326,7 @@ def test_a_result_is_reviewed_beside_what_it_is_compared_with(window: MainWindow
     assert find(pane, "review.simulated").isVisibleTo(pane)
     asked: list[str] = []
     pane.card.requested.connect(lambda action, _: asked.append(action))
-    window.tabs._report_job.start = lambda *_: None  # type: ignore[method-assign]
+    window.tabs.results._report_job.start = lambda *_: None  # type: ignore[method-assign]
     find(pane, "review.report").click()
     assert asked == ["report"]
     QTest.keyClick(page.board.item_list, Qt.Key.Key_A)

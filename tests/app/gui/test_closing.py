@@ -11,7 +11,7 @@ from PySide6.QtCore import QSettings, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
-from app.gui.application import OpenedBench, open_window
+from app.gui.application import InitialForm, OpenedBench, open_window
 from app.gui.shell.main_window import MainWindow
 from app.gui.status.notices import INPUT_GUARD_S
 from app.session.bench_connection import connect
@@ -141,7 +141,9 @@ def test_a_signal_takes_the_same_way_out(
     QTimer.singleShot(0, interrupt)
     protocol = SineDwell(frequencies_hz=(100.0,) * 200)
     code = open_window(
-        OpenedBench(lambda: connect(config, None), config), protocol, tmp_path, "T7", autostart=True, settings=settings
+        OpenedBench(lambda: connect(config, None), config),
+        InitialForm(protocol, tmp_path, "T7", autostart=True),
+        settings,
     )
     assert code == 0
     assert seen[-1] is BenchState.LIVE

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 
-from app.gui.shell.tabs import MEASURE, RUNS
+from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.run_files import finished_run

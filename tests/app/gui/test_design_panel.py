@@ -12,7 +12,7 @@ from app.cli.main import main
 from app.explore import DesignQuestion, ExploreSetting, answer_design
 from app.gui.explore import design_panel
 from app.gui.explore.page import ExplorePage
-from app.gui.shell.tabs import EXPLORE
+from app.gui.shell.page_host import EXPLORE
 from app.identification.calibrations import Calibrations, write_calibrations
 from model import ParameterError, Tactor
 from model.response import exact_response

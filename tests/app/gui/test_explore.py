@@ -178,7 +178,7 @@ def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
     from protocols.runfile.study_file import read_study
 
     type_into(page, "delta", "1")
-    page.save_study(tmp_path / "study.h5")
+    page.model.save_study(tmp_path / "study.h5", page.result)
     until(lambda: "study.h5: max" in page.status_line.text(), "for the study")
     assert [axis.name for axis in read_study(tmp_path / "study.h5").axes] == ["delta", "frequency"]
 
@@ -236,7 +236,7 @@ def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     until(lambda: not first.window.isVisible(), "for the window to close")
     again = open_stage().window.tabs.explore
     assert again.model.setting.values == {"m_add": 5e-3, "delta": 0.01}
-    assert again.setting.on_skin
+    assert again.model.setting.on_skin
 
 
 @pytest.mark.deep

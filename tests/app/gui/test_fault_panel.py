@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
-from app.gui.shell.main_window import MainWindow
+from app.gui.shell.main_window import InitialForm, MainWindow
 from app.gui.status.fault_panel import FaultPanel
 from app.gui.status.simulation_controls import SimulationControls
 from app.gui.widgets import column
@@ -35,7 +35,9 @@ def window(
     protocol = SineDwell(frequencies_hz=(100.0,) * 500, record_s=1.0)
     # A sensor that is stuck for three points would stop the run before a busy computer has cleared the fault.
     config = config.model_copy(update={"levels": config.levels.model_copy(update={"no_response_points": 1000})})
-    window = MainWindow(SessionAdapter(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
+    window = MainWindow(
+        SessionAdapter(lambda: connect(config, None)), config, InitialForm(protocol, tmp_path, "T7"), settings
+    )
     window.show()
     window.activateWindow()
     assert QTest.qWaitForWindowActive(window, 30_000)
@@ -49,6 +51,7 @@ def test_f9_begins_at_the_present_speed_and_tab_leads_on_to_the_faults(qt: QAppl
     frame, chosen = QWidget(), list[float | None]()
     panel = FaultPanel(FaultPlan(), frame, SimulationControls(SimulationSettings(20.0), chosen.append))
     column(panel, parent=frame)
+    frame.resize(600, 300)
     frame.show()
     frame.activateWindow()
     assert QTest.qWaitForWindowActive(frame, 30_000)

@@ -9,7 +9,7 @@ from app.config import LABORATORY_FILE_NAME
 from app.gui.explore.page import ExplorePage
 from app.gui.laboratory.page import SPECIMENS
 from app.gui.plots.threshold_items import ABDOMEN_LABEL
-from app.gui.shell.tabs import EXPLORE, LABORATORY, RUNS
+from app.gui.shell.page_host import EXPLORE, LABORATORY, RUNS
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import OPENED

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 
 from app.gui.help.concepts import CONCEPTS
 from app.gui.help.tutorial import TUTORIALS
-from app.gui.shell.tabs import CAMPAIGN
+from app.gui.shell.page_host import CAMPAIGN
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.session_events import LIVE, LOST, OPENED
 

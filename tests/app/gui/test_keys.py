@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, ConfigError
-from app.gui.shell.tabs import CAMPAIGN, MEASURE
+from app.gui.shell.page_host import CAMPAIGN, MEASURE
 from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
 from protocols.base import Outcome, Prompt, PromptShown, RunEnded, RunStatus, Verdict
@@ -192,8 +192,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     def show() -> None:
         application.open_window(
             application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),
-            SineDwell(),
-            tmp_path,
+            application.InitialForm(SineDwell(), tmp_path),
             settings=settings,
             make_session=lambda *_: ListeningSession(),
             bench_factory=bench,
@@ -233,8 +232,7 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
     monkeypatch.setattr(application.QApplication, "exec", look)
     application.open_window(
         application.OpenedBench(lambda: pytest.fail("nobody connects here"), real),
-        SineDwell(),
-        tmp_path,
+        application.InitialForm(SineDwell(), tmp_path),
         settings=settings,
         make_session=lambda *_: ListeningSession(),
         bench_factory=lambda name: application.OpenedBench(lambda: pytest.fail("nobody connects here"), config),

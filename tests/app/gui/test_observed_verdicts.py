@@ -9,7 +9,7 @@ import pytest
 from app.cli.main import main
 from app.common.tables import Table
 from app.gui.runs.table import COLUMNS
-from app.gui.shell.tabs import RUNS
+from app.gui.shell.page_host import RUNS
 from app.report.content import build_report
 from app.report.document import Paragraph
 from protocols.base import Outcome, RunEnded, RunStarted

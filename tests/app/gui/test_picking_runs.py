@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 
 from app.gui.runs.transfers import folder_link
-from app.gui.shell.tabs import EXPLORE, RUNS
+from app.gui.shell.page_host import EXPLORE, RUNS
 from tests.helpers.main_window import Stage
 from tests.helpers.session_events import LIVE, OPENED, STOPPED
 

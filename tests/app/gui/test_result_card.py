@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt, QUrl
 
 from app.gui.results.report_job import ReportJob
-from app.gui.shell.tabs import RUNS
+from app.gui.shell.page_host import RUNS
 from protocols.base import BenchArmed, EstimatedQuantity, PointMeasured, Quality, RunEnded, RunStarted, RunStatus
 from protocols.measurements.mass_resonance import MassPoint
 from tests.helpers.main_window import Stage, find, until
@@ -35,7 +35,7 @@ def test_the_result_stays_until_the_next_run(stage: Stage) -> None:
     assert not card.isHidden()
     assert "NOT JUDGED" in find(card, "result.verdict").text()
     assert find(card, "result.value-0").text() == "158.3 ± 1.6 Hz"
-    assert "mu" in find(card, "result.more").text()
+    assert "moment per volt" in find(card, "result.more").text()
     assert find(card, "result.file").text() == "one.h5"
     assert find(card, "result.simulated").isVisibleTo(card)
     assert not find(card, "result.continue").isVisibleTo(card), "nothing is missing"

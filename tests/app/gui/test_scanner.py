@@ -8,7 +8,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QListWidget
 
-from app.gui.shell.tabs import RUNS
+from app.gui.shell.page_host import RUNS
 from app.gui.widgets.actions import BURST_GAP_MS, HOLD_MS, KeyBurstFilter
 from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptShown
 from tests.helpers.main_window import Stage, find, until

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.gui.shell.tabs import CAMPAIGN, EXPLORE, MEASURE
+from app.gui.shell.page_host import CAMPAIGN, EXPLORE, MEASURE
 from app.gui.specimen.page import SpecimenPage
 from app.identification.sheet_file import create_sheet, edit_sheet, load_sheet
 from app.identification.specimen_sheet import SheetEntry

@@ -5,7 +5,7 @@ from PySide6.QtCore import QEvent, QObject, QSettings, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 
 from app.gui.plots import PlotBase
-from app.gui.shell.tabs import EXPLORE, MEASURE, RUNS
+from app.gui.shell.page_host import EXPLORE, MEASURE, RUNS
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import OpenStage, until

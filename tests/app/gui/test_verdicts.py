@@ -7,7 +7,7 @@ import pytest
 from PySide6.QtCore import Qt
 
 from app.gui.runs.table import COLUMNS
-from app.gui.shell.tabs import RUNS
+from app.gui.shell.page_host import RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
 from protocols.measurements.wiring_check import WiringCheck
