@@ -1,9 +1,10 @@
 """Status of campaign items, computed from run summaries and from what each run was based on."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -166,59 +167,51 @@ def evaluate_item(
     # Runs before a request to measure again are not resumed; their results count until there is another.
     since = [run for run in runs if (run.running or run.start_time >= item.since) and run.name not in item.rejected]
     last = since[-1] if since else None
+    state = partial(ItemState, item, title, results=results)
     if last is not None and last.running:
-        return ItemState(
-            item,
-            title,
-            ItemStatus.RUNNING,
-            f"{last.name} is being written",
-            NextAction.WAIT,
-            folder / last.path,
-            results=results,
-        )
+        return state(ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, folder / last.path)
     waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
-    do = NextAction.WAIT if waits else NextAction.REPEAT
     resumes = last is not None and not last.has_result and last.resumable and last.state != RunState.UNSAFE
-    if (done := _valid_run(item, results, previous, based_on)) is not None:
-        newest = [run for run in results if run.name not in item.rejected][-1]
-        candidate = newest if newest is not done and newest.name not in item.accepted else None
-        requested = bool(item.since) and newest.start_time < item.since
-        why = REPEAT_REASON if requested else _stale_reason(item, done, previous, based_on.get(done.name))
-        if candidate is not None:
-            why, later = "", "; a later run is to be accepted"
-        else:
-            later = "" if last is None or last.has_result else f"; a later run {_later_text(last)}"
-        if requested and resumes and not waits:
-            do = NextAction.RESUME
-        return ItemState(
-            item,
-            title,
-            ItemStatus.STALE if why else ItemStatus.DONE,
-            (why or _result_text(done)) + later,
-            do if why else NextAction.NONE,
-            folder / done.path,
-            done.start_time,
-            done.record.estimates,
-            folder / last.path if last is not None and do is NextAction.RESUME else None,
-            candidate,
-            results,
-        )
+    if (done := _valid_run(item, results, previous, based_on)) is None:
+        return _state_without_result(state, folder, last, waits, resumes)
+    newest = [run for run in results if run.name not in item.rejected][-1]
+    candidate = newest if newest is not done and newest.name not in item.accepted else None
+    requested = bool(item.since) and newest.start_time < item.since
+    why = REPEAT_REASON if requested else _stale_reason(item, done, previous, based_on.get(done.name))
+    if candidate is not None:
+        why, later = "", "; a later run is to be accepted"
+    else:
+        later = "" if last is None or last.has_result else f"; a later run {_later_text(last)}"
+    action = NextAction.RESUME if requested and resumes else NextAction.REPEAT
+    return state(
+        ItemStatus.STALE if why else ItemStatus.DONE,
+        (why or _result_text(done)) + later,
+        NextAction.NONE if not why else NextAction.WAIT if waits else action,
+        folder / done.path,
+        done.start_time,
+        done.record.estimates,
+        folder / last.path if last is not None and not waits and action is NextAction.RESUME else None,
+        candidate,
+    )
+
+
+def _state_without_result(
+    state: Callable[..., ItemState], folder: Path, last: RunSummary | None, waits: Sequence[str], resumes: bool
+) -> ItemState:
+    """Return the state of an item without a valid run; `last` is its last run, `waits` are the dependencies that are not done."""
     if last is None:
         if waits:
-            status, reason, do = ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT
-        else:
-            status, reason, do = ItemStatus.MISSING, "not measured yet", NextAction.RUN
-        return ItemState(item, title, status, reason, do, results=results)
+            return state(ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT)
+        return state(ItemStatus.MISSING, "not measured yet", NextAction.RUN)
     path = folder / last.path
     if resumes:
         why = "its program is gone" if last.state == RunState.CRASHED else last.record.reason
         reason = f"{last.state} with {last.record.entry_count} points: {why}"
-        do = NextAction.WAIT if waits else NextAction.RESUME
-        return ItemState(
-            item, title, ItemStatus.UNFINISHED, reason, do, path, last.start_time, resumed_run=path, results=results
-        )
+        action = NextAction.WAIT if waits else NextAction.RESUME
+        return state(ItemStatus.UNFINISHED, reason, action, path, last.start_time, resumed_run=path)
     status = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
-    return ItemState(item, title, status, _failure_text(last), do, path, last.start_time, results=results)
+    action = NextAction.WAIT if waits else NextAction.REPEAT
+    return state(status, _failure_text(last), action, path, last.start_time)
 
 
 def _valid_run(
