@@ -11,23 +11,13 @@ import numpy as np
 from app.identification import points_of_run
 from app.plotting.panels import draw_measured, draw_reference, new_figure
 from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
-from model import AmplifierMap, Array, Series, SeriesAxis, Specimen, format_estimate, shown_unit
-from model.response import (
-    ABDOMEN_THRESHOLD,
-    PerceptionThreshold,
-    driven_amplitudes,
-    fourier_series,
-    frequency_response,
-    lag_factor,
-)
-from protocols import usable_mask
+from model import Array, SeriesAxis, Specimen, format_estimate, shown_unit
+from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
 from protocols.base import Figure, ModelState
 from protocols.registry import aspects_of
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
 
-RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
-"""Columns that are drawn on the model's curve."""
 POINT_COLORS = ("tab:red", "tab:blue", "tab:green", "tab:orange", "tab:purple")
 
 
@@ -65,89 +55,18 @@ def run_figure(
 
 def _panels(run: Run, threshold: PerceptionThreshold) -> list[tuple[Callable[[Any, Run, Specimen], None], float]]:
     """Return the plots above the last recording, with their relative heights."""
-    points = run.points()
-    if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
-        return [(partial(_draw_series, threshold=threshold), 3)]
-    if points.keys() >= RESPONSE_COLUMNS:
-        return [(partial(_draw_response, threshold=threshold), 3)]
     panels: list[tuple[Callable[[Any, Run, Specimen], None], float]] = []
     figures = [*aspects_of(run.record.protocol).figures(points_of_run(run))]
-    if any(figure.lines for figure in figures):
-        return [(partial(_draw_figure, figure=figure), 3) for figure in figures]
+    draw = partial(_draw_figure, threshold=threshold)
+    if any(figure.lines or figure.models for figure in figures):
+        return [(partial(draw, figure=figure), 3) for figure in figures]
     if curves := run.series():
         panels.append((_draw_curves, 3))
         if all(curve.coherence is not None for curve in curves):
             panels.append((_draw_coherence, 0.8))
-    if not curves or len(points[run.record.axes[0]]) > 1:
-        panels += [(partial(_draw_figure, figure=figure), 2) for figure in figures]
+    if not curves or len(run.points()[run.record.axes[0]]) > 1:
+        panels += [(partial(draw, figure=figure), 2) for figure in figures]
     return panels
-
-
-def _draw_response(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionThreshold) -> None:
-    points = run.points()
-    f = points["frequency"]
-    amplitude_v = float(run.record.parameters["peak_to_peak_v"]) / 2
-    top = max(float(f.max()) if f.size else 250.0, 250.0)
-    curve_f = np.linspace(5.0, 1.05 * top, 500)
-    amplifier = run.record.amplifier_map
-    free = replace(specimen, membrane=None, delta=0.0)
-    whole, fundamental = _driven(free, curve_f, amplitude_v, amplifier)
-    axes.plot(curve_f, 1e6 * whole, "-", color="tab:blue", lw=1.2, label="model, max - min")
-    axes.plot(curve_f, 2e6 * fundamental, "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
-    good = usable_mask(points["quality"])
-    for name, scale, label, marker, size, color in (  # an imported table may have one of them only
-        ("peak_to_peak", 1e6, "measured, max - min", "o", 6, "tab:red"),
-        ("fundamental", 2e6, "measured, 2 x fundamental", "s", 4, "tab:orange"),
-    ):
-        measured = Series(f, points[name], points[f"{name}_errors"], usable=good).scaled(1.0, scale)
-        draw_measured(axes, measured, label, fmt=marker, ms=size, mec=color, ecolor=color)
-    axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    draw_reference(axes, threshold_line(threshold, curve_f), UNCOMFORTABLE, "tab:green", 9)
-    found = "\n".join(map(format_estimate, run.record.estimates))
-    axes.legend(title=found or None, fontsize=9, title_fontsize=9, loc="best")
-
-
-def _driven(
-    specimen: Specimen, frequency_hz: Array, amplitude_v: float, amplifier: AmplifierMap
-) -> tuple[Array, Array]:
-    """Return max - min and amplitude of the fundamental, m, with the lag of the MFC."""
-    skin = specimen.skin if specimen.membrane is not None else None
-    whole, fundamental = driven_amplitudes(specimen.acting_tactor, frequency_hz, amplitude_v, amplifier, skin)
-    lag = np.abs(lag_factor(specimen.hysteresis, specimen.creep, frequency_hz, amplitude_v, amplifier=amplifier))
-    return whole * lag, fundamental * lag
-
-
-def _draw_series(axes: Any, run: Run, specimen: Specimen, threshold: PerceptionThreshold) -> None:
-    """Draw dwells at several elongations, each in one color with its model curve."""
-    from model import Membrane
-
-    points = run.points()
-    good = usable_mask(points["quality"])
-    amplifier, amplitude_v = run.record.amplifier_map, float(run.record.parameters["peak_to_peak_v"]) / 2
-    parts = np.unique(points["part"])
-    curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
-    for colour, part in zip(_curve_colors(len(parts)), parts, strict=True):
-        of_part = points["part"] == part
-        elongation = float(points["elongation"][of_part][0])
-        free = np.isnan(elongation)
-        membrane = specimen.membrane or Membrane()
-        pressed = replace(
-            specimen, membrane=None if free else membrane, delta=0.0 if free else elongation / membrane.L_m
-        )
-        whole, _ = _driven(pressed, curve_f, amplitude_v, amplifier)
-        axes.plot(curve_f, 1e6 * whole, "--", color=colour, lw=0.9)
-        label = "free" if free else f"{1e3 * elongation:.2f} mm"
-        measured = Series(points["frequency"], points["peak_to_peak"], points["peak_to_peak_errors"], usable=good)
-        shown = measured.at(of_part).scaled(1.0, 1e6)
-        draw_measured(axes, shown, label, face=colour, flagged="", fmt="o", ms=5, color=colour)
-    axes.set(
-        xlabel="frequency (Hz)",
-        ylabel="peak-to-peak displacement of the centre (µm)",
-        xlim=(0, curve_f[-1]),
-        ylim=(0, None),
-    )
-    draw_reference(axes, threshold_line(threshold, curve_f), UNCOMFORTABLE, "tab:green", 9)
-    axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 
 def _draw_curves(axes: Any, run: Run, specimen: Specimen) -> None:
@@ -185,38 +104,58 @@ def _draw_coherence(axes: Any, run: Run, _specimen: Specimen) -> None:
     axes.ticklabel_format(useOffset=False)
 
 
-def _draw_figure(axes: Any, run: Run, specimen: Specimen, figure: Figure) -> None:
+def _draw_figure(
+    axes: Any, run: Run, specimen: Specimen, figure: Figure, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> None:
     """Draw a figure of the run's protocol in display units; points that no fit may use are hollow."""
-    x_axis, y_axis = (figure.points or figure.lines)[0].x_axis, (figure.points or figure.lines)[0].y_axis
+    if not (drawn := figure.points or figure.lines):
+        axes.text(0.5, 0.5, "no usable points", ha="center", transform=axes.transAxes)
+        axes.set_axis_off()
+        return
+    x_axis, y_axis = drawn[0].x_axis, drawn[0].y_axis
     (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
     for color, line in zip(_curve_colors(len(figure.lines)), figure.lines, strict=True):
         axes.plot(over * line.x, factor * line.plotted, "-", color=color, lw=1.2, label=line.label)
-    for at, series in enumerate(figure.points):
-        color, marker = POINT_COLORS[at % len(POINT_COLORS)], figure.markers.get(series.label, "os^Dv"[at % 5])
-        shown = series.scaled(over, factor)
-        draw_measured(axes, shown, series.label or "measured", face=color, fmt=marker, color=color)
-    _draw_model(axes, run, specimen, figure, over, factor)
+    many = len(figure.points) > len(POINT_COLORS)
+    colors = _curve_colors(len(figure.points)) if many else POINT_COLORS[: len(figure.points)]
+    state, grid = ModelState(specimen, run.record.amplifier_map), _model_grid(figure)
+    for at, (color, series) in enumerate(zip(colors, figure.points, strict=True)):
+        marker = figure.markers.get(series.label, "o" if many else "os^Dv"[at])
+        size, label = 4 if at else 6, series.label or "measured"
+        draw_measured(axes, series.scaled(over, factor), label, face=color, fmt=marker, color=color, ms=size)
+        if series.label in figure.models and grid.size:
+            y = figure.models[series.label](state, grid)
+            axes.plot(over * grid, None if y is None else factor * y, "--", color=color, lw=1)
+    if figure.model is not None and grid.size and (y := figure.model(state, grid)) is not None:
+        axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
+    _draw_comparisons(axes, figure, factor)
+    axes.set(xlabel=_axis_label(x_axis, x_unit), ylabel=_axis_label(y_axis, y_unit))
+    if figure.models:
+        axes.set(xlim=(0, grid[-1]))
+    if figure.has_threshold:
+        draw_reference(axes, threshold_line(threshold, grid), UNCOMFORTABLE, "tab:green", 9)
+    title = ["dashed: model", *map(format_estimate, run.record.estimates)] if figure.models else []
+    small = figure.lines or figure.spans
+    axes.legend(title="\n".join(title) or None, fontsize=8 if small else 9, title_fontsize=9, ncols=2 if many else 1)
+
+
+def _draw_comparisons(axes: Any, figure: Figure, factor: float) -> None:
+    """Draw what a figure has to compare with, and set the limits of y."""
     for level in figure.levels:
         axes.axhline(factor * level, color="tab:green", lw=0.8)
     for span, color in zip(figure.spans, _curve_colors(len(figure.spans)), strict=True):
         low, high = (factor * max(value, 1e-4) for value in span[:2])
         axes.axhspan(0.97 * low, 1.03 * high, color=color, alpha=0.15, lw=0)
         axes.text(0.99, (low * high) ** 0.5, span.label, fontsize=7, ha="right", va="center", transform=axes.get_yaxis_transform())  # fmt: skip
-    axes.set(xlabel=_axis_label(x_axis, x_unit), ylabel=_axis_label(y_axis, y_unit))
     if figure.log_limits:
         axes.set(yscale="log", ylim=tuple(factor * limit for limit in figure.log_limits))
-    axes.legend(fontsize=8 if figure.lines or figure.spans else 9)
+    elif figure.from_zero:
+        axes.set(ylim=(0, None))
 
 
-def _draw_model(axes: Any, run: Run, specimen: Specimen, figure: Figure, over: float, factor: float) -> None:
-    """Draw the model's curve of a figure, where it has one and the specimen can be computed."""
+def _model_grid(figure: Figure) -> Array:
     x = np.concatenate([series.x for series in figure.points]) if figure.points else np.empty(0)
-    if figure.model is None or not x.size:
-        return
-    grid = figure.model_grid(x)
-    y = figure.model(ModelState(specimen, run.record.amplifier_map), grid)
-    if y is not None:
-        axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
+    return figure.model_grid(x) if x.size or figure.grid is not None else x
 
 
 def _curve_colors(count: int) -> Any:

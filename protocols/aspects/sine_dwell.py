@@ -1,23 +1,25 @@
 """Aspects of the protocol `sine-dwell`; those of dwells under a membrane build on them."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from drivers import Sine
-from model import AmplifierMap, Array
+from model import AmplifierMap, Array, Membrane, SeriesAxis
 from model.identification import FrequencyResponseObservation, Observation
 from protocols.aspects.run_points import RunPoints
 from protocols.base import (
     DISPLACEMENT_RANGE_M,
     Aspects,
+    Figure,
     ImportColumn,
     ImportedSamples,
     ImportedTable,
     ImportForm,
+    ModelState,
     Protocol,
     Quality,
     Recording,
@@ -118,6 +120,9 @@ class SineDwellAspects(Aspects):
             has_phases=any(math.isfinite(point.phase) for point in points),
         )
 
+    def figures(self, points: RunPoints) -> Iterator[Figure]:
+        yield amplitude_figure(points)
+
     def run_figures(self, run: RunRecord, estimates: Sequence[RunFigure]) -> Iterable[RunFigure]:
         """Yield the estimates, the largest max - min of the usable points, and its margin over the abdomen's threshold of perception."""
         from model.response import perception_margin  # slow to import
@@ -133,6 +138,39 @@ class SineDwellAspects(Aspects):
         yield RunFigure.with_gain("margin_at_resonance", margin, error, "1", gain, condition)._replace(
             frequency_hz=top.frequency_hz
         )
+
+
+def amplitude_figure(points: RunPoints) -> Figure:
+    """Return both amplitudes over frequency, on the curves of the free tactor under the run's drive."""
+    x, displacement = SeriesAxis("frequency", "Hz"), "displacement of the centre"
+    whole = points.series(x, SeriesAxis("peak_to_peak", "m", displacement), "max - min")
+    half = points.series(x, SeriesAxis("fundamental", "m", displacement), "2 x fundamental")
+    assert half.errors is not None
+    models = {whole.label: amplitude_model(points), half.label: amplitude_model(points, peak_to_peak=False)}
+    grid = np.linspace(5.0, 1.05 * max(float(whole.x.max(initial=0.0)), 250.0), 500)
+    series = (whole, replace(half, y=2 * half.y, errors=2 * half.errors))
+    return Figure(series, models=models, grid=grid, from_zero=True, has_threshold=True)
+
+
+def amplitude_model(
+    points: RunPoints, elongation_m: float | None = None, peak_to_peak: bool = True
+) -> Callable[[ModelState, Array], Array]:
+    """Return the model of max - min, or of twice the fundamental, under the run's drive, free or at an elongation of the membrane."""
+    amplitude_v = float(points.run.record.parameters["peak_to_peak_v"]) / 2
+
+    def amplitudes(state: ModelState, frequency_hz: Array) -> Array:
+        from model.response import driven_amplitudes, lag_factor  # slow to import
+
+        specimen, amplifier, skin = replace(state.specimen, membrane=None, delta=0.0), state.amplifier, None
+        if elongation_m is not None:
+            membrane = state.specimen.membrane or Membrane()
+            specimen = replace(specimen, membrane=membrane, delta=elongation_m / membrane.L_m)
+            skin = specimen.skin
+        whole, fundamental = driven_amplitudes(specimen.acting_tactor, frequency_hz, amplitude_v, amplifier, skin)
+        lag = lag_factor(specimen.hysteresis, specimen.creep, frequency_hz, amplitude_v, amplifier=amplifier)
+        return np.abs(lag) * (whole if peak_to_peak else 2 * fundamental)
+
+    return amplitudes
 
 
 def dwell_observation(points: RunPoints, label: str, elongation_m: float | None) -> FrequencyResponseObservation:

@@ -103,12 +103,15 @@ class Aspects:
 class AspectsOfModule:
     """Class attribute `aspects` of a protocol: `ASPECTS` of the built-in protocol's module of aspects, otherwise the defaults.
 
+    A laboratory's subclass of a built-in protocol has those of this protocol.
+
     Aspects are imported when they are first used: measuring needs none of them.
     """
 
     def __get__(self, instance: Any, protocol_class: type) -> Aspects:
-        package, _, module = protocol_class.__module__.rpartition(".")
-        if package != MEASUREMENTS_PACKAGE:
+        names = (base.__module__.rpartition(".") for base in protocol_class.__mro__)
+        module = next((module for package, _, module in names if package == MEASUREMENTS_PACKAGE), None)
+        if module is None:
             return Aspects()
         aspects = importlib.import_module(f"{ASPECTS_PACKAGE}.{module}").ASPECTS
         assert isinstance(aspects, Aspects)

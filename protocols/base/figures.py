@@ -56,6 +56,8 @@ class Figure:
         title: in the report of a specimen, where the figures of one title of all runs are one; empty: in the run's picture only.
         caption: for the report.
         model: curve of the model, drawn over `grid`, by default over the range of the points.
+        models: curves of the model for the points of a label.
+        has_threshold: the threshold of perception, in µm over Hz, is drawn.
         lines: drawn as lines.
         levels: of y to compare with.
         spans: ranges of y to compare with.
@@ -69,6 +71,8 @@ class Figure:
     caption: str = ""
     model: ModelFunction | None = None
     grid: Array | None = None
+    models: Mapping[str, ModelFunction] = field(default_factory=dict)
+    has_threshold: bool = False
     lines: tuple[Series, ...] = ()
     levels: tuple[float, ...] = ()
     spans: tuple[ReferenceSpan, ...] = ()
