@@ -1,11 +1,10 @@
-"""Audit trail of a folder of runs: begin, record and verify, with the hashes of run files and of every other file."""
+"""Audit trail of a folder of runs: begin, record and verify, with the hashes of its files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress
-from app.common.audit import content_hash
 from app.common.audit_log import (
     LOG_NAME,
     MIN_HEAD_LENGTH,
@@ -15,7 +14,7 @@ from app.common.audit_log import (
     read_entries,
 )
 from app.common.people import current_conditions
-from protocols.runfile.verify import PREFIX
+from protocols.base import file_hash
 
 AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json", ".specimen.toml", ".certificate.json")
 """Files that are recorded when an audit trail begins, and looked for when it is verified."""
@@ -89,10 +88,7 @@ def _compare(expected: str, found: str) -> str:
         return "is missing"
     if not expected:
         return "is there again, although it was removed"
-    before, after = expected.split(":"), found.split(":")
-    if before[0] == after[0] == PREFIX and len(before) == len(after) == 3 and before[1] == after[1]:
-        return "has other results"
-    return "was changed"
+    return "has another kind of hash, of an earlier version," if expected.startswith("run:") else "was changed"
 
 
 def _present_files(folder: Path, progress: Progress, named: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -107,7 +103,7 @@ def _present_files(folder: Path, progress: Progress, named: Mapping[str, str] | 
     for done, name in enumerate(sorted(names), 1):
         progress.raise_if_cancelled()
         try:
-            found[name] = content_hash(folder / name)
+            found[name] = file_hash(folder / name)
         except OSError as error:
             found[name] = f"unreadable: {error.strerror or error}"
         progress.update(done / len(names), f"hashing {done} of {len(names)}")

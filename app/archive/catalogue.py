@@ -21,7 +21,7 @@ from app.archive.run_summary import RunState, RunSummary, read_run_summary, summ
 from app.common import NO_PROGRESS, Progress
 from protocols.runfile.sidecar import NOTES_SUFFIX
 
-SCHEMA = 10 * 12 + marshal.version
+SCHEMA = 10 * 13 + marshal.version
 """Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""
 
 SHORT_SCAN_FILES = 20

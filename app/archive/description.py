@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.archive.checking import describe_check
 from app.archive.figures import run_figures
+from app.archive.notes import describe_check
 from app.archive.run_summary import instruments_text
 from app.common import (
     format_bytes,

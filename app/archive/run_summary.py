@@ -74,6 +74,8 @@ class RunSummary(NamedTuple):
     operator: str = ""
     instruments: str = ""
     """Identities with serial numbers, and the state of the sensor's calibration, as text."""
+    bench: str = ""
+    sensor: str = ""
     figures_json: str = "[]"
     """Figures for comparisons with other runs and specimens, see `app.archive.figures`."""
     tags: str = ""
@@ -192,6 +194,8 @@ def summarize_run(
         "; ".join(map(format_estimate, record.estimates)),
         record.conditions.operator,
         instruments_text(record) if is_read else "",
+        record.bench_name,
+        record.sensor_text,
         json.dumps(tuple(run_figures(record)) if is_read else ()),
         ", ".join(notes.tags),
         notes.note,

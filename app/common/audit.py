@@ -7,23 +7,6 @@ from app.common.people import current_conditions
 from protocols.base import file_hash
 
 
-def content_hash(path: Path) -> str:
-    """Return the hashes of a run file, the SHA-256 of another file, and an empty text for one that is gone.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    if path.suffix == ".h5" and path.exists():
-        from protocols.runfile.open import RunReadError
-        from protocols.runfile.verify import run_fingerprint  # h5py is slow to import
-
-        try:
-            return run_fingerprint(path).text
-        except RunReadError:  # another HDF5 file, or a damaged one: as it is
-            return file_hash(path)
-    return file_hash(path)
-
-
 def record_audit(action: str, *paths: Path, subject: str = "", **details: object) -> None:
     """Append an entry on changed files to the audit trail that covers them, if any. Errors are logged, not raised."""
     if not paths or audited_folder(paths[0]) is None:
@@ -31,7 +14,7 @@ def record_audit(action: str, *paths: Path, subject: str = "", **details: object
     hashes = {}
     for path in paths:
         try:
-            hashes[path] = content_hash(path)
+            hashes[path] = file_hash(path)
         except OSError as error:
             hashes[path] = f"unreadable: {error.strerror or error}"
     record_change(paths[0], action, subject, current_conditions().operator, hashes, **details)

@@ -1,18 +1,16 @@
-"""Verification of a run file by its checksums, and its fingerprint: hashes of every value for an audit trail."""
+"""Verification of a run file by its checksums."""
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 
 from protocols.base import RunStatus
 from protocols.runfile.checksums import (
     CHECKSUMS,
-    PIECE_BYTES,
     changed_names,
     compute_digest,
     has_chunk_checksums,
@@ -26,11 +24,9 @@ from protocols.runfile.open import (
     RunReadError,
     UnfinishedStorageError,
     open_run,
-    translate_read_errors,
 )
 from protocols.runfile.presence import Superblock, writer_is_alive
-from protocols.runfile.schema import REPAIRED
-from protocols.runfile.structure import READ_ERRORS, Found, as_text, walk
+from protocols.runfile.structure import READ_ERRORS, Found, walk
 from protocols.runfile.transaction import has_journal
 
 
@@ -137,74 +133,3 @@ def _why_not_checkable(path: Path, file: Any, is_open: bool) -> str:
     return (
         "its program was killed before the checksums were stored; what was measured can be read: add them with --repair"
     )
-
-
-RESULT_NAMES = ("estimates", "curves", "verdict", "verdict_details", "reason", "status", "end_time", REPAIRED)
-"""Of /entry: what is written when the run ends, and by a later judgement or identification."""
-PREFIX = "run"
-
-
-class RunFingerprint(NamedTuple):
-    """SHA-256 of the part of a run file that never changes (samples, points, events, parameters, instruments), and of its results."""
-
-    immutable: str
-    results: str
-
-    @property
-    def text(self) -> str:
-        """Both as one text: `run:IMMUTABLE:RESULTS`."""
-        return f"{PREFIX}:{self.immutable}:{self.results}"
-
-
-def run_fingerprint(path: Path) -> RunFingerprint:
-    """Return the hashes of a run that has ended. Every value counts, independent of how HDF5 stores it.
-
-    Raises:
-        RunReadError: the file cannot be read, or is not a run.
-    """
-    hashes = {True: hashlib.sha256(), False: hashlib.sha256()}
-    with open_run(path) as file, translate_read_errors(path):
-        for found in sorted(walk(file), key=lambda each: each.path):
-            if found.name == CHECKSUMS:
-                continue
-            if found.problem is not None:
-                raise RunReadError(f"{path} is damaged at {found.name or '/'}")
-            digest = hashes[_is_result(found.name)]
-            for part in _parts(file, found):
-                digest.update(len(part).to_bytes(8, "little") + part)
-    return RunFingerprint(hashes[False].hexdigest(), hashes[True].hexdigest())
-
-
-def _is_result(name: str) -> bool:
-    entry, _, rest = name.partition("/")
-    return entry == "entry" and rest.split("/")[0] in RESULT_NAMES
-
-
-def _parts(file: h5py.File, found: Found) -> Iterator[bytes]:
-    """Yield an object's path, attributes, type and values; of a link, its target."""
-    yield found.path
-    if found.id is None:
-        yield str(found.target).encode("utf-8", "surrogateescape")
-        return
-    item = file[found.name or "/"]
-    for name in sorted(item.attrs):
-        value = item.attrs[name]
-        yield f"{as_text(name)}={value.tolist() if hasattr(value, 'tolist') else value!r}".encode(
-            "utf-8", "surrogateescape"
-        )
-    if isinstance(item, h5py.Dataset):
-        yield f"{item.shape} {item.dtype.str if not item.dtype.names else item.dtype.descr}".encode()
-        yield from _values(item)
-
-
-def _values(data: h5py.Dataset) -> Iterator[bytes]:
-    if data.shape == ():
-        value = data[()]
-        yield value if isinstance(value, bytes) else str(value.tolist() if hasattr(value, "tolist") else value).encode()
-        return
-    if data.dtype.hasobject:
-        yield repr(data[:].tolist()).encode()
-        return
-    rows = max(PIECE_BYTES // max(data.dtype.itemsize * (data.size // max(len(data), 1)), 1), 1)
-    for start in range(0, len(data), rows):
-        yield data[start : start + rows].tobytes()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from app.archive.checking import check_run
+from app.archive.notes import check_run
 from app.cli.options import JSON_OBJECT, RUN_FILES, argument, command, option
 from app.cli.output import print_answer
 from app.common import (

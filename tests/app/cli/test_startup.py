@@ -7,7 +7,7 @@ import pytest
 
 HEAVY = ("numpy", "pydantic", "scipy", "h5py", "pint", "rich", "matplotlib", "pyvisa", "nidaqmx", "grpc", "PySide6")
 LATER = (
-    "app.archive.checking",
+    "app.archive.notes",
     "app.identification.sheet_file",
     "app.gui.plots.curves_plot",
     "protocols.commissioning.verdict",

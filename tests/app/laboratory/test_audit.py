@@ -13,12 +13,8 @@ from app.archive.notes import write_notes
 from app.archive.trash import move_to_trash, restore_from_trash
 from app.cli.main import main
 from app.common import ExitCode
-from app.common.audit import record_audit
 from app.common.audit_log import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
-from protocols.base import Outcome, Verdict
-from protocols.runfile.results import append_results, store_verdict
 from protocols.runfile.sidecar import notes_path
-from protocols.runfile.verify import run_fingerprint
 from tests.helpers.run_files import finished_run
 
 
@@ -94,14 +90,8 @@ def test_files_that_were_changed_by_other_programs_are_named(tmp_path: Path) -> 
     begin_audit(tmp_path)
     write_notes(run, tags=("good",), note="glued")
     assert verify_audit(tmp_path).problems == ()
-    before = run_fingerprint(run)
-    with append_results(run) as file:
-        store_verdict(file, Verdict(Outcome.DOUBTFUL, ("later",)))
-    assert run_fingerprint(run).immutable == before.immutable, "a verdict of later leaves what was measured as it is"
-    assert run_fingerprint(run).results != before.results
-    assert "has other results since entry 1" in verify_audit(tmp_path).problems[0]
-    record_audit("repair", run, notes_path(run))
-    assert verify_audit(tmp_path).problems == ()
+    assert main(["judge", str(run), "--store"]) is not None
+    assert verify_audit(tmp_path).problems == (), "a later verdict is recorded, and the run file as it was"
     with h5py.File(other, "r+") as file:
         file["entry/trace/displacement"][3] += 1
     with h5py.File(run, "r+") as file:
