@@ -8,17 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.identification import PAPER_MODEL, ActiveModel
-from model import (
-    AmplifierMap,
-    Array,
-    Complex,
-    Membrane,
-    ParameterError,
-    Skin,
-    Specimen,
-    Tactor,
-    replace_variables,
-)
+from model import AmplifierMap, Array, Complex, Membrane, ParameterError, Skin, Specimen, Tactor, replace_variables
 from model.identification import Calibration
 from model.response import (
     PeriodicResponse,

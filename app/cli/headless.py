@@ -22,12 +22,7 @@ from app.common import (
 from app.config import BenchConfig
 from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
-from app.session import (
-    Session,
-    build_protocol,
-    choose_bench,
-    load_protocol_class,
-)
+from app.session import Session, build_protocol, choose_bench, load_protocol_class
 from protocols.base import Outcome, Prompt, Protocol
 from protocols.registry import load_plug_ins
 from protocols.runner.request import RunRequest

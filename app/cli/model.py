@@ -5,20 +5,8 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from app.cli.model_options import (
-    VOLTAGE,
-    ShapeOptions,
-    Topic,
-    describe_specimen,
-    read_load,
-    read_specimen,
-    read_values,
-)
-from app.cli.model_response import (
-    FrequencyResponseTopic,
-    MembraneTopic,
-    StepTopic,
-)
+from app.cli.model_options import VOLTAGE, ShapeOptions, Topic, describe_specimen, read_load, read_specimen, read_values
+from app.cli.model_response import FrequencyResponseTopic, MembraneTopic, StepTopic
 from app.cli.options import CommandGroup, FileOptions, group, option, options
 from app.cli.output import CommandResult
 from app.cli.specimen.design import AddedMassTopic, DriveTopic

@@ -6,15 +6,7 @@ from pathlib import Path
 from app.cli.options import FOLDER, THRESHOLD, argument, command, option
 from app.cli.output import print_json, writing_output
 from app.cli.runs import check_folder
-from app.common import (
-    NO_PROGRESS,
-    ExitCode,
-    Progress,
-    UsageError,
-    print_message,
-    terminal_progress,
-    usage_errors,
-)
+from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, print_message, terminal_progress, usage_errors
 from app.config import EXAMPLE_LABORATORY, read_laboratory
 from app.identification import SheetError, chosen_threshold
 from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build_report

@@ -30,23 +30,8 @@ from app.cli.model_options import (
     translate_model_errors,
 )
 from app.cli.options import FileOptions, argument, command, group, option
-from app.cli.output import (
-    CommandResult,
-    check_output_files,
-    print_json,
-    render,
-    writing_output,
-)
-from app.common import (
-    Column,
-    ExitCode,
-    Table,
-    UsageError,
-    print_message,
-    terminal_progress,
-    track,
-    usage_errors,
-)
+from app.cli.output import CommandResult, check_output_files, print_json, render, writing_output
+from app.common import Column, ExitCode, Table, UsageError, print_message, terminal_progress, track, usage_errors
 from app.plotting.charts import draw_figure
 from model import Array, Series, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice

@@ -8,11 +8,7 @@ import numpy as np
 
 from app.cli.options import JSON_OBJECT, THRESHOLD, FileOptions, argument, command, group, option, options
 from app.cli.output import CommandResult, check_output_files, render
-from app.common import (
-    ExitCode,
-    UsageError,
-    usage_errors,
-)
+from app.common import ExitCode, UsageError, usage_errors
 from model import Series
 
 if TYPE_CHECKING:
