@@ -34,6 +34,7 @@ from app.cli.options import (
     group,
     option,
     options,
+    split_setting,
 )
 from app.cli.output import CommandResult, check_output_files, print_answer, render
 from app.common import (
@@ -139,10 +140,7 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
     Raises:
         UsageError: there is no such parameter, it has no single number, or the values cannot be read.
     """
-    name, equals, values = text.partition("=")
-    name = name.strip()
-    if not equals:
-        raise UsageError(f"--vary {text}: write NAME=VALUES, for example --vary peak_to_peak_v=1,2,3,4,5")
+    name, values = split_setting(text, "--vary", "peak_to_peak_v=1,2,3,4,5")
     if name not in kind.model_fields:
         raise UsageError(f"{kind.name} has no parameter '{name}'; it has: {', '.join(kind.model_fields)}")
     if name not in series_parameters(kind):

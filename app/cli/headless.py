@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from app.cli.options import BenchOptions, BenchSelection
+from app.cli.options import BenchOptions, BenchSelection, split_setting
 from app.common import (
     ExitCode,
     UsageError,
@@ -115,13 +115,7 @@ def make_protocol(name: str, settings: Sequence[str]) -> Protocol:
         UsageError: an unknown protocol or parameter, or a value out of range; every error is listed.
     """
     kind = load_protocol_class(name, warn)
-    values: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals:
-            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
-        values[key.strip()] = value.strip()
-    return build_protocol(kind, values)
+    return build_protocol(kind, dict(split_setting(text, "--set", "peak_to_peak_v=4") for text in settings))
 
 
 def warn(problem: str) -> None:

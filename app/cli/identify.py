@@ -12,7 +12,7 @@ from app.cli.identify_tables import (
     proposals_table,
     rank_proposals,
 )
-from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, options
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, options, split_setting
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -217,19 +217,17 @@ def _add_proposals(
 
 
 def _parse_fixed(text: str) -> tuple[str, float]:
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise UsageError(f"--fix {text}: write NAME=VALUE, for example --fix k2=8.7e-3")
+    name, value = split_setting(text, "--fix", "k2=8.7e-3")
     try:
-        return name.strip(), to_number(value.strip(), parameter_spec(name.strip()).unit)
+        return name, to_number(value, parameter_spec(name).unit)
     except (UnitError, ParameterError) as error:
         raise UsageError(f"--fix {text}: {error}") from None
 
 
 def _parse_prior(text: str) -> tuple[str, tuple[float, float]]:
-    name, _, stated = text.partition("=")
+    name, stated = split_setting(text, "--prior", "'h_Al=0.20 mm +- 0.01 mm'")
     try:
-        return name.strip(), read_stated(stated, parameter_spec(name.strip()))
+        return name, read_stated(stated, parameter_spec(name))
     except (UnitError, ParameterError) as problem:
         raise UsageError(f"--prior {text}: {problem}") from None
 

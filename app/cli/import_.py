@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.archive.importing import ImportedPoints, ImportOptions, import_files, read_time
-from app.cli.options import JSON_OBJECT, argument, command, option
+from app.cli.options import JSON_OBJECT, argument, command, option, split_setting
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -95,10 +95,10 @@ def _options(options: ImportCommand) -> ImportOptions:
         folder=options.out,
         kind=options.kind,
         specimen=options.specimen,
-        columns=_parse_pairs("--column", options.column),
-        units=_parse_pairs("--unit", options.unit),
-        uncertainties=_parse_pairs("--uncertainty", options.uncertainty),
-        settings=_parse_pairs("--set", options.settings),
+        columns=dict(split_setting(text, "--column", "peak_to_peak=A") for text in options.column),
+        units=dict(split_setting(text, "--unit", "A=um") for text in options.unit),
+        uncertainties=dict(split_setting(text, "--uncertainty", "'deflection=2 um'") for text in options.uncertainty),
+        settings=dict(split_setting(text, "--set", "'peak_to_peak_v=5 V'") for text in options.settings),
         elongation_m=elongation,
         sensor=options.sensor,
         gain_error=_parse_number("--gain-error", options.gain_error, "1") or 0.0,
@@ -107,16 +107,6 @@ def _options(options: ImportCommand) -> ImportOptions:
         measured=read_time(options.measured) if options.measured else None,
         dry_run=options.dry_run,
     )
-
-
-def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not (equals and name.strip() and value.strip()):
-            raise UsageError(f"{option} {text}: write NAME=VALUE; '--help' shows an example")
-        found[name.strip()] = value.strip()
-    return found
 
 
 def _parse_number(option: str, text: str | None, unit: str) -> float | None:

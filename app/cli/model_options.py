@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from annotated_types import Interval
 
-from app.cli.options import JSON_OBJECT, FileOptions, option, options
+from app.cli.options import JSON_OBJECT, FileOptions, option, options, split_setting
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common import MAX_TOML_BYTES, PEAK_TO_PEAK, UnitError, UsageError, parse_toml, read_number, to_number
 from app.identification import PAPER_MODEL, USUAL_RANGES, ActiveModel
@@ -106,10 +106,8 @@ def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
 
 def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
     """Read `NAME=LIST`: a variable of the model and its values."""
-    name, equals, values = text.partition("=")
-    if not equals or not values.strip():
-        raise UsageError(f"--vary {text}: write NAME=START:STOP:COUNT or NAME=LIST, for example --vary delta=0:0.04:9")
-    return name.strip(), read_values(values.strip(), _variable_spec(name.strip()))
+    name, values = split_setting(text, "--vary", "delta=0:0.04:9")
+    return name, read_values(values, _variable_spec(name))
 
 
 def read_settings(settings: Sequence[str]) -> dict[str, float]:
@@ -122,11 +120,8 @@ def read_settings(settings: Sequence[str]) -> dict[str, float]:
     """
     values = {}
     for setting in (one for text in settings for one in _expand_setting(text)):
-        name, equals, value = setting.partition("=")
-        if not equals or not value.strip():
-            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set 'L=22 mm'")
-        quantity = _variable_spec(name.strip())
-        values[quantity.name] = read_number(value.strip(), quantity)
+        name, value = split_setting(setting, "--set", "'L=22 mm'")
+        values[name] = read_number(value, _variable_spec(name))
     return values
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, Protocol, TypeVar, dataclass_transform, get_args, get_origin
 
-from app.common import path_argument, seed_argument, specimen_argument
+from app.common import UsageError, path_argument, seed_argument, specimen_argument
 
 T = TypeVar("T")
 C = TypeVar("C", bound="Command")
@@ -175,6 +175,18 @@ def _define(parser: argparse.ArgumentParser, command: type[Command], negative_va
         parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - argparse has no public access to it
     add_options(parser, command)
     parser.set_defaults(command=lambda namespace: read_options(command, namespace).execute())
+
+
+def split_setting(text: str, flag: str, example: str) -> tuple[str, str]:
+    """Return name and value of `NAME=VALUE`.
+
+    Raises:
+        UsageError: one of them is missing; the message shows the example.
+    """
+    name, _, value = (part.strip() for part in text.partition("="))
+    if not name or not value:
+        raise UsageError(f"{flag} {text}: write NAME=VALUE, for example {flag} {example}".strip())
+    return name, value
 
 
 JSON_OBJECT = option("one JSON object on standard output, SI units")
