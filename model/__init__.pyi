@@ -24,6 +24,7 @@ from .quantities import QUANTITIES as QUANTITIES
 from .quantities import RESULTS as RESULTS
 from .quantities import SCALES as SCALES
 from .quantities import Quantity as Quantity
+from .quantities import current_column as current_column
 from .quantities import current_name as current_name
 from .quantities import find_quantity as find_quantity
 from .quantities import quantity_label as quantity_label

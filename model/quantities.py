@@ -5,7 +5,7 @@ An estimate has the name of a quantity, which a comma separates from a condition
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -189,6 +189,13 @@ def current_name(stored: str) -> str:
     known = _FORMER.get(base) if base != "latency" else base
     identifier = known or base.replace(" ", "_")
     return (identifier if identifier in QUANTITIES else base) + comma + condition
+
+
+def current_column(stored: str, columns: Container[str]) -> str:
+    """Return the name of a column of points that a run file of any version stores beside other columns."""
+    if stored in ("resonance", "resonance_errors") and "damping" in columns:
+        return stored.replace("resonance", "natural_frequency")
+    return "peak_frequency" if stored == "peak" and "peak_response" in columns else stored
 
 
 def shown_unit(unit: str, name: str = "") -> ShownUnit:

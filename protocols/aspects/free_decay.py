@@ -13,7 +13,7 @@ class FreeDecayAspects(Aspects):
     """Free decay beside its measurement."""
 
     def observations(self, points: RunPoints) -> Iterator[Observation]:
-        names = ("resonance", "resonance_errors", "damping", "damping_errors")
+        names = ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors")
         values = tuple(points.columns[name] for name in names)
         frequency, errors, damping, damping_errors = values
         good = points.good & np.isfinite(frequency) & np.isfinite(damping)

@@ -19,9 +19,10 @@ class MassResonanceAspects(RunningSweepAspects):
         columns=(
             ImportColumn("mass", "kg", "added mass", ("m", "addedmass", "masse"), (1e-5, 0.1), 0.0),
             ImportColumn("frequency", "Hz", "where the response is largest: the paper's resonance", ("f", "fres", "resonancefrequency", "peakfrequency", "freq", "frequenz"), (1.0, 2000.0), 0.0, True),
-            ImportColumn("resonance", "Hz", "undamped natural frequency", ("naturalfrequency", "undampedfrequency", "eigenfrequency"), (1.0, 2000.0), 0.0, True),
+            ImportColumn("natural_frequency", "Hz", "undamped natural frequency", ("undampedfrequency", "eigenfrequency"), (1.0, 2000.0), 0.0, True),
         ),
-        required=(("mass",), ("frequency", "resonance")),
+        required=(("mass",), ("frequency", "natural_frequency")),
+        ambiguous={"resonance": ("frequency", "natural_frequency")},
         input_uncertainties={"mass": "kg"},
         rising=True,
     )  # fmt: skip
@@ -59,7 +60,7 @@ class MassResonanceAspects(RunningSweepAspects):
 
 def _frequency_column(points: RunPoints) -> str:
     """Return the column of the largest response; that of the fitted mode where a table has only this."""
-    return "frequency" if np.isfinite(points.columns["frequency"]).any() else "resonance"
+    return "frequency" if np.isfinite(points.columns["frequency"]).any() else "natural_frequency"
 
 
 def _resonance(state: ModelState, mass_kg: Array, peak: bool) -> Array:

@@ -53,8 +53,8 @@ class DecayPoint:
     """Free decay of the tactor after one edge. Uncertainties are standard and statistical."""
 
     edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
-    resonance: NaturalFrequency
-    resonance_errors: NaturalFrequencyError
+    natural_frequency: NaturalFrequency
+    natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
     amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
@@ -65,7 +65,7 @@ class DecayPoint:
     def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"edge {self.edge:g}: rings at {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"edge {self.edge:g}: rings at {format_with_uncertainty(self.natural_frequency, self.natural_frequency_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, from {1e6 * self.amplitude:.1f} µm"
         )
 
@@ -76,7 +76,7 @@ class FreeDecay(Protocol):
     name: ClassVar[str] = "free-decay"
     title: ClassVar[str] = "Free decay"
     point_type: ClassVar[type] = DecayPoint
-    axes: ClassVar[tuple[str, str]] = ("edge", "resonance")
+    axes: ClassVar[tuple[str, str]] = ("edge", "natural_frequency")
     default_plot: ClassVar[str] = "free decay"
 
     step_v: Annotated[float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the input"] = 0.5
@@ -121,8 +121,8 @@ class FreeDecay(Protocol):
         drive_off = abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01
         return DecayPoint(
             edge=float(edge),
-            resonance=decay.natural_hz,
-            resonance_errors=decay.natural_error_hz,
+            natural_frequency=decay.natural_hz,
+            natural_frequency_errors=decay.natural_error_hz,
             damping=decay.damping_ratio,
             damping_errors=decay.damping_error,
             amplitude=decay.amplitude,
@@ -157,14 +157,14 @@ class FreeDecay(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        return mean_line(points, *cls.axes, "mean resonance")
+        return mean_line(points, *cls.axes, "mean natural frequency")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]
         if len(usable) < 2:
             return ()
         found: list[tuple[float, float]] = []
-        for column in ("resonance", "damping"):
+        for column in ("natural_frequency", "damping"):
             values = np.array([getattr(p, column) for p in usable])
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
@@ -177,7 +177,7 @@ class FreeDecay(Protocol):
         remedy = "check the clamp, and that nothing touches the tactor"
         return (
             *signal_to_noise_check("ringing, smallest", [(p.amplitude, p.noise) for p in good]),
-            *repeatability_check("natural frequency", [[p.resonance for p in good]], remedy),
+            *repeatability_check("natural frequency", [[p.natural_frequency for p in good]], remedy),
         )
 
     def promised_estimates(self, points: Sequence[Any]) -> tuple[str, ...]:

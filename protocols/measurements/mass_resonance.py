@@ -82,8 +82,8 @@ class MassPoint:
     frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
     spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum, of all pieces joined"]
     spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
-    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
-    resonance_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
+    natural_frequency: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
+    natural_frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
     damping: Annotated[float, Unit("1"), "damping ratio of that mode"]
     damping_errors: Annotated[float, Unit("1"), "standard uncertainty of the damping ratio"]
     height: Annotated[float, Unit("m/V"), "response at the peak, per volt at the amplifier's input"]
@@ -96,7 +96,7 @@ class MassPoint:
         """The point in a line, for a log."""
         return (
             f"{1e3 * self.mass:.2f} g: peak {format_with_uncertainty(self.frequency, self.frequency_errors)} Hz, natural frequency "
-            f"{format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio {format_with_uncertainty(self.damping, self.damping_errors)}"
+            f"{format_with_uncertainty(self.natural_frequency, self.natural_frequency_errors)} Hz, damping ratio {format_with_uncertainty(self.damping, self.damping_errors)}"
         )
 
 
@@ -284,8 +284,8 @@ class MassResonance(Protocol):
             frequency_errors=float(peak.standard_error_hz),
             spectrum_peak=spectrum[0],
             spectrum_peak_errors=spectrum[1],
-            resonance=mode.natural_hz,
-            resonance_errors=mode.natural_error_hz,
+            natural_frequency=mode.natural_hz,
+            natural_frequency_errors=mode.natural_error_hz,
             damping=mode.damping_ratio,
             damping_errors=mode.damping_error,
             height=float(peak.height),
@@ -323,12 +323,14 @@ class MassResonance(Protocol):
         )
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        good = [p for p in usable_points(points) if math.isfinite(p.resonance) and p.resonance > 0]
-        errors = [p.resonance_errors if math.isfinite(p.resonance_errors) else 0.0 for p in good]
+        good = [p for p in usable_points(points) if math.isfinite(p.natural_frequency) and p.natural_frequency > 0]
+        errors = [p.natural_frequency_errors if math.isfinite(p.natural_frequency_errors) else 0.0 for p in good]
         return (
-            *signal_to_noise_check("natural frequency, smallest", [(p.resonance, p.resonance_errors) for p in good]),
+            *signal_to_noise_check(
+                "natural frequency, smallest", [(p.natural_frequency, p.natural_frequency_errors) for p in good]
+            ),
             *coherence_check([p.coherence for p in good]),
-            *added_mass_checks([p.mass for p in good], [p.resonance for p in good], errors),
+            *added_mass_checks([p.mass for p in good], [p.natural_frequency for p in good], errors),
         )
 
     @property

@@ -91,11 +91,11 @@ class SweepPoint:
     """
 
     repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
-    resonance: NaturalFrequency
-    resonance_errors: NaturalFrequencyError
+    natural_frequency: NaturalFrequency
+    natural_frequency_errors: NaturalFrequencyError
     damping: DampingRatio
     damping_errors: DampingRatioError
-    peak: Annotated[float, Unit("Hz"), "line with the largest response"]
+    peak_frequency: Annotated[float, Unit("Hz"), "line with the largest response"]
     peak_response: Annotated[float, Unit("m/V"), "response there, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
     lines: Annotated[float, Unit("1"), "lines of the response"]
@@ -105,10 +105,10 @@ class SweepPoint:
     @property
     def summary(self) -> str:
         """The point in a line, for a log."""
-        if not math.isfinite(self.resonance):
-            return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak:.4g} Hz"
+        if not math.isfinite(self.natural_frequency):
+            return f"no resonance of one mode; largest response {self.peak_response:.4g} m/V at {self.peak_frequency:.4g} Hz"
         return (
-            f"natural frequency {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"natural frequency {format_with_uncertainty(self.natural_frequency, self.natural_frequency_errors)} Hz, damping ratio "
             f"{format_with_uncertainty(self.damping, self.damping_errors)}, "
             f"Q {0.5 / self.damping:.2f}, coherence at least {self.coherence:.5f}"
         )
@@ -140,11 +140,11 @@ def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, 
         core = response.within(natural_hz - half, natural_hz + half).coherence
     return SweepPoint(
         repeat=repeat,
-        resonance=natural_hz,
-        resonance_errors=natural_error_hz,
+        natural_frequency=natural_hz,
+        natural_frequency_errors=natural_error_hz,
         damping=damping,
         damping_errors=damping_error,
-        peak=peak_hz,
+        peak_frequency=peak_hz,
         peak_response=float(response.modulus[top]),
         coherence=float(core.min()) if core.size else math.nan,
         lines=float(response.frequency_hz.size),
@@ -159,7 +159,7 @@ class Sweep(Protocol):
     name: ClassVar[str] = "sweep"
     title: ClassVar[str] = "Sweep"
     point_type: ClassVar[type] = SweepPoint
-    axes: ClassVar[tuple[str, str]] = ("repeat", "resonance")
+    axes: ClassVar[tuple[str, str]] = ("repeat", "natural_frequency")
     default_plot: ClassVar[str] = FREQUENCY_RESPONSE
     substitutes: ClassVar[tuple[str, ...]] = ("sine-dwell",)
 
@@ -262,13 +262,15 @@ class Sweep(Protocol):
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:
-        return mean_line(points, *cls.axes, "mean resonance")
+        return mean_line(points, *cls.axes, "mean natural frequency")
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        usable = [p for p in points if Quality(p.quality).usable and math.isfinite(p.resonance)]
+        usable = [p for p in points if Quality(p.quality).usable and math.isfinite(p.natural_frequency)]
         if not usable:
             return ()
-        natural, natural_error = _mean_with_error([p.resonance for p in usable], [p.resonance_errors for p in usable])
+        natural, natural_error = _mean_with_error(
+            [p.natural_frequency for p in usable], [p.natural_frequency_errors for p in usable]
+        )
         zeta, zeta_error = _mean_with_error([p.damping for p in usable], [p.damping_errors for p in usable])
         decay_s = 1 / (2 * math.pi * natural * zeta)
         relative = zeta_error / zeta
@@ -285,12 +287,14 @@ class Sweep(Protocol):
         good = usable_points(points)
         remedy = "check the clamp, and that nothing touches the tactor"
         return (
-            *signal_to_noise_check("resonance, smallest", [(p.resonance, p.resonance_errors) for p in good]),
+            *signal_to_noise_check(
+                "natural frequency, smallest", [(p.natural_frequency, p.natural_frequency_errors) for p in good]
+            ),
             *signal_to_noise_check("damping ratio, smallest", [(p.damping, p.damping_errors) for p in good]),
             *drive_ratio_check([p.drive_amplitude for p in points], 0.5 * self.peak_to_peak_v),
             *coherence_check([p.coherence for p in good]),
             *repeatability_check(
-                "natural frequency", [[p.resonance for p in good if math.isfinite(p.resonance)]], remedy
+                "natural frequency", [[p.natural_frequency for p in good if math.isfinite(p.natural_frequency)]], remedy
             ),
         )
 

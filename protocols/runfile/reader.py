@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers import Closeable
-from model import Array, current_name
+from model import Array, current_column, current_name
 from protocols.base import (
     EntryStarted,
     EstimatedQuantity,
@@ -165,7 +165,7 @@ class Run(Closeable):
         return self._stored_points()
 
     def _stored_points(self) -> dict[str, Array]:
-        datasets = quantity_columns(subgroup(self._entry, "points"))
+        datasets = self._point_columns()
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
@@ -173,8 +173,11 @@ class Run(Closeable):
 
     def units(self) -> dict[str, str]:
         """Return the units of the points' columns."""
+        return {name: attribute_text(data, "units") for name, data in self._point_columns().items()}
+
+    def _point_columns(self) -> "dict[str, h5py.Dataset]":
         columns = quantity_columns(subgroup(self._entry, "points"))
-        return {name: attribute_text(data, "units") for name, data in columns.items()}
+        return {current_column(name, columns): data for name, data in columns.items()}
 
     def events(self) -> Iterator[LoggedEvent]:
         """Yield the logged events, in order."""
@@ -229,7 +232,7 @@ class Run(Closeable):
             sensor=read_sensor(entry),
             reference=read_object(entry, "reference") if "reference" in entry else {},
             software=read_object(entry, "software"),
-            axes=(attribute_text(plotted, "axes"), attribute_text(plotted, "signal")),
+            axes=(attribute_text(plotted, "axes"), current_column(attribute_text(plotted, "signal"), plotted)),
             default_plot=_default_plot(entry),
             status=status,
             crashed=status is RunStatus.RUNNING and self._is_abandoned(),

@@ -94,7 +94,7 @@ def test_a_mass_resonance_by_single_frequencies_finds_the_resonance_and_keeps_wh
     with laboratory(source_bench("33220A")) as lab:
         ran = run(MassResonance(masses_kg=(7.73e-3,)), tmp_path, lab)
     (point,) = ran.points
-    assert abs(point.resonance - 158.31) < 5 * point.resonance_errors < 0.1
+    assert abs(point.natural_frequency - 158.31) < 5 * point.natural_frequency_errors < 0.1
     assert abs(point.damping - 0.2110) < 1e-3
     assert abs(point.frequency - PEAK_HZ) < 5 * point.frequency_errors < 0.1
     assert np.isnan(point.spectrum_peak)

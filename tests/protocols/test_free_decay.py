@@ -20,7 +20,7 @@ def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
         ran = run(FreeDecay(edges=6, dwell_s=0.3), tmp_path, lab)
     assert ran.status == "completed", ran.reason
     assert [p.edge for p in ran.points] == [1, 2, 3, 4, 5, 6]
-    pulls = np.array([(p.resonance - natural) / p.resonance_errors for p in ran.points])
+    pulls = np.array([(p.natural_frequency - natural) / p.natural_frequency_errors for p in ran.points])
     assert np.abs(pulls).max() < 4
     pulls = np.array([(p.damping - damping) / p.damping_errors for p in ran.points])
     assert np.abs(pulls).max() < 4

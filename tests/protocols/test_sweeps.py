@@ -60,7 +60,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory):
 def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
     (point,) = swept.points
     natural, damping = first_pole(Tactor())
-    assert abs(point.resonance - natural) < 4 * point.resonance_errors < 0.1
+    assert abs(point.natural_frequency - natural) < 4 * point.natural_frequency_errors < 0.1
     assert abs(point.damping - damping) < 4 * point.damping_errors < 1e-3
     assert point.coherence > 0.9999
     assert Quality(point.quality) is Quality.SIMULATED
@@ -158,7 +158,7 @@ def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -
         peak = fine[np.abs(truth(tactor, fine)).argmax()]
         natural, damping = first_pole(tactor)
         assert abs(point.frequency - peak) < 5 * point.frequency_errors < 0.2, mass
-        assert abs(point.resonance - natural) < 5 * point.resonance_errors < 0.3, mass
+        assert abs(point.natural_frequency - natural) < 5 * point.natural_frequency_errors < 0.3, mass
         assert abs(point.damping - damping) < 5 * point.damping_errors < 0.002, mass
         assert point.coherence > 0.99
         # The paper's way, with the spectra of two pieces joined; a sweep this fast ripples near the joint.
@@ -241,7 +241,7 @@ def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Pa
     with laboratory(simulated(generator={"model": model})) as lab:
         ran = run(protocol, tmp_path, lab)
     assert ran.status == "completed", ran.reason
-    assert ran.points[0].resonance == pytest.approx(158.31, abs=0.1)
+    assert ran.points[0].natural_frequency == pytest.approx(158.31, abs=0.1)
     error_bars_are_right(ran.path)
 
 
@@ -259,7 +259,7 @@ def test_a_sweep_in_pieces_is_the_models_within_its_error_bars(model: str, tmp_p
     assert not [check.name for check in ran.verdict.checks if not check.passed]
     (point,) = ran.points
     natural, damping = first_pole(Tactor())
-    assert abs(point.resonance - natural) < 4 * point.resonance_errors < 0.05
+    assert abs(point.natural_frequency - natural) < 4 * point.natural_frequency_errors < 0.05
     assert abs(point.damping - damping) < 4 * point.damping_errors < 2e-4
     assert point.lines >= 72
     with Run(ran.path) as file:
