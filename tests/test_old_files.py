@@ -19,7 +19,7 @@ import pytest
 
 from app.archive.replay import load_run, load_trace_window
 from app.gui.measure.presets import PresetStore
-from model import NONIDEAL_NAMES, current_name
+from model import NONIDEAL_NAMES, current_column, current_name
 from protocols.registry import PROTOCOLS
 from protocols.runfile.study_file import read_study
 from tests.compare_runs import Comparison
@@ -95,7 +95,7 @@ def _with_current_names(answer: Any) -> Any:
         return [_with_current_names(each) for each in answer]
     if not isinstance(answer, dict):
         return answer
-    answer = {name: _with_current_names(value) for name, value in answer.items()}
+    answer = {current_column(name, answer): _with_current_names(value) for name, value in answer.items()}
     if isinstance(answer.get("name"), str) and "standard_error" in answer and "source" in answer:
         answer["name"] = current_name(answer["name"])
     if answer.get("name") == "resonance":

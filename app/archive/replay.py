@@ -13,7 +13,7 @@ import numpy as np
 
 from app.common import ResultSummary, Severity, minmax_decimate, minmax_pairs, summarize_result
 from app.session import LogLine, describe_event, describe_point
-from model import Array, Mask
+from model import Array, Mask, current_column
 from protocols.base import (
     EVENTS,
     BlockStored,
@@ -242,7 +242,8 @@ def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | 
                 else protocol.point_type
             )
             # A value that is not finite is stored as null.
-            values = {name: math.nan if value is None else value for name, value in event.fields["point"].items()}
+            stored = event.fields["point"]
+            values = {current_column(n, stored): math.nan if v is None else v for n, v in stored.items()}
             return LogLine(at, Severity.INFO, describe_point(make(**values)))
         if event.kind == PromptShown.kind:
             return LogLine(at, Severity.WARNING, f"Asked: {event.fields['prompt']['text']}")
