@@ -27,7 +27,7 @@ from drivers.generators.dialect import Dialect, Levels
 from drivers.generators.output import HASTENED_END_S, BurstOutput
 from drivers.generators.settings import LEVEL_TOLERANCE_V, mismatches
 from drivers.generators.unsuitable import reason_unsuitable
-from drivers.generators.waveform import SINE_CYCLE, render_waveform
+from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
 from drivers.level_pulse import LevelPulse
 from drivers.transport.scpi import Link, ScpiSession
@@ -211,18 +211,10 @@ class BurstGenerator:
                 self.ramp_to(stop_v, duration_s)
             case Sine(frequency_hz, amplitude_v, offset_v, cycles):
                 self._output.start_burst(SINE_CYCLE, amplitude_v, frequency_hz, cycles, offset_v)
-            case LinearSweep() | Steps():
-                self._start_waveform(drive, 1 / drive.duration_s, 1, drive.end_levels_v[0])
-            case PeriodicSweep():
-                self._start_waveform(drive, 1 / drive.period_s, drive.periods, drive.offset_v)
-            case SquareWave():
-                self._start_waveform(drive, drive.frequency_hz, drive.cycles, drive.offset_v)
-
-    def _start_waveform(
-        self, drive: LinearSweep | Steps | PeriodicSweep | SquareWave, rate_hz: float, cycles: int, idle_v: float
-    ) -> None:
-        points, full_v = render_waveform(drive, self.playable.max_points, self.playable.max_step_v(drive))
-        self._output.start_burst(points, full_v, rate_hz, cycles, idle_v)
+            case LinearSweep() | Steps() | PeriodicSweep() | SquareWave():
+                points, full_v = render_waveform(drive, self.playable.max_points, self.playable.max_step_v(drive))
+                rate_hz, periods = repetition(drive)
+                self._output.start_burst(points, full_v, rate_hz, periods, drive.end_levels_v[0])
 
     def end_level(self, duration_s: float) -> None:
         if self.plays_to_the_end and self.hastens_levels:

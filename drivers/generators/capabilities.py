@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
-from drivers.generators.waveform import reason_memory_too_small
+from drivers.generators.waveform import reason_memory_too_small, repetition
 from drivers.level_pulse import LevelPulse
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
@@ -106,7 +106,10 @@ class PlayableDrives:
         ):
             return f"{self.instrument}: {why}"
         most = self.capabilities.max_burst_cycles
-        if (cycles := burst_cycles(drive)) > most:
+        cycles = (
+            drive.cycles if isinstance(drive, Sine) else 1 if isinstance(drive, Hold | Ramp) else repetition(drive)[1]
+        )
+        if cycles > most:
             return f"{self.instrument} plays {most} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
         if isinstance(drive, Hold | Ramp):
             return ""
@@ -133,13 +136,3 @@ class PlayableDrives:
         if not self.capabilities.interpolates_points:
             return self.step_v
         return max(self.step_v, INTERPOLATED_STEP_FRACTION * (drive.high_v - drive.low_v))
-
-
-def burst_cycles(drive: Drive) -> int:
-    """Return how many periods of its waveform a drive is."""
-    match drive:
-        case Sine() | SquareWave():
-            return drive.cycles
-        case PeriodicSweep():
-            return drive.periods
-    return 1

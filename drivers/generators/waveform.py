@@ -64,6 +64,16 @@ def render_waveform(drive: ArbitraryDrive, max_points: int, max_step_v: float) -
     return away / full_v, full_v
 
 
+def repetition(drive: ArbitraryDrive) -> tuple[float, int]:
+    """Return how often per second the waveform of a drive is played, and how many times."""
+    match drive:
+        case PeriodicSweep():
+            return 1 / drive.period_s, drive.periods
+        case SquareWave():
+            return drive.frequency_hz, drive.cycles
+    return 1 / drive.duration_s, 1
+
+
 def _period_s(drive: ArbitraryDrive) -> float:
     return drive.period_s if isinstance(drive, PeriodicSweep | SquareWave) else drive.duration_s
 

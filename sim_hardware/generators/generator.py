@@ -254,35 +254,42 @@ class SimulatedGenerator:
         idle = 0.0 if s.gated else offset_v + s.emf_peak_v * start
         return PeriodicSegment(origin_s, f, s.emf_peak_v, offset_v, phase_rad, idle, cycles, period_s, wave)
 
+    def _switches_relay(self, previous: GeneratorSettings) -> bool:
+        """Return whether the change from the previous settings switches a relay."""
+        s = self.settings
+        auto_range = s.auto_range or self._deviates("range", "switches")
+        return (
+            (auto_range and _range_index(s.emf_vpp) != _range_index(previous.emf_vpp))
+            # Sines and waveforms leave through different filters (33120A guide, theory of operation).
+            or {s.function, previous.function} == {"SIN", "ARB"}
+            or (s.wave is not previous.wave and self._deviates("upload", "drops"))
+            or (previous.burst and not s.burst and self._deviates("abort", "drops"))
+        )
+
+    def _burst_after_change(
+        self, run: PeriodicSegment, previous: GeneratorSettings, t: float
+    ) -> PeriodicSegment | None:
+        """Return a running burst with the present settings; None if it has ended."""
+        s = self.settings
+        if t >= run.end_s:
+            return None
+        if self._deviates("retime", "at-next-burst"):
+            return replace(self._tone(run.origin_s, run.phase_rad, run.cycles), frequency_hz=run.frequency_hz)
+        if s.frequency_hz == previous.frequency_hz:
+            return self._tone(run.origin_s, run.phase_rad, run.cycles)
+        if self._deviates("retime", "restarts"):
+            return self._tone(t, math.radians(s.phase_deg), s.cycles)
+        return self._tone(t, run.phase_at(t), run.cycles - (t - run.origin_s) * run.frequency_hz)
+
     def _carry_over_phase(self, previous: GeneratorSettings, t: float) -> None:
         """Carry phase and remaining cycles through a change of settings."""
         s = self.settings
-        auto_range = s.auto_range or self._deviates("range", "switches")
-        if auto_range and _range_index(s.emf_vpp) != _range_index(previous.emf_vpp):
-            self._glitch_until = t + self._relay_s
-        if {s.function, previous.function} == {"SIN", "ARB"}:
-            # Sines and waveforms leave through different filters (33120A guide, theory of operation): relays again.
-            self._glitch_until = t + self._relay_s
-        if s.wave is not previous.wave and self._deviates("upload", "drops"):
+        if self._switches_relay(previous):
             self._glitch_until = t + self._relay_s
         if s.burst != previous.burst:
-            if previous.burst and self._deviates("abort", "drops"):
-                self._glitch_until = t + self._relay_s
             self._burst = None
         if self._burst is not None:
-            run = self._burst
-            if t >= run.end_s:
-                self._burst = None
-            elif self._deviates("retime", "at-next-burst"):
-                same = self._tone(run.origin_s, run.phase_rad, run.cycles)
-                self._burst = replace(same, frequency_hz=run.frequency_hz)
-            elif s.frequency_hz == previous.frequency_hz:
-                self._burst = self._tone(run.origin_s, run.phase_rad, run.cycles)
-            elif self._deviates("retime", "restarts"):
-                self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
-            else:
-                left = run.cycles - (t - run.origin_s) * run.frequency_hz
-                self._burst = self._tone(t, run.phase_at(t), left)
+            self._burst = self._burst_after_change(self._burst, previous, t)
         continuous = s.function != "DC" and not s.burst
         if not continuous:
             self._carrier = None
