@@ -157,7 +157,7 @@ def cut_widgets(window: "MainWindow") -> Iterator[str]:
     """Yield what is cut, out of reach, or elided although it must not be."""
     from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QLabel, QScrollArea, QWidget
 
-    from app.gui.widgets.elided_label import ElidedLabel
+    from app.gui.widgets.labels import ElidedLabel
 
     least = window.minimumSizeHint()
     if least.width() > window.width() or least.height() > window.height():

@@ -89,10 +89,14 @@ class ExploreToolbar(QObject):
         self.design_button = make_choice(
             "Design …", "Which added mass for a resonance, and which drive for an amplitude", checkable=True
         )
-        self.runs_row = WrappedRow(spacing=4)
         self.run_chips: dict[Path, QPushButton] = {}
         """A button for each overlaid run, which shows its result."""
         self.remove_buttons: dict[Path, QPushButton] = {}
+        self._build()
+
+    def _build(self) -> None:
+        """Lay the widgets out in rows."""
+        self.runs_row = WrappedRow(spacing=4)
         self.start_row = row(
             self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
         )

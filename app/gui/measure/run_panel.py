@@ -122,6 +122,9 @@ class RunPanel(QWidget):
         )
         self._show_form(protocol)
         self._build()
+        self._connect_signals()
+
+    def _connect_signals(self) -> None:
         self.protocol_box.currentIndexChanged.connect(self._on_protocol_chosen)
         self.preset_button.preset_chosen.connect(self.set_protocol)
         self._browse.clicked.connect(self._choose_folder)

@@ -17,8 +17,8 @@ MIN_HEIGHT_OF_BOTH = 250
 """Height of a page's plot from which there is space for a lower one."""
 
 
-class LowerStrip(PlotBase):
-    """Shares the horizontal axis of `main_plot`; its series are points with error bars, or lines with bands."""
+class StripBase(PlotBase):
+    """Shares the horizontal axis of `main_plot`, which stands above it; hidden at first."""
 
     LOG_AXES = (False, False)  # x follows the plot above
 
@@ -30,14 +30,21 @@ class LowerStrip(PlotBase):
         self.plot.getAxis("bottom").setStyle(showValues=False)
         self.plot.setXLink(main_plot)
         self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
+        self._add_head()
+        self.hide()
+
+
+class LowerStrip(StripBase):
+    """Series as points with error bars, or as lines with bands."""
+
+    def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
+        super().__init__(main_plot, theme)
         self._main = main_plot
         self.setMinimumHeight(MIN_HEIGHT)
         self._zero = pg.InfiniteLine(0.0, angle=0)
         self.plot.addItem(self._zero)
         self._items: list[Any] = []
         self.series: tuple[Series, ...] = ()
-        self._add_head()
-        self.hide()
         theme.follow(self.apply_theme)
 
     def apply_theme(self, theme: Theme) -> None:

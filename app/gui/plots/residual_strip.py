@@ -8,8 +8,9 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
-from app.gui.plots.base import PlotBase, limit_ticks, stable_range
+from app.gui.plots.base import stable_range
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
+from app.gui.plots.lower_strip import StripBase
 from app.gui.plots.series import series_of
 from app.gui.widgets import Theme, WindowTheme
 from app.live import OverlayCurve
@@ -21,29 +22,20 @@ STRIP_QUANTITIES = (NOTHING, RESIDUAL, PHASE)
 HEIGHT = 96
 
 
-class ResidualStrip(PlotBase):
+class ResidualStrip(StripBase):
     """Shares the frequency axis of `main_plot`."""
 
     ACCESSIBLE_NAME = "plot: residual of the points"
-    LOG_AXES = (False, False)  # x follows the response above
 
     def __init__(self, main_plot: Any, theme: WindowTheme) -> None:
-        super().__init__(theme, grid=True)
+        super().__init__(main_plot, theme)
         self.quantity = NOTHING
-        self.plot.layout.setRowFixedHeight(0, 4)
-        self.simulated_label.set_visible(False)  # the response above it is marked
-        limit_ticks(self.plot, self.font())
-        self.plot.getAxis("bottom").setStyle(showValues=False)
-        self.plot.setXLink(main_plot)
-        self.plot.setMouseEnabled(x=False, y=False)  # it follows the one above
         self.setFixedHeight(HEIGHT)
         self._line = CurveItem(antialias=True, connect="finite")
         self._bars = BarsItem(beam=0.0)
         self.scatter = ScatterItem(size=8, antialias=True)
         for item in (self._line, self._bars, self.scatter):
             self.plot.addItem(item)
-        self._add_head()
-        self.hide()
         theme.follow(self.apply_theme)
 
     def apply_theme(self, theme: Theme) -> None:

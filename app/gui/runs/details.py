@@ -117,6 +117,9 @@ class RunDetailsPane(QWidget):
             action = menu.addAction(FORMAT_NAMES[kind], partial(self.export_pressed.emit, kind))
             action.setObjectName(f"runs.export-{kind}")
         self.export_button.setMenu(menu)
+        self._build()
+
+    def _build(self) -> None:
         fields = grid(
             (QLabel("tags"), 0, 0),
             (self.tags_edit, 0, 1),

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol, cast
 
-from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QByteArray, QSettings, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
-from app.gui.widgets import ACTIONS, BackgroundWorker, column, configure, make_scroll_area, splitters
+from app.gui.widgets import ACTIONS, BackgroundWorker, column, configure, make_scroll_area
 from app.session import WindowState
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS, BENCH, LABORATORY = range(6)
@@ -80,7 +80,7 @@ class PageHost(QTabWidget):
         if index not in self._created:
             self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
-            splitters.restore_splitters(page, self._settings)
+            _restore_splitters(page, self._settings)
             if self._state is not None:
                 page.set_state(self._state)
             self.page_created.emit(page)
@@ -135,7 +135,7 @@ class PageHost(QTabWidget):
         """Save settings."""
         self._settings.setValue("window/page", self.currentIndex())
         for page in self._created.values():
-            splitters.save_splitters(cast("QWidget", page), self._settings)
+            _save_splitters(cast("QWidget", page), self._settings)
         for saving in self._pages_with("save_state"):
             saving.save_state(self._settings)
 
@@ -178,3 +178,22 @@ class PageHost(QTabWidget):
 
     def _pages_with(self, method: str) -> Iterator[Any]:
         return (page for page in self._created.values() if hasattr(page, method))
+
+
+def _restore_splitters(page: QWidget, settings: QSettings) -> None:
+    """Restore the saved splitter positions of a page."""
+    for splitter in _named_splitters(page):
+        state = settings.value(splitter.objectName())
+        if isinstance(state, QByteArray):
+            splitter.restoreState(state)
+
+
+def _save_splitters(page: QWidget, settings: QSettings) -> None:
+    """Save the splitter positions of a page."""
+    for splitter in _named_splitters(page):
+        settings.setValue(splitter.objectName(), splitter.saveState())
+
+
+def _named_splitters(page: QWidget) -> Iterator[QSplitter]:
+    every = page.findChildren(QSplitter)
+    yield from (each for each in ([page, *every] if isinstance(page, QSplitter) else every) if each.objectName())

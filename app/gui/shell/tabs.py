@@ -17,9 +17,9 @@ from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
 from app.gui.shell.result_actions import ResultActions
 from app.gui.shell.visible_subject import VisibleSubject
-from app.gui.specimen.indicators import SheetIndicators
 from app.gui.status.session_controller import SessionController
 from app.gui.widgets import Toast, WindowTheme
+from app.gui.widgets.sheet_button import SheetIndicators
 from app.identification.specimen_label import SpecimenLabel, compare_label
 from app.live import Overlay
 from app.session import WindowState

@@ -1,16 +1,23 @@
-"""Button beside the name of a specimen: whether it has a sheet, and opens it."""
+"""Buttons beside the names of specimens: whether there is a sheet, kept up to date in the background; they open it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QPushButton
 
 from app.gui.widgets.actions import tooltip
+from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.layouts import configure
+
+Location = tuple[Path, str]
+"""Folder and name of a specimen."""
 
 
 @dataclass(frozen=True, slots=True)
 class SheetStatus:
-    """What is said of the sheet of a specimen."""
+    """Text and description of the button."""
 
     text: str = "Sheet …"
     description: str = ""
@@ -31,3 +38,60 @@ class SheetButton(QPushButton):
         self.setToolTip(tooltip("specimen", f"{text[:1].upper()}{text[1:]}" if text else ""))
         self.setAccessibleName("specimen sheet")
         self.setAccessibleDescription(text)
+
+
+class SheetIndicators(QObject):
+    """Reads the sheets of the specimens that are shown."""
+
+    pressed = Signal()
+
+    def __init__(self, worker: BackgroundWorker, parent: QObject) -> None:
+        super().__init__(parent)
+        self._worker = worker
+        self._locations: dict[SheetButton, Callable[[], Location]] = {}
+        self._read: dict[SheetButton, Location] = {}
+        self.started = False
+        """Whether sheets are read: not before the first paint of the window."""
+
+    def add(self, button: SheetButton, location: Callable[[], Location]) -> None:
+        """Keep a button up to date; `location` returns the specimen that stands beside it."""
+        self._locations[button] = location
+        button.clicked.connect(lambda _checked=False: self.pressed.emit())
+        self.update()
+
+    def start(self) -> None:
+        """Begin to read sheets."""
+        self.started = True
+        self.update()
+
+    def update_changed(self) -> None:
+        """Read the sheets if other specimens are shown than before."""
+        if self._read != {button: location() for button, location in self._locations.items()}:
+            self.update()
+
+    def update(self) -> None:
+        """Read the sheets of the specimens that are shown now."""
+        if not self.started:
+            return
+        locations = self._read = {button: location() for button, location in self._locations.items()}
+
+        def show(statuses: dict[SheetButton, SheetStatus]) -> None:
+            for button, status in statuses.items():
+                button.show_status(status)
+
+        self._worker.submit(
+            lambda: {button: sheet_status(*at) for button, at in locations.items()}, show, latest_only="sheets"
+        )
+
+
+def sheet_status(folder: Path, specimen: str) -> SheetStatus:
+    """Read the sheet of a specimen and return the status of its button."""
+    from app.identification import SheetError, load_sheet  # slow to import
+
+    if not specimen:
+        return SheetStatus()
+    try:
+        sheet = load_sheet(folder, specimen)
+    except SheetError as error:
+        return SheetStatus("Sheet at fault …", str(error))
+    return SheetStatus("No sheet …" if sheet.path is None else "Sheet …", sheet.description)

@@ -1,17 +1,36 @@
-"""Status line of a page; messages disappear after some seconds, errors stay."""
+"""Labels: elided to their width, and the status line of a page."""
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import configure
 
+MIN_CHARACTERS = 6
+"""Characters that are always visible."""
+
 DISPLAY_MS = 8000
 """How long a message that is not an error stays visible."""
 
 
+class ElidedLabel(QLabel):
+    """Label for one line of plain text that is elided to its width."""
+
+    def minimumSizeHint(self) -> QSize:
+        whole = super().minimumSizeHint()
+        return QSize(min(whole.width(), MIN_CHARACTERS * self.fontMetrics().averageCharWidth()), whole.height())
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setPen(self.palette().color(self.foregroundRole()))
+        text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
+        painter.drawText(self.rect(), self.alignment(), text)
+        painter.end()
+
+
 class StatusLine(QLabel):
-    """Hidden while there is no message."""
+    """Line for one message, hidden without one; a message disappears after some seconds, an error stays."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
