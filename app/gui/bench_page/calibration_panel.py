@@ -39,7 +39,7 @@ COLUMNS = ("position (µm)", "volts", "residual (µm)")
 
 
 class CalibrationPanel(QWidget):
-    """Two or more points, the line through them, and what it says about the sensor.
+    """Two or more points, the line through them, and the sensor's gain and zero.
 
     Args:
         theme: at the beginning.
@@ -122,7 +122,7 @@ class CalibrationPanel(QWidget):
             return
         if uncertainty_m <= 0:
             self._complain(
-                "The standard uncertainty of a position must be positive: it is that of your gauge, e.g. 0.5 µm."
+                "The standard uncertainty of a position must be positive: the uncertainty of your gauge, e.g. 0.5 µm."
             )
         elif math.isnan(reading.sensor_error_v):
             self._complain("The volts have just begun to be averaged: wait a second, then take the point.")

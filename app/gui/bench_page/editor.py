@@ -116,7 +116,7 @@ class BenchEditor(QWidget):
         )
 
     def show_problem(self, text: str) -> None:
-        """Show what is wrong."""
+        """Show an error."""
         self.message_label.show_message(text, is_error=True)
 
     def use_calibration(self, values: dict[str, Any]) -> None:

@@ -26,7 +26,7 @@ SINGLE_TABLES: dict[str, tuple[type[ConfigTable], str]] = {
     "environment": (EnvironmentTable, "Sensor of temperature and humidity"),
     "backup": (BackupTable, "Copies of run files"),
 }
-"""Type and title of the tables of which a bench file has one."""
+"""Type and title of each table that a bench file has once."""
 
 E = TypeVar("E")
 
@@ -127,7 +127,7 @@ class FurtherTables(QWidget):
         )
 
     def _show_entry(self, entries: list[E], entry: E, form: TableForm, table: ConfigTable, *head: Item) -> None:
-        """Show a table of which a bench file may have several, with a button that removes it."""
+        """Show one of several tables of a kind, with a button that removes it."""
         form.set_record(table)
         form.changed.connect(self.changed)
         entries.append(entry)

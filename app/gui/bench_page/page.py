@@ -143,11 +143,11 @@ class BenchPage(QSplitter):
             self._adapter.session.monitor(active=False)
 
     def restore_state(self, settings: QSettings) -> None:
-        """Restore what was typed beside *Scan*."""
+        """Restore the addresses beside *Scan*."""
         self.editor.hosts_edit.setText(str(settings.value("bench/hosts", "")))
 
     def save_state(self, settings: QSettings) -> None:
-        """Save what was typed beside *Scan*."""
+        """Save the addresses beside *Scan*."""
         settings.setValue("bench/hosts", self.editor.hosts_edit.text())
 
     def shutdown(self) -> None:

@@ -10,7 +10,7 @@ from app.gui.widgets import FieldForm, FieldRow, column, grid, make_choice
 from app.services import FormField, bench_fields
 
 EDITOR_PADDING = 20
-"""Width of an editor beyond that of its text."""
+"""Width of an editor beyond its text."""
 
 MAX_LABEL_WIDTH = 112
 """Longer labels have two lines."""

@@ -51,7 +51,7 @@ class Tile(QFrame):
             QComboBox(),
             f"bench.{role}.found",
             accessibleName=f"{title}: instruments that were found",
-            toolTip="What the scan found; a choice fills in address, driver and serial number",
+            toolTip="Instruments of the scan; a choice fills in address, driver and serial number",
             visible=False,
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
             minimumContentsLength=10,
@@ -85,7 +85,7 @@ class Tile(QFrame):
         self.live_label.setText("" if reading is None else self._live_text(reading).replace("-", "−"))
 
     def use(self, device: FoundDevice) -> None:
-        """Fill in a found instrument; a scan finds none for tiles that leave this as it is."""
+        """Fill in an instrument of the scan; no scan covers the tiles that do not override this."""
         del device
 
     def set_status(self, status: InstrumentStatus | None, problem: str) -> None:

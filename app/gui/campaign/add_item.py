@@ -112,7 +112,7 @@ class AddItemPane(QWidget):
         return False
 
     def begin(self, names: Sequence[str]) -> None:
-        """Begin a new item; `names` are those of the campaign's items."""
+        """Begin a new item; `names`: the items of the campaign."""
         self._names = tuple(names)
         with QSignalBlocker(self.after_box):
             self.after_box.clear()
@@ -181,7 +181,7 @@ class AddItemPane(QWidget):
         self._validate()
 
     def _read_values(self) -> tuple[float, ...] | str:
-        """Return the values of the series, none of a single run, or what is wrong with them."""
+        """Return the values of the series, no values for a single run, or the error as text."""
         from app.campaign import read_series_values
 
         assert self.form is not None

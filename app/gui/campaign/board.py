@@ -51,7 +51,7 @@ ACTION_BUTTON_LABELS = {
 STEP_HEIGHT_LINES = 9
 MIN_LIVE_WIDTH = 460
 MAX_NAME_WIDTH = 220
-"""Up to which the name of the campaign is not elided; what is done is elided first."""
+"""Width of the campaign's name that is never elided; the text of the finished items is elided first."""
 
 DETAILS_DELAY_MS = 30
 """After which the details of another item are made: the list shows first which one was chosen."""

@@ -123,7 +123,7 @@ class ReviewPane(QWidget):
             self.run_box.setCurrentIndex(self.run_box.findData(shown))
 
     def show_reading(self, name: str) -> None:
-        """Show that a run is being read; what is left of another must not be taken for its result."""
+        """Show that a run is being read, and hide the result of the run before."""
         if self.review is None or self.review.run.path.name != name:
             self.card.show_reading()
             self._parts.hide()
@@ -153,7 +153,7 @@ class ReviewPane(QWidget):
         self._fill_table(review)
 
     def _draw(self) -> None:
-        """Draw the run, or what was found over the parameter of a series."""
+        """Draw the run, or the results of a series over its parameter."""
         if self.review is None:
             return
         run, chosen = self.review.run, self.figure_box.currentText()

@@ -118,7 +118,7 @@ class ExplorePlot(PlotBase):
         self._scale()
 
     def show_series(self, peak_to_peak: bool, fundamental: bool, phase: bool) -> None:
-        """Set what is drawn."""
+        """Set the visible series."""
         self._shown_series = (peak_to_peak, fundamental)
         for curve, shown in zip(self.curves, self._shown_series, strict=True):
             curve.setVisible(shown)

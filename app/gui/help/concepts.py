@@ -1,4 +1,4 @@
-"""Concepts of the help (F1): safety first, then the words of the window, and how-tos."""
+"""Concepts of the help (F1): safety first, then the terms of the window, and how-tos."""
 
 from typing import NamedTuple
 
@@ -51,7 +51,7 @@ CONCEPTS = {
     "Words": (
         Concept(
             "Protocol, run",
-            "A protocol says what is measured; a run is one execution of it, stored in one file with all samples.",
+            "A protocol is the procedure of a measurement; a run is one execution of it, stored in one file with all samples.",
         ),
         Concept("Sine dwell", "One frequency at a time, held until the response is steady; whole cycles are recorded."),
         Concept(
@@ -96,7 +96,7 @@ CONCEPTS = {
         ),
         Concept(
             "Continue a stopped run",
-            "Continue on the result card, or Ctrl+4, select it, Ctrl+Enter: what is measured is kept.",
+            "Continue on the result card, or Ctrl+4, select it, Ctrl+Enter: the measured points are kept.",
         ),
         Concept(
             "Compare many specimens",

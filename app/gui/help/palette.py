@@ -1,4 +1,4 @@
-"""Command palette: commands, protocols, runs and settings, found by words and chosen with Enter."""
+"""Command palette: commands, protocols, runs and settings, searched by text and chosen with Enter."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class CommandPalette(QWidget):
         return [self.list.item(at).data(ENTRY_ROLE) for at in range(self.list.count())]
 
     def choose_selected(self) -> None:
-        """Close the palette and do what is selected."""
+        """Close the palette and perform the selected entry."""
         item = self.list.currentItem()
         if item is not None:
             self.closed.emit()

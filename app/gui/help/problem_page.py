@@ -86,7 +86,7 @@ class ProblemPage(QWidget):
         )
 
     def shutdown(self) -> None:
-        """Wait for what is being written."""
+        """Wait for the report that is being written."""
         self._worker.close()
 
     def _choose_file(self) -> None:

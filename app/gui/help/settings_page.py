@@ -23,7 +23,7 @@ EDITOR_WIDTH = 320
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One setting: its name, its editor, and what it does."""
+    """One setting: name, editor, and description."""
 
     name: str
     editor: QWidget

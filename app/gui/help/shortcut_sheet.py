@@ -1,4 +1,4 @@
-"""Help over the pages (F1): safety first, words and how-tos, and every keyboard shortcut by group, with a search."""
+"""Help over the pages (F1): safety first, concepts and how-tos, and every keyboard shortcut by group, with a search."""
 
 from collections.abc import Mapping, Sequence
 

@@ -93,7 +93,7 @@ TUTORIALS = {
                 _on_page("Bench"),
             ),
             Step(
-                "Type the addresses of instruments on the LAN beside 'Scan' (host or host:port), and that of NI's device server if the card is in "
+                "Type the addresses of instruments on the LAN beside 'Scan' (host or host:port), and the address of NI's device server if the card is in "
                 "another computer. Press 'Scan': what is found is filled in; of several, choose one in its tile."
             ),
             Step(

@@ -1,4 +1,4 @@
-"""Pane of calibration certificates: instruments by due date, with what is due soon and what has expired."""
+"""Pane of calibration certificates: instruments by due date; certificates that expired or expire soon are marked."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -19,7 +19,7 @@ NOTE = (
 
 
 class CertificatesPane(QWidget):
-    """The certificates beside the runs; what is due first is the first row."""
+    """The certificates beside the runs, by due date."""
 
     def __init__(self, theme: WindowTheme) -> None:
         super().__init__()
@@ -34,7 +34,7 @@ class CertificatesPane(QWidget):
         )
 
     def show_certificates(self, found: Sequence[Certificate], problems: Sequence[str], today: date) -> str:
-        """Show certificates, and return what is expired or due soon in a few words; empty for nothing."""
+        """Show certificates; return the numbers of expired and soon due ones as text, empty for none."""
         states = [each.state(today) for each in found]
         words = [f"{states.count(state)} {state}" for state in ("expired", "due soon") if state in states]
         text = ", ".join(words) if words else ("" if found else "There are no certificates beside the runs.")

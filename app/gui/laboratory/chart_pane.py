@@ -85,7 +85,7 @@ class ChartPane(ViewPane):
         self.broken.row_opened.connect(self._open_run)
 
     def show_fleet(self, folder: Path, fleet: Fleet | None, golden: str) -> None:
-        """Chart a specimen of a folder; `golden` is that of the file of limits, if any."""
+        """Chart a specimen of a folder; `golden`: the golden specimen of the file of limits, if any."""
         self._folder, self._fleet = folder, fleet
         if fleet is None:
             self._show_view(None)

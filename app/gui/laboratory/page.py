@@ -67,7 +67,7 @@ class FolderRecords:
 def read_records(
     folder: Path, index: Path | None, simulated: bool | None, progress: Progress, excluded: Sequence[Path] = ()
 ) -> FolderRecords:
-    """Return what the page shows of a folder; a cancelled scan leaves what was read before.
+    """Return the records of a folder; a cancelled scan leaves the runs that were read before.
 
     Args:
         folder: of the runs.
@@ -312,7 +312,7 @@ class LaboratoryPage(QWidget):
         QTimer.singleShot(0, self, lambda: self._pane(CHART))  # which takes longest to make, before it is selected
 
     def _show_records(self) -> None:
-        """Show in the visible view what was read, once."""
+        """Show the records in the visible view, once."""
         records, view = self._records, self.view
         today = datetime.now(UTC).date()
         shown, day = self._shown.get(view, (None, today))

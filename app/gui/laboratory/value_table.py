@@ -17,9 +17,9 @@ AS_TEXT = " as text"
 """End of the name of a column of texts that is sorted by the column of numbers without it."""
 
 CELL_MARGIN, BOLD_SHARE = 12, 1.06
-"""Free width of a cell in pixels, and width of text with bold rows over that of the usual one."""
+"""Free width of a cell in pixels, and ratio of the widths of bold and plain text."""
 LAST_COLUMN, LEAST_COLUMN = 120, 24
-"""Width that the last column always has, and that of the narrowest column, in pixels."""
+"""Least widths of the last column and of any column, in pixels."""
 
 
 class ValueTableModel(QAbstractTableModel):
@@ -169,7 +169,7 @@ class ValueTable(QTableView):
         return self._values.order[index.row()] if index.isValid() else -1
 
     def _fit_columns(self) -> None:
-        """Give each column the width of its contents, and the last one what is left; only the wide ones less if there is too little."""
+        """Give each column the width of its contents and the last one the rest; wide columns get less where there is too little."""
         header, count = self.horizontalHeader(), self._values.columnCount()
         for at in range(count):
             last = at == count - 1

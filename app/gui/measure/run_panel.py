@@ -40,7 +40,7 @@ MIN_CONTENT_HEIGHT = 90
 """Of what scrolls between the protocol's name and the button Run."""
 
 ABOUT_LINES = 3
-"""Height kept for what is known of the protocol, or of the field with the keyboard."""
+"""Height of the description of the protocol, or of the field with the keyboard."""
 
 
 class RunPanel(QWidget):

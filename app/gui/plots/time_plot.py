@@ -53,7 +53,7 @@ class TimePlot(TracePlotBase):
         self._range: tuple[float, float] | None = None
         self._version = -1
         self._shown_s = self._right_s = 0.0
-        """Bench time that is displayed, and that of the right edge: the drive's last rising edge before it if triggered."""
+        """Bench times of the displayed samples and of the right edge: if triggered, the drive's last rising edge before it."""
         self._samples = ((np.empty(0), np.empty(0)),) * 2
         self._edges_s = np.empty(0)
         self._last_tick_s = self._last_data_s = time.monotonic()
@@ -130,7 +130,7 @@ class TimePlot(TracePlotBase):
         return self._shown_s + ahead_s * (1 - math.exp(-elapsed_s / SMOOTHING_S))
 
     def _draw(self, fresh: bool) -> None:
-        """Move the curves so that `_right_s` is at the right edge; a triggered span draws only what is displayed."""
+        """Move the curves so that `_right_s` is at the right edge; a triggered span draws the displayed part only."""
         for curve, (time_s, values) in zip(self.curves, self._samples, strict=True):
             curve.setPos(-self._right_s, 0)
             if self.span.triggered:

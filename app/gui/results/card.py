@@ -35,7 +35,7 @@ BUTTONS = {
     "open": ("Open", "Show the run on the page Runs"),
     "again": ("Again", tooltip("run", "Measure what the form shows")),
     "explore": ("Use in Explore", "Lay the run over the model on the page Explore"),
-    "continue": ("Continue", "Measure what is missing, into a file beside this one"),
+    "continue": ("Continue", "Measure the missing points, into a file beside this one"),
     "next": ("Next", "Show on the page Campaign what to measure next, and why"),
     "report": ("Report", "Write the report of this specimen, with all its runs in the folder, as PDF and HTML"),
 }
@@ -172,7 +172,7 @@ class ResultCard(QFrame):
             resuming.setText(f"Continue{of}")
 
     def show_reading(self) -> None:
-        """Show that a run is being read; what is left of another must not be taken for its result."""
+        """Show that a run is being read, and hide the result of the run before."""
         self.summary = None
         self.verdict_label.setText("reading …")
         self.verdict_label.setStyleSheet("")

@@ -200,7 +200,7 @@ class RunDetailsPane(QWidget):
         self.result_plots.hide()
         self.empty_label.setVisible(not runs)
         self.empty_label.setText(
-            "No response over frequency to compare.\nEnter opens what was measured." if selected_count else EMPTY_TEXT
+            "No response over frequency to compare.\nEnter opens the run." if selected_count else EMPTY_TEXT
         )
 
     def show_result(self, run: LoadedRun) -> None:

@@ -101,7 +101,7 @@ class RunFolderModel(QObject):
         )
 
     def cancel(self) -> None:
-        """Cancel the present scan; what was read is kept."""
+        """Cancel the present scan; runs that were read are kept."""
         self._progress.cancelled = True
 
     def annotate(self, runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:

@@ -34,7 +34,7 @@ MENUS = {
         "palette",
     ),
 }
-"""Actions of the first menus; an empty name is a separator. The menu of the page has those of the page that is shown."""
+"""Actions of the first menus; an empty name is a separator. The menu of the page has the actions of the visible page."""
 
 NOT_LISTED = ("answer", "escape", "palette")
 PREFIXES_NOT_LISTED = ("plot.", "traces.")

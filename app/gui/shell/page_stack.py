@@ -143,7 +143,7 @@ class CentralStack(QWidget):
         self.identification_page.show_subject(subject)
 
     def shutdown(self) -> None:
-        """Stop background threads; what is being written is finished."""
+        """Stop background threads; files that are being written are finished."""
         for name in ("specimen_page", "identification_page", "problem_page"):
             if name in self.__dict__:
                 getattr(self, name).shutdown()

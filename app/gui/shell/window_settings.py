@@ -58,7 +58,7 @@ def make_settings(
         box.toggled.connect(lambda on, key=key: notifier.switch(key, on))
         notifications.append(Setting(title, box, about))
     return [
-        Setting("Appearance", appearance, "Light or dark colours, or those of the system"),
+        Setting("Appearance", appearance, "Light colours, dark colours, or the system's"),
         Setting("Folder for run files", fields[0], "Where runs are written, and which runs are listed"),
         Setting("Specimen", fields[1], "Name that is written into new runs"),
         *notifications,

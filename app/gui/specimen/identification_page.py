@@ -132,7 +132,7 @@ class IdentificationPage(QWidget):
         self._clear()
 
     def show_subject(self, subject: IdentificationSubject) -> None:
-        """Show a specimen; its runs are listed and fitted, those of the one that is shown if it has new ones or another sheet."""
+        """Show a specimen, and list and fit its runs; the same specimen again only with new runs or another sheet."""
         if subject == self.subject and self._worker.pending:
             return
         if subject == self.subject and self.result is not None:

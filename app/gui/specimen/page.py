@@ -106,12 +106,12 @@ class SpecimenPage(QWidget):
             self._save()
 
     def redo(self) -> None:
-        """Show and save what was undone."""
+        """Show and save the sheet after an undo."""
         if self._history.redo():
             self._save()
 
     def shutdown(self) -> None:
-        """Wait for what is being written."""
+        """Wait for the file that is being written."""
         self._worker.close()
 
     # -- inside ----------------------------------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ COLUMNS = len(ENTRY_FIELDS) + 2
 
 
 class EntryRow(QObject):
-    """Widgets of one value, and below them what is wrong or to be questioned; Table I is shown where nothing is typed."""
+    """Widgets of one value, and below them its error or question; empty fields show Table I."""
 
     edited = Signal(str)
     """A field was left with another text: name of the parameter."""
@@ -103,7 +103,7 @@ class EntryRow(QObject):
                 edit.setCursorPosition(0)
 
     def show_finding(self, fault: tuple[str, str] | None, question: str) -> None:
-        """Show what is wrong, else what is to be questioned."""
+        """Show the error, else the question."""
         at_fault, message = fault or ("", "")
         self.note_label.setText(f"✕ {message}" if message else question)
         self.note_label.setVisible(bool(message or question))
@@ -176,7 +176,7 @@ class SheetForm(QWidget):
             QComboBox(),
             "sheet.more",
             accessibleName="another value",
-            toolTip="Any other parameter of a fit that is known of this specimen",
+            toolTip="Another parameter of the model with a value for this specimen",
         )
         self.more_box.activated.connect(lambda _: self._add_chosen())
         panels = [self._make_panel(group) for group in GROUPS]
@@ -186,7 +186,7 @@ class SheetForm(QWidget):
         self._fill_more_box()
 
     def show_draft(self, draft: SheetDraft, checked: CheckedDraft) -> None:
-        """Show texts, and what is wrong with them."""
+        """Show texts and their errors."""
         self.draft = draft
         for name in draft.entries:
             if name not in self.rows:

@@ -53,7 +53,7 @@ class Notice(QFrame):
         configure(self, name, kind=kind).hide()
 
     def set_style(self, kind: str, symbol: str) -> None:
-        """Change the kind of the style sheet, that of the texts too, and the symbol."""
+        """Change the style of the frame and its texts, and the symbol."""
         if self.property("kind") == kind:
             return
         set_style_kind(self, kind)

@@ -106,7 +106,7 @@ class SessionController(QObject):
             self.continue_run(Path(outcome.path), entries, folder, protocol_title(self.state.protocol))
 
     def continue_run(self, path: Path, entries: tuple[int, ...], folder: Path, title: str = "") -> None:
-        """Measure what is missing of a run, or some entries of it again, in a run that continues it."""
+        """Measure the missing entries of a run, or some again, in a run that continues it."""
         if self.can_start:
             self._set_in_campaign(False)
             self._apply(RunRequested(title, resumed_file=path.name))

@@ -179,7 +179,7 @@ class BenchStatusBar(QWidget):
         )
 
     def scale_to_window(self, window: QSize) -> None:
-        """Choose what is shown and how large; a narrow window keeps the state, the voltage, Pause and Stop."""
+        """Choose the visible parts and their size; a narrow window keeps the state, the voltage, Pause and Stop."""
         self._window_size = window
         state = BenchState.CONNECTING if self._state is None else self._state.bench_state
         height = ROW_HEIGHT

@@ -299,7 +299,7 @@ class KeyBurstFilter(QObject):
         self._hold_timer.start()
 
     def _hold_enter(self, event: QKeyEvent) -> bool:
-        """Return whether Enter, which no shortcut took, waits as well: in a list it accepts or opens what is selected."""
+        """Return whether Enter, which no shortcut took, waits as well: in a list it accepts or opens the selected entry."""
         widget = QApplication.focusWidget()
         if event.key() not in ENTER_KEYS or widget is None or _takes_text(widget):
             return False
@@ -389,7 +389,7 @@ def actions_of(widgets: list[QWidget]) -> Iterator[tuple[ActionInfo, QAction]]:
 
 
 def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tuple[ActionInfo, ...]]:
-    """Return the actions that a window has, by group: those of the whole window, then those of the given pages."""
+    """Return the actions that a window has, by group: the whole window first, then the given pages."""
     present = {info.id: info for info, _ in actions_of([window, *window.findChildren(QWidget)])}
     titles = {GLOBAL_GROUP: ("",)} | {title: (title, EVERY_PAGE) for title in page_titles}
     groups = {title: tuple(i for i in present.values() if i.page in pages) for title, pages in titles.items()}

@@ -38,7 +38,7 @@ SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
 
 
 def configure(widget: W, name: str = "", **properties: object) -> W:
-    """Set a widget's object name and Qt properties, and return it; `kind` is that of the style sheet."""
+    """Set a widget's object name and Qt properties, and return it; `kind` selects a style of the style sheet."""
     widget.setObjectName(name)
     for key, value in properties.items():
         known = widget.setProperty(key, value)

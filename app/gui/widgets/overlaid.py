@@ -1,4 +1,4 @@
-"""Widget with a message over its top that does not move what is below."""
+"""Widget with a message over its top; the widget does not move."""
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QResizeEvent
