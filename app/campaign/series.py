@@ -50,26 +50,7 @@ def evaluate_series(
     following = next((step for step in steps if step.is_ready), None)
     newest = max(measured, key=lambda step: step.started_at, default=None)
     running = [run for run in runs if run.running]
-    count = f"{len(measured)} of {len(steps)} values"
-    if item.skipped:
-        status, reason, do = ItemStatus.SKIPPED, item.skipped, NextAction.NONE
-    elif running:
-        status, reason, do = ItemStatus.RUNNING, f"{running[-1].name} is being written; {count}", NextAction.WAIT
-    elif following is not None:
-        status = (
-            ItemStatus.STALE
-            if len(measured) == len(steps)
-            else ItemStatus.UNFINISHED
-            if following.next_action is NextAction.RESUME
-            else following.status
-        )
-        reason = f"{count}; next {value_text(item, _value_of(item, following))}: {following.reason}"
-        do = following.next_action
-    elif len(measured) == len(steps):
-        status, reason, do = ItemStatus.DONE, f"{count} of {varied_label(item)}", NextAction.NONE
-    else:
-        waiting = next(step for step in steps if step.status not in HAS_VALID_RUN)
-        status, reason, do = waiting.status, f"{count}; {waiting.reason}", NextAction.WAIT
+    status, reason, do = _series_status(item, steps, running[-1].name if running else "", following)
     return ItemState(
         item,
         title,
@@ -85,6 +66,25 @@ def evaluate_series(
         None if following is None or do is NextAction.WAIT else following.item,
         steps,
     )
+
+
+def _series_status(
+    item: CampaignItem, steps: Sequence[ItemState], running: str, following: ItemState | None
+) -> tuple[ItemStatus, str, NextAction]:
+    """Return status, reason and next action of a series; `running` names the run that is being written, `following` the value that is next."""
+    missing = [step for step in steps if step.status not in HAS_VALID_RUN]
+    count = f"{len(steps) - len(missing)} of {len(steps)} values"
+    if item.skipped:
+        return ItemStatus.SKIPPED, item.skipped, NextAction.NONE
+    if running:
+        return ItemStatus.RUNNING, f"{running} is being written; {count}", NextAction.WAIT
+    if following is None and missing:
+        return missing[0].status, f"{count}; {missing[0].reason}", NextAction.WAIT
+    if following is None:
+        return ItemStatus.DONE, f"{count} of {varied_label(item)}", NextAction.NONE
+    unfinished = ItemStatus.UNFINISHED if following.next_action is NextAction.RESUME else following.status
+    reason = f"{count}; next {value_text(item, _value_of(item, following))}: {following.reason}"
+    return unfinished if missing else ItemStatus.STALE, reason, following.next_action
 
 
 def series_curves(state: ItemState) -> tuple[Series, ...]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from model import COVERAGE_FACTOR_95, Series
+from model import COVERAGE_FACTOR_95, Series, SeriesAxis
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,12 @@ BAR_CHARACTER_SHARE = 0.0125
 
 Box = tuple[float, float, float, float]
 """Left, bottom, width, height in inches."""
+
+
+def axis_label(axis: SeriesAxis, unit: str) -> str:
+    """Return the description of an axis, or its name, with the unit in which it is drawn."""
+    name = axis.description or axis.name.replace("_", " ")
+    return f"{name} ({unit})" if unit else name
 
 
 def new_figure(**options: Any) -> Any:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from app.identification import points_of_run
-from app.plotting.panels import draw_measured, draw_reference, new_figure
+from app.plotting.panels import axis_label, draw_measured, draw_reference, new_figure
 from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
-from model import Array, SeriesAxis, Specimen, format_estimate, shown_unit
+from model import Array, Specimen, format_estimate, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
 from protocols.base import Figure, ModelState
 from protocols.registry import aspects_of
@@ -129,7 +129,7 @@ def _draw_figure(
     if figure.model is not None and grid.size and (y := figure.model(state, grid)) is not None:
         axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
     _draw_comparisons(axes, figure, factor)
-    axes.set(xlabel=_axis_label(x_axis, x_unit), ylabel=_axis_label(y_axis, y_unit))
+    axes.set(xlabel=axis_label(x_axis, x_unit), ylabel=axis_label(y_axis, y_unit))
     if figure.models:
         axes.set(xlim=(0, grid[-1]))
     if figure.has_threshold:
@@ -162,11 +162,6 @@ def _curve_colors(count: int) -> Any:
     from matplotlib import colormaps
 
     return colormaps["viridis"](np.linspace(0.0, 0.85, count))
-
-
-def _axis_label(axis: SeriesAxis, unit: str) -> str:
-    name = axis.description or axis.name.replace("_", " ")
-    return f"{name} ({unit})" if unit else name
 
 
 def _draw_trace(axes: Any, run: Run, _specimen: Specimen) -> None:

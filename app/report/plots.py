@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.plotting.panels import PlotPanel, ReportPlot
+from app.plotting.panels import PlotPanel, ReportPlot, axis_label
 from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, SpecimenModel
-from model import Array, Band, Role, Series, SeriesAxis, shown_unit
+from model import Array, Band, Role, Series, shown_unit
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_SOURCE, PerceptionThreshold
 from model.studies.uncertainty import UncertaintyBand
@@ -180,7 +180,7 @@ def protocol_plot(specimen: SpecimenModel, figures: Sequence[tuple[str, Figure]]
         band = specimen.curve_with_band(specimen.figure_curve(first.model, grid))
         lines = (model_line(specimen, over * grid, band, factor),)
     panel = PlotPanel(
-        "", _axis_label(x_axis, x_unit), _axis_label(y_axis, y_unit), lines, tuple(dots),
+        "", axis_label(x_axis, x_unit), axis_label(y_axis, y_unit), lines, tuple(dots),
         from_zero=first.from_zero, unit=y_unit, markers=markers,
     )  # fmt: skip
     return ReportPlot(first.title, (panel,), f"{first.caption} {ERROR_BARS_NOTE}".strip())
@@ -190,11 +190,6 @@ def _model_values(specimen: SpecimenModel, curve: ModelFunction | None, x: Array
     """Return y over x by the model, (N,); NaN where it has none."""
     values = None if curve is None else specimen.curve_values(specimen.figure_curve(curve, x))
     return np.full(x.size, np.nan) if values is None else values
-
-
-def _axis_label(axis: SeriesAxis, unit: str) -> str:
-    name = axis.description or axis.name.replace("_", " ")
-    return f"{name} ({unit})" if unit else name
 
 
 def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
