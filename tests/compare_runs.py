@@ -54,6 +54,8 @@ CLOCKS = (
 )
 """What is replaced in every text before it is compared."""
 
+SIDECAR = ".notes.json"
+
 SEED = ["--bench", "ideal", "--speed", "max", "--seed", "3"]
 
 SHORT: dict[str, list[str]] = {
@@ -226,6 +228,8 @@ def record(folder: Path, program: Sequence[str], environment: Mapping[str, str],
         )
         for new in set(folder.glob("runs/*.h5")) - known:
             new.rename(folder / "runs" / f"{step.keep}.h5")
+            if (beside := new.with_suffix(SIDECAR)).exists():
+                beside.rename(folder / "runs" / f"{step.keep}{SIDECAR}")
         messages = f"exit code {ended.returncode}\n{ended.stderr}"
         for name, text in ((step.name, ended.stdout), (f"{step.name}.err", messages)):
             (folder / "answers" / name).write_text(text.replace(str(folder), "<folder>"), encoding="utf-8")
@@ -253,7 +257,12 @@ class Comparison:
     def folders(self, before: Path, after: Path) -> None:
         """Compare every file of two recordings."""
         old, new = (
-            {_clockless(str(p.relative_to(f))): p for p in f.rglob("*") if p.is_file()} for f in (before, after)
+            {
+                _clockless(str(p.relative_to(f))): p
+                for p in f.rglob("*")
+                if p.is_file() and not p.name.endswith(SIDECAR)  # which has size, time and hash of the run file
+            }
+            for f in (before, after)
         )
         for name in sorted(old.keys() | new.keys()):
             self._file = name
