@@ -78,7 +78,7 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
         assert from_s == pytest.approx(3.0, abs=0.15)
     output = " ".join(capsys.readouterr().err.split())
     assert "lost samples" in output
-    assert f"fault injected: {FAULT_DESCRIPTIONS['card-overrun']}" in output
+    assert FAULT_DESCRIPTIONS["card-overrun"] in output
     assert main(["show", str(path)]) == ExitCode.DONE
     assert f"FAULT INJECTED, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
         capsys.readouterr().out
