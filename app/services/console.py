@@ -10,7 +10,7 @@ from rich.text import Text
 
 from app.common import Severity, format_duration, format_point, outcome_severity, print_message
 from app.session import BenchOpened, SessionEvent, describe_event
-from model import format_quantity
+from model import format_value, quantity_label
 from protocols.base import (
     BlockDiscarded,
     BlockStored,
@@ -95,8 +95,7 @@ class ConsoleObserver:
                 self._print(("DANGER: ", "bold red"), (event.words, "bold"))
             case RunEnded():
                 for estimate in event.estimates:
-                    value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
-                    self._print(f"{estimate.name}: {value}")
+                    self._print(f"{quantity_label(estimate.name)}: {format_value(estimate)}")
                 if not self._simulated:
                     self._print((STILL_ON, "bold yellow"))
                 self._print((event.summary, SEVERITY_STYLES[outcome_severity(event.verdict.outcome)]))

@@ -167,3 +167,24 @@ def test_what_is_asked_wrongly_is_a_sentence(
     assert says in capsys.readouterr().err
     assert main(["report"]) == 2
     assert "a specimen is missing" in capsys.readouterr().err
+
+
+def test_fleet_and_report_judge_a_limit_on_the_same_quantity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = tmp_path / "runs"
+    dwell = ["run", "sine-dwell", "--bench", "ideal", "--speed", "max", "--seed", "3", "--specimen", "T1"]
+    assert main([*dwell, "--set", "frequencies_hz=50,100,140,150,160,180,220", "--out", str(runs)]) == 0
+    names = ("natural_frequency", "damped_frequency", "peak_frequency")
+    limits = runs / "limits.toml"
+    limits.write_text("".join(f"[limits.{name}]\nlow = 152\nhigh = 156\n" for name in names))
+    capsys.readouterr()
+    assert main(["fleet", str(runs), "--simulated", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)["quantities"]
+    means, outside = (dict(zip(table["quantity"], table[column], strict=True)) for column in ("mean", "outside"))
+    assert means["peak_frequency"] < means["damped_frequency"] < means["natural_frequency"]
+    assert [outside[name] for name in names] == ["1", "0", "1"]
+    assert main(["report", "T1", "--folder", str(runs), "--out", str(tmp_path / "out"), "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+    merits = {merit["name"]: merit["value"] for merit in answer["merits"]}
+    assert [merits[name] for name in names] == pytest.approx([means[name] for name in names], rel=1e-9)
