@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drivers import ConfirmedCommand, InstrumentError
 from drivers.drive_shapes import Hold, Sine
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES
@@ -108,3 +109,17 @@ def test_a_burst_of_anybody_elses_is_over_when_the_box_has_been_prepared(model: 
     assert_safe_voltage(report)
     assert report.outside_rest_s == 0
     assert bench.generator.busy_s(bench.clock.now()) == 0
+
+
+@pytest.mark.parametrize("model", [m for m in BOXES if BOXES[m].dialect_type.capabilities.holds_range])
+def test_an_amplitude_that_an_instrument_does_not_take_starts_no_drive(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, bench, _ = made(model)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    begin_s = bench.report().outside_rest_s
+    monkeypatch.setattr(source.dialect, "amplitude_command", lambda _: ConfirmedCommand("", lambda: None))
+    with pytest.raises(InstrumentError):
+        source.start_drive(Sine(50.0, 1.0, 2.5, 10))
+    bench.clock.sleep(0.5)
+    assert bench.report().outside_rest_s == begin_s
