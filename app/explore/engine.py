@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.explore.state import ExploreSetting, KeptCurve
-from app.live import CurveCache, ModelCurve
+from app.live import CurveCache
 from model import Array
+from model.response import PeriodicResponse
 
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
@@ -50,13 +51,13 @@ class BeamMotion:
 class ExploreResult:
     """The results so far."""
 
-    curve: ModelCurve
+    curve: PeriodicResponse
     felt_bands: tuple[tuple[float, float], ...]
     """Where max - min is above the perception threshold of the skin, Hz."""
     threshold_m: Array
     """That threshold at the frequencies of the curve, (F,)."""
     threshold_label: str
-    kept_curves: tuple[ModelCurve, ...] | None = None
+    kept_curves: tuple[PeriodicResponse, ...] | None = None
     motion: BeamMotion | None = None
 
 
@@ -64,7 +65,7 @@ class ResponseEngine:
     """Computes results; curves are cached, so that kept ones cost nothing."""
 
     def __init__(self) -> None:
-        self._cache: CurveCache[ModelCurve] = CurveCache(MAX_CACHED_CURVES)
+        self._cache: CurveCache[PeriodicResponse] = CurveCache(MAX_CACHED_CURVES)
 
     def compute(self, request: ExploreRequest) -> Iterator[ExploreResult]:
         """Yield the curve, then also the kept ones, then also the motion.
@@ -86,18 +87,16 @@ class ResponseEngine:
         yield result
         yield replace(result, motion=_beam_motion(request))
 
-    def _curve(self, setting: ExploreSetting, max_hz: float) -> ModelCurve:
+    def _curve(self, setting: ExploreSetting, max_hz: float) -> PeriodicResponse:
         key = (frozenset(setting.values.items()), setting.on_skin, setting.peak_to_peak_v, max_hz)
         return self._cache.get(key, lambda: _compute_curve(setting, max_hz))
 
 
-def _compute_curve(setting: ExploreSetting, max_hz: float) -> ModelCurve:
+def _compute_curve(setting: ExploreSetting, max_hz: float) -> PeriodicResponse:
     from model.response import response_curve
 
     f = np.linspace(LOWEST_HZ, max_hz, FREQUENCIES)
-    response = response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
-    fundamental = response.fundamental
-    return ModelCurve(f, response.peak_to_peak, np.abs(fundamental), np.unwrap(np.angle(fundamental)))
+    return response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
 
 
 def _beam_motion(request: ExploreRequest) -> BeamMotion:

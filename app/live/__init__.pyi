@@ -7,7 +7,6 @@ from .feed import LiveValues as LiveValues
 from .feed import TimeSpan as TimeSpan
 from .latest_only import LatestOnlyWorker as LatestOnlyWorker
 from .model_curve import CurveCache as CurveCache
-from .model_curve import ModelCurve as ModelCurve
 from .overlay import COVERAGE as COVERAGE
 from .overlay import CurveRequest as CurveRequest
 from .overlay import Overlay as Overlay

@@ -1,26 +1,10 @@
-"""Model curve over frequency, and the cache of computed curves."""
+"""Cache of computed model curves."""
 
 import threading
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from model import Array
-
 C = TypeVar("C")
-
-
-@dataclass(frozen=True, slots=True)
-class ModelCurve:
-    """The response of the model over frequency, all (F,), SI."""
-
-    frequency_hz: Array
-    peak_to_peak: Array
-    """Max - min of the displacement."""
-    fundamental: Array
-    """Peak amplitude of the fundamental."""
-    phase: Array
-    """Of the fundamental, rad, unwrapped."""
 
 
 class CurveCache(Generic[C]):

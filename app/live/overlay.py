@@ -1,7 +1,7 @@
 """Overlay of the model's curve with its error band under measured points, computed in a background thread and cached."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,9 @@ import numpy as np
 
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model, same_elongation
 from app.live.latest_only import LatestOnlyWorker
-from app.live.model_curve import CurveCache, ModelCurve
-from model import AmplifierMap, Array, ParameterError, replace_variables
+from app.live.model_curve import CurveCache
+from model import AmplifierMap, Array, Band, ParameterError, replace_variables
+from model.response import PeriodicResponse
 from protocols.base import ModelState, Protocol
 from protocols.registry import aspects_of
 
@@ -48,14 +49,6 @@ class CurveRequest:
     """Name of the protocol whose axes have a model curve of their own."""
 
 
-@dataclass(frozen=True, slots=True)
-class CurveBand:
-    """Lower and upper end of the curve at a coverage of `COVERAGE`, from the errors of the calibration; all (F,), m."""
-
-    peak_to_peak: tuple[Array, Array]
-    fundamental: tuple[Array, Array]
-
-
 def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: str = "") -> CurveRequest:
     """Return the request of the curve for a protocol's points on a specimen."""
     frequencies = getattr(protocol, "frequencies_hz", (getattr(protocol, "stop_hz", 250.0),))
@@ -65,15 +58,15 @@ def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: 
     return CurveRequest(top_hz, amplitude_v, folder, specimen, elongations, protocol.name)
 
 
-@dataclass(frozen=True, slots=True)
-class OverlayCurve(ModelCurve):
-    """A model curve with its error band and those on the membrane."""
+@dataclass(frozen=True, slots=True, eq=False)
+class OverlayCurve(PeriodicResponse):
+    """Response of the model with its error bands, and those on the membrane."""
 
     request: CurveRequest
     active_model: ActiveModel = PAPER_MODEL
     """The model parameters it was computed with."""
-    band: CurveBand | None = None
-    """None if the errors are not known: the paper's values have none."""
+    bands: Mapping[str, Band] = field(default_factory=dict)
+    """Of `peak_to_peak` and of the modulus of `fundamental` at a coverage of `COVERAGE`; none if the errors of the parameters are not known."""
     elongation_m: float | None = None
     """Elongation of the membrane under the tactor; None for the free tactor."""
     on_membrane: tuple["OverlayCurve", ...] = ()
@@ -192,13 +185,14 @@ class Overlay:
         ]
         peak_to_peak = np.concatenate([part.peak_to_peak for part in driven])
         motion = np.concatenate([part.fundamental for part in driven])
-        fundamental, phase = np.abs(motion), np.unwrap(np.angle(motion))
+        response = PeriodicResponse.of_fundamental(frequency, motion, peak_to_peak)
         estimates = active_model.estimates_for(specimen)
-        band = None
+        bands = {}
         if estimates is not None:
             reach = self._band_half_width(request, estimates, specimen, frequency)
-            band = CurveBand(*((y - r, y + r) for y, r in zip((peak_to_peak, fundamental), reach, strict=True)))
-        return OverlayCurve(frequency, peak_to_peak, fundamental, phase, request, active_model, band)
+            centres = {"peak_to_peak": peak_to_peak, "fundamental": np.abs(motion)}
+            bands = {name: Band(y - r, y + r) for (name, y), r in zip(centres.items(), reach, strict=True)}
+        return OverlayCurve(frequency, response.harmonics, peak_to_peak, request, active_model, bands)
 
     def _band_half_width(
         self, request: CurveRequest, estimates: "EstimateSet", specimen: "Specimen", frequency: Array

@@ -5,7 +5,6 @@ from .fast_response import operating_deflection_shape as operating_deflection_sh
 from .fast_response import response_curve as response_curve
 from .harmonic_response import FREQUENCY_SPEC as FREQUENCY_SPEC
 from .harmonic_response import Excitation as Excitation
-from .harmonic_response import PeriodicResponse as PeriodicResponse
 from .harmonic_response import amplifier_response as amplifier_response
 from .harmonic_response import check_frequency as check_frequency
 from .harmonic_response import driven_amplitudes as driven_amplitudes
@@ -39,6 +38,7 @@ from .perception import UNCOMFORTABLE_SOURCE as UNCOMFORTABLE_SOURCE
 from .perception import PerceptionThreshold as PerceptionThreshold
 from .perception import perception_margin as perception_margin
 from .perception import usable_bands as usable_bands
+from .periodic_response import PeriodicResponse as PeriodicResponse
 from .shape_choice import DEFAULT_ACCURACY as DEFAULT_ACCURACY
 from .shape_choice import ShapeChoice as ShapeChoice
 from .shape_choice import choose_shapes as choose_shapes

@@ -1,6 +1,5 @@
 """Frequency response of the tactor from its poles: under a pure sine on the specimen, and under the amplifier's drive."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,28 +10,13 @@ from model import NO_SKIN, AmplifierMap, Array, Complex, ParameterSpec, Skin, Ta
 from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import Waveform, fourier_series
+from model.response.periodic_response import PeriodicResponse
 
 Excitation = Literal["voltage", "load"]
 
 FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(ge=0), "frequency of the drive", None)
 MAX_HARMONIC_HZ = 6000.0
 """Harmonics are followed well beyond the second resonance."""
-
-
-@dataclass(frozen=True, slots=True)
-class PeriodicResponse:
-    """Periodic response at each frequency, m. w(t) = harmonics_0 + sum_k |harmonics_k| sin(k w t + arg harmonics_k)."""
-
-    frequency_hz: Array
-    harmonics: Complex
-    """(F, orders + 1); order 0 is the real mean deflection."""
-    peak_to_peak: Array
-    """(F,): max - min of the response with all harmonics superposed, the paper's measured amplitude."""
-
-    @property
-    def fundamental(self) -> Complex:
-        """(F,): peak amplitude and phase relative to the input sine, what a sine fit of the data gives."""
-        return self.harmonics[:, 1]
 
 
 def tactor_modal_form(

@@ -17,7 +17,7 @@ from model.drive_history import rayleigh_loop, rayleigh_response
 from model.response.drive_spectrum import fourier_series
 
 if TYPE_CHECKING:
-    from model.response.harmonic_response import PeriodicResponse  # scipy.linalg loads in 0.25 s
+    from model.response.periodic_response import PeriodicResponse
 
 REFERENCE_S = 1 / (2 * np.pi * 100)
 """Time at which creep counts as none: that of 100 Hz, about the resonance."""

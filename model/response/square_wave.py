@@ -16,12 +16,12 @@ from model.beam import receptance
 from model.parameter_spec import PERIODIC_FREQUENCY_SPEC
 from model.response.drive_spectrum import check_input_range
 from model.response.harmonic_response import (
-    PeriodicResponse,
     check_frequency,
     harmonic_orders,
     peak_to_peak,
     tactor_modal_form,
 )
+from model.response.periodic_response import PeriodicResponse
 
 
 def square_wave_response(

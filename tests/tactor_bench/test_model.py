@@ -87,7 +87,7 @@ def test_the_band_of_a_calibration_is_the_one_that_the_window_draws(elongation_m
     finally:
         overlay.close()
     assert drawn is not None
-    assert drawn.band is not None
+    assert drawn.bands
     model = tb.response(
         drawn.frequency_hz, calibration=tb.calibration("T7", tmp_path), elongation_m=elongation_m, peak_to_peak_v=4.0
     )
@@ -95,8 +95,8 @@ def test_the_band_of_a_calibration_is_the_one_that_the_window_draws(elongation_m
     assert model.fundamental_band is not None
     np.testing.assert_allclose(model.peak_to_peak, drawn.peak_to_peak, rtol=1e-4)
     for band, (lower, upper) in (
-        (model.peak_to_peak_band, drawn.band.peak_to_peak),
-        (model.fundamental_band, drawn.band.fundamental),
+        (model.peak_to_peak_band, drawn.bands["peak_to_peak"]),
+        (model.fundamental_band, drawn.bands["fundamental"]),
     ):
         width = (upper - lower).max()
         np.testing.assert_allclose(band.lower, lower, atol=0.02 * width)

@@ -25,8 +25,8 @@ from app.gui.plots import (
     round_step,
 )
 from app.gui.widgets import Theme, WindowTheme
-from app.live import ModelCurve
 from model import Array, Series
+from model.response import PeriodicResponse
 
 CURSOR_HZ = (1, 4000)
 
@@ -135,7 +135,7 @@ class ExplorePlot(PlotBase):
 
     def _series(self) -> Iterable[Series]:
         """Return curves, kept curves and runs: amplitudes in µm, also on a logarithmic axis, and phases in degrees."""
-        lines: list[tuple[str, ModelCurve | MeasuredResponse]] = []
+        lines: list[tuple[str, PeriodicResponse | MeasuredResponse]] = []
         if self._result is not None:
             kept = zip((k.label for k in self._kept_settings), self._result.kept_curves or (), strict=False)
             lines = [("model", self._result.curve), *kept]
@@ -227,7 +227,7 @@ class ExplorePlot(PlotBase):
     def _scale(self) -> None:
         tops, phases = [1.5 * self._felt.top_um], [-180.0, 0.0]
         result = self._result
-        lines: list[ModelCurve | MeasuredResponse] = [*self._runs]
+        lines: list[PeriodicResponse | MeasuredResponse] = [*self._runs]
         if result is not None:
             lines += (result.curve, *(result.kept_curves or ()))
             phases += [float(np.degrees(v)) for v in (result.curve.phase.min(), result.curve.phase.max())]

@@ -251,8 +251,8 @@ class CurvesPlot(PlotBase):
         if not fits or curve is None:
             return
         factor = shown_unit("m/V")[0] / curve.request.amplitude_v
-        self.model.setData(curve.frequency_hz, factor * curve.fundamental)
-        ends = None if curve.band is None else [factor * end for end in curve.band.fundamental]
+        self.model.setData(curve.frequency_hz, factor * np.abs(curve.fundamental))
+        ends = [factor * end for end in curve.bands["fundamental"]] if curve.bands else None
         self.band.show_band(curve.frequency_hz, ends)
 
     def _scale(self, *_: object) -> None:

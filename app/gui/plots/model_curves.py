@@ -42,7 +42,8 @@ class DrawnCurve:
         self.curve = curve
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
             line.setData(curve.frequency_hz, series.values_of(curve))
-            fill.show_band(curve.frequency_hz, None if curve.band is None else series.values_of(curve.band))
+            band = curve.bands.get(series.column)
+            fill.show_band(curve.frequency_hz, None if band is None else [series.factor * end for end in band])
 
     def remove(self) -> None:
         """Remove the items from the plot."""
@@ -100,10 +101,10 @@ class ModelCurveItems:
         for each, shown in zip(self.all_curves, (curve, *curve.on_membrane), strict=True):
             each.show(shown)
         self.apply_theme(self._theme.colors)
-        of, band = curve.active_model, curve.band
+        of, has_band = curve.active_model, bool(curve.bands)
         why = f"Where the model's curve lies with {100 * COVERAGE:g} %, by the errors of the calibration"
-        self.band_box.setEnabled(band is not None)
-        self.band_box.setToolTip(why if band is not None else of.problem or NO_ERRORS_TEXT)
+        self.band_box.setEnabled(has_band)
+        self.band_box.setToolTip(why if has_band else of.problem or NO_ERRORS_TEXT)
         self.source_label.setText(f"curve{'s' if curve.on_membrane else ''}: {of.description}")
         where = "The tactor, free and on the membrane," if curve.on_membrane else "The free tactor"
         self.source_label.setToolTip(of.problem or f"{where} with {of.description}")

@@ -28,7 +28,8 @@ class AmplitudeSeries:
 
     def values_of(self, source: Any) -> Array:
         """Return the amplitudes of a curve or run, (N,), µm."""
-        return self.factor * np.asarray(getattr(source, self.column))
+        values = np.asarray(getattr(source, self.column))
+        return self.factor * (np.abs(values) if np.iscomplexobj(values) else values)
 
     def errors_of(self, source: Any) -> Array | None:
         """Return their standard errors, µm; None for a curve of the model."""
