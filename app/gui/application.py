@@ -119,12 +119,7 @@ def open_window(
 
             adapter = SessionAdapter(bench.connect, make_session, bench.simulation)
             window = MainWindow(adapter, bench.config, form, kept, change, bench.name, recent)
-            if shows_benches and not starts_demo:
-                window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
-            if problem:
-                window.tabs.bench.show_message(problem)
-            if newcomer:
-                window.central.show_welcome()
+            _show_first(window, shows_benches and not starts_demo, problem, newcomer)
             if starts_demo:
                 window.start_demo()
             actions.append(_start_actions_after_run(bench, adapter))
@@ -140,6 +135,16 @@ def open_window(
         if units.ident is not None:
             units.join()
     return code
+
+
+def _show_first(window: MainWindow, shows_benches: bool, problem: str, newcomer: bool) -> None:
+    """Show the page of benches, why a bench cannot be opened, or the welcome page."""
+    if shows_benches:
+        window.tabs.show_page_later(BENCH)  # it takes as long to make as everything else that is painted first
+    if problem:
+        window.tabs.bench.show_message(problem)
+    if newcomer:
+        window.central.show_welcome()
 
 
 def _bench_used_last(

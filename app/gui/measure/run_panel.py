@@ -21,7 +21,6 @@ from app.gui.widgets import (
     make_button,
     make_label,
     make_labelled_grid,
-    make_pane,
     make_scroll_area,
     row,
     set_style_kind,
@@ -115,11 +114,6 @@ class RunPanel(QWidget):
         self.about_label.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.about_label.setMinimumHeight(ABOUT_LINES * self.about_label.fontMetrics().lineSpacing())
         self._form_place = column()
-        self._content_area = make_scroll_area(
-            focusPolicy=Qt.FocusPolicy.NoFocus,
-            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
-            minimumHeight=MIN_CONTENT_HEIGHT,
-        )
         self._show_form(protocol)
         self._build()
         self._connect_signals()
@@ -272,7 +266,8 @@ class RunPanel(QWidget):
         where = make_labelled_grid({editor.accessibleName(): editor for editor in editors}, (8, 4))
         where.addWidget(self.sheet_button, 0, 2)
         where.addWidget(self._browse, 1, 2)
-        content = make_pane(
+        # A low window scrolls the parts above the button; a result is never squeezed.
+        self._content_area = make_scroll_area(
             self._form_place,
             where,
             self.rehearsal_label,
@@ -282,10 +277,10 @@ class RunPanel(QWidget):
             STRETCH,
             margins=(0, 0, 8, 0),
             spacing=8,
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumHeight=MIN_CONTENT_HEIGHT,
         )
-        # A low window scrolls what is above the button; a result is never squeezed.
-        self._content_area.setWidget(content)
-        content.setAutoFillBackground(False)
         column(
             row((self.protocol_box, 1), self.preset_button),
             self.about_label,
