@@ -136,7 +136,9 @@ def _draw_figure(
         draw_reference(axes, threshold_line(threshold, grid), UNCOMFORTABLE, "tab:green", 9)
     title = ["dashed: model", *map(format_estimate, run.record.estimates)] if figure.models else []
     small = figure.lines or figure.spans
-    axes.legend(title="\n".join(title) or None, fontsize=8 if small else 9, title_fontsize=9, ncols=2 if many else 1)
+    if axes.get_legend_handles_labels()[0]:
+        text = "\n".join(title) or None
+        axes.legend(title=text, fontsize=8 if small else 9, title_fontsize=9, ncols=2 if many else 1)
 
 
 def _draw_comparisons(axes: Any, figure: Figure, factor: float) -> None:
