@@ -22,6 +22,7 @@ from app.archive import (
 )
 from app.cli.options import RUN_FILES, argument, command, option
 from app.common import (
+    SEVERITY_STYLES,
     ExitCode,
     UsageError,
     format_bytes,
@@ -31,7 +32,6 @@ from app.common import (
     print_message,
     terminal_progress,
 )
-from app.services import SEVERITY_STYLES
 from protocols.base import Outcome, visible_text
 from protocols.runfile.reader import Run, RunReadError
 

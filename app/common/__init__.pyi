@@ -17,6 +17,7 @@ from .inputs import truncate_text as truncate_text
 from .minmax import minmax_decimate as minmax_decimate
 from .minmax import minmax_pairs as minmax_pairs
 from .outcomes import OUTCOME_SYMBOLS as OUTCOME_SYMBOLS
+from .outcomes import SEVERITY_STYLES as SEVERITY_STYLES
 from .outcomes import SEVERITY_SYMBOLS as SEVERITY_SYMBOLS
 from .outcomes import CheckRow as CheckRow
 from .outcomes import Severity as Severity

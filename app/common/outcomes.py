@@ -43,6 +43,15 @@ SEVERITY_SYMBOLS = {Severity.INFO: "–", Severity.SUCCESS: "✓", Severity.WARN
 """A shape for each severity, distinct without colour."""
 
 
+SEVERITY_STYLES = {
+    Severity.INFO: "default",
+    Severity.SUCCESS: "green",
+    Severity.WARNING: "yellow",
+    Severity.ERROR: "bold red",
+}
+"""Styles of texts on a terminal."""
+
+
 def outcome_severity(outcome: Outcome) -> Severity:
     """Return the severity with which an outcome is shown."""
     return SEVERITIES.get(outcome, Severity.ERROR)

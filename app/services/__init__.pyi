@@ -1,4 +1,3 @@
-from .console import SEVERITY_STYLES as SEVERITY_STYLES
 from .console import STILL_ON as STILL_ON
 from .console import ConsoleObserver as ConsoleObserver
 from .console import JsonObserver as JsonObserver

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common import Severity, format_duration, format_point, outcome_severity, print_message
+from app.common import SEVERITY_STYLES, format_duration, format_point, outcome_severity, print_message
 from app.session import BenchOpened, SessionEvent, describe_event
 from model import format_value, quantity_label
 from protocols.base import (
@@ -27,14 +27,6 @@ from protocols.base import (
 
 STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
 """Warning at the end of every run on a real bench."""
-
-SEVERITY_STYLES = {
-    Severity.INFO: "default",
-    Severity.SUCCESS: "green",
-    Severity.WARNING: "yellow",
-    Severity.ERROR: "bold red",
-}
-"""Styles of texts on a terminal."""
 
 
 class StderrConsole(Console):
