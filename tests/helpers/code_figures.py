@@ -269,7 +269,7 @@ def asserted_texts(syntax: ast.Module) -> Iterator[str]:
 
 def words(text: str) -> list[str]:
     """Words of a text in lower case."""
-    return re.findall(r"[^\W\d_]+(?:['’][^\W\d_]+)?", text.casefold())
+    return re.findall(r"[^\W\d_][\w'’-]*", text.casefold())
 
 
 def figures(root: Path = ROOT) -> dict[str, dict[str, float]]:
