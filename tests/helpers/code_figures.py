@@ -97,6 +97,7 @@ def names_past_interfaces(tree: SourceTree) -> list[str]:
     """Imports of a name from a module of a package to which the importer does not belong."""
     packages = {module_name(path) for path in tree.modules if path.name == "__init__.py"}
     modules = {module_name(path) for path in tree.modules}
+    listed = {package: interface_names(tree.root / package.replace(".", "/") / "__init__.pyi") for package in packages}
     past = []
     for path, syntax in tree.modules.items():
         importer = module_name(path)
@@ -105,11 +106,23 @@ def names_past_interfaces(tree: SourceTree) -> list[str]:
                 continue
             for name in node.names:
                 whole = f"{node.module}.{name.name}"
-                module = whole if whole in modules - packages else node.module
+                module = (
+                    whole
+                    if whole in modules - packages and name.name not in listed.get(node.module, ())
+                    else node.module
+                )
                 package = module.rpartition(".")[0]
                 if module in modules - packages and not f"{importer}.".startswith(f"{package}."):
                     past.append(f"{path}:{node.lineno} {whole}")
     return past
+
+
+def interface_names(stub: Path) -> set[str]:
+    """Names that the interface of a package lists; none without one."""
+    if not stub.is_file():
+        return set()
+    imports = (node for node in ast.parse(stub.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom))
+    return {name.asname or name.name for node in imports for name in node.names}
 
 
 def exceptions(tree: SourceTree) -> dict[str, int]:
