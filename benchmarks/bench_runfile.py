@@ -21,7 +21,7 @@ from timing import tell
 
 from drivers.interfaces import Block
 from protocols.measurements.sine_dwell import SinePoint
-from protocols.runfile.layout import RAW_CHUNK, TABLE_CHUNK
+from protocols.runfile.creation import RAW_CHUNK, TABLE_CHUNK
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import BLOCK_DTYPE
 from protocols.runfile.writer import RunFileWriter

@@ -141,7 +141,7 @@ def known_runs(size: int, folder: Path) -> Work:
 
 def specimens(size: int, folder: Path) -> Work:
     from app.archive.catalogue import Catalogue
-    from app.fleet.values import read_fleet
+    from app.fleet.catalogue_values import read_fleet
 
     known = Catalogue(runs := run_files(20, folder), folder / "index.sqlite")
     known.scan()

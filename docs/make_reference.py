@@ -22,7 +22,7 @@ import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.services import format_parameter, protocol_fields  # noqa: E402
 from docs.run_file_page import cell, run_file  # noqa: E402
-from drivers.evidence.table import assumptions  # noqa: E402
+from drivers.evidence.evidence_files import assumptions  # noqa: E402
 from model import PARAMETERS, RESULTS  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base import Protocol  # noqa: E402

@@ -1,10 +1,10 @@
+from .bench.abort_level_settings import LevelAction as LevelAction
+from .bench.abort_level_settings import LevelSettings as LevelSettings
 from .bench.amplifier import DriveLimits as DriveLimits
 from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
 from .bench.bench import Bench as Bench
-from .bench.levels import LevelAction as LevelAction
-from .bench.levels import LevelSettings as LevelSettings
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.safety_statement import safety_statement as safety_statement
@@ -39,8 +39,8 @@ from .errors import LinkError as LinkError
 from .errors import ScanOrderError as ScanOrderError
 from .errors import ScansLostError as ScansLostError
 from .errors import UnsafeError as UnsafeError
-from .evidence.table import GeneratorFamily as GeneratorFamily
-from .evidence.table import generator_families as generator_families
+from .evidence.evidence_files import GeneratorFamily as GeneratorFamily
+from .evidence.evidence_files import generator_families as generator_families
 from .generators.burst import BurstGenerator as BurstGenerator
 from .generators.capabilities import Capabilities as Capabilities
 from .generators.dialect import ConfirmedCommand as ConfirmedCommand

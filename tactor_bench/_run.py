@@ -141,7 +141,7 @@ class MeasuredRun:
             <Outcome.GOOD: 'good'>
         """
         from app.identification import reference_model
-        from protocols.judgement import judge_file
+        from protocols.rejudgement import judge_file
         from protocols.runfile.sidecar import NotesError
 
         try:

@@ -63,7 +63,7 @@ AREAS: Mapping[str, Mapping[str, str]] = {
     "signals": {
         "protocols/signals/sine.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_sine_and_settling.py",
         "protocols/signals/settling.py": "tests/protocols/signals/test_sine_and_settling.py",
-        "protocols/signals/levels.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_level_and_creep.py",
+        "protocols/signals/held_level.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_level_and_creep.py",
         "protocols/signals/peak.py": "tests/protocols/signals/test_exact_numbers.py tests/protocols/signals/test_response_and_peak.py",
     },
     "identification": {
@@ -131,12 +131,12 @@ EQUIVALENT: Mapping[tuple[str, str, str], str] = {
         "10",
     ): "a parameter without variance has no covariance either: 0 / 1 is 0 / 10",
     (
-        "protocols/signals/levels.py",
+        "protocols/signals/held_level.py",
         "t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz",
         "(np.arange(n) + 0.5 * (n - 1))",
     ): "where the time of the mains begins turns their phase, which is fitted",
     (
-        "protocols/signals/levels.py",
+        "protocols/signals/held_level.py",
         "t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz",
         "(n + 1)",
     ): "where the time of the mains begins turns their phase, which is fitted",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common import UsageError
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from protocols.base import RunStatus, file_hash
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.sidecar import RunCheck, change_notes, notes_path, read_notes

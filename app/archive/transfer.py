@@ -12,7 +12,7 @@ from app.archive.exporting.export import Format, export_run
 from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from app.config import AmplifierTable
 from protocols.base import file_hash, replacing
 from protocols.runfile.reader import Run, RunReadError

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from protocols.runfile.reader import RunReadError
 from protocols.runfile.sidecar import notes_path
 

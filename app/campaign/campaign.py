@@ -34,7 +34,7 @@ from app.campaign.status import (
     ItemState,
     basis_of,
 )
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from model import AmplifierMap
 from protocols.base import EstimatedQuantity, Protocol
 from protocols.registry import PROTOCOLS

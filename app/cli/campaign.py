@@ -159,7 +159,7 @@ class CurveCommand(CampaignCommand):
     files: FileOptions = group(FileOptions, "the results of the series")
 
     def apply(self, known: Campaign) -> int:
-        from model.studies.paper_figures import PaperFigure
+        from model.studies.figures_of_the_paper import PaperFigure
 
         state = known.item_state(self.item)
         if not state.steps:

@@ -34,7 +34,7 @@ from model.response import (
     poles,
     voltage_gain,
 )
-from model.studies.paper_figures import PaperFigure
+from model.studies.figures_of_the_paper import PaperFigure
 
 SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
@@ -204,7 +204,7 @@ class ConvergenceTopic(Topic):
     files: FileOptions = group(FileOptions, "the table")
 
     def compute(self) -> CommandResult:
-        from model.studies.convergence import convergence as study
+        from model.studies.shape_function_convergence import convergence as study
 
         specimen = read_specimen(self)
         n: list[Any] = [int(v) if v == int(v) else v for v in read_values(self.shapes, SHAPE_COUNT)]

@@ -17,7 +17,7 @@ from protocols.base import to_jsonable, visible_text
 from protocols.runfile.schema import is_hdf5
 
 if TYPE_CHECKING:
-    from model.studies.paper_figures import PaperFigure  # loads scipy
+    from model.studies.figures_of_the_paper import PaperFigure  # loads scipy
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of picture files."""

@@ -189,7 +189,7 @@ def _open_window(
 def _draw_run(run_file: Path, picture: Path) -> int:
     from app.cli.output import PICTURE_SUFFIXES, writing_output
     from app.identification import chosen_threshold
-    from app.plotting.run_figure import draw_run
+    from app.plotting.run_picture import draw_run
     from model import ParameterError
     from protocols.runfile.reader import Run, RunReadError
 

@@ -26,10 +26,10 @@ class JudgeCommand:
     def execute(self) -> int:
         from app.cli.headless import exit_code_of, load_all_protocols
         from app.cli.output import print_json
-        from app.common.audit import record_audit
+        from app.common.audit_entries import record_audit
         from app.identification import reference_model
         from protocols.base import to_jsonable
-        from protocols.judgement import judge_file
+        from protocols.rejudgement import judge_file
         from protocols.runfile.reader import Run
 
         load_all_protocols()
@@ -106,7 +106,7 @@ class VerifyCommand:
 
 
 def _repair(path: Path) -> None:
-    from protocols.judgement import complete_results
+    from protocols.rejudgement import complete_results
 
     try:
         with suppress(RunReadError):  # reported by the verification

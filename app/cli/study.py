@@ -35,7 +35,7 @@ from app.common import Column, ExitCode, Table, UsageError, print_message, termi
 from app.plotting.charts import draw_figure
 from model import Array, Series, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice
-from model.studies.paper_figures import PaperFigure, paper_figures
+from model.studies.figures_of_the_paper import PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
 from protocols.runfile.errors import StorageError
 from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path

@@ -41,12 +41,12 @@ from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultSummary as ResultSummary
 from .result_summary import axis_name as axis_name
 from .result_summary import summarize_result as summarize_result
-from .tables import Column as Column
-from .tables import Table as Table
 from .terminal import print_line as print_line
 from .terminal import print_message as print_message
 from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
 from .text_files import parse_toml as parse_toml
+from .text_table import Column as Column
+from .text_table import Table as Table
 from .undo import UndoHistory as UndoHistory
 from .units import PEAK_TO_PEAK as PEAK_TO_PEAK
 from .units import PLAIN_NUMBER as PLAIN_NUMBER

@@ -11,10 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from app.common import parse_toml, truncate_text
-from app.config.channel_table import ChannelTable, check_channels
-from app.config.config_table import ConfigTable
-from app.config.level_tables import LevelsTable, SpecimenTable
-from app.config.tables import (
+from app.config.bench_tables import (
     AmplifierTable,
     BackupTable,
     CardTable,
@@ -26,6 +23,9 @@ from app.config.tables import (
     SupplyTable,
     WatchdogTable,
 )
+from app.config.channel_table import ChannelTable, check_channels
+from app.config.config_table import ConfigTable
+from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.validation import validation_messages
 from sim_hardware.plant import SimulationParameters
 

@@ -12,8 +12,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from app.fleet.catalogue_values import FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE, ControlChart, TooFewValuesError, control_chart
-from app.fleet.values import FleetSelection, FleetValue, arrays
 from model import format_with_uncertainty
 
 SIGNIFICANT = 3.0

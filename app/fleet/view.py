@@ -9,10 +9,11 @@ import numpy as np
 
 from app.archive import read_since
 from app.common import Column, Table
+from app.fleet.catalogue_values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import BASELINE
 from app.fleet.drift import GoldenChart, golden_charts
 from app.fleet.statistics import Spread, outlier_mask, spread_of, trend_of
-from app.fleet.tables import (
+from app.fleet.summary_tables import (
     Bounds,
     bounds_of,
     chart_notes,
@@ -23,7 +24,6 @@ from app.fleet.tables import (
     specimen_table,
     times_of,
 )
-from app.fleet.values import CALIBRATION, Fleet, FleetError, FleetSelection, FleetValue, arrays
 from model import Series, shown_unit
 
 MAX_SPECIMEN_QUANTITIES = 4
@@ -38,7 +38,7 @@ class FleetQuery:
         quantity: by its name; empty for that of most specimens.
         search: words of which each is in the name of a specimen, sensor or bench.
         since: as `read_since` reads it.
-        group_by: one of `app.fleet.values.GROUPS`.
+        group_by: one of `app.fleet.catalogue_values.GROUPS`.
     """
 
     quantity: str = ""

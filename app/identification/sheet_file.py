@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common import MAX_TOML_BYTES, UnitError, parse_toml, to_number, truncate_text
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError

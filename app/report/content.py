@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress, pluralize
-from app.common.audit_log import AuditError, read_entries
+from app.common.audit_chain import AuditError, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
 from app.plotting.panels import PlotPanel, ReportPlot
-from app.report import tables
+from app.report import report_tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
@@ -21,7 +21,7 @@ from app.report.specimen import SpecimenModel, with_damping_by_elongation
 from drivers.watchdog.origin import version
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from model.studies.paper_figures import PaperFigure, skin_figures
+from model.studies.figures_of_the_paper import PaperFigure, skin_figures
 
 LINE_STYLES = ("-", "--", "-.", ":")
 SHORT_SECTIONS = ("skin", "uncertainties")
@@ -87,7 +87,7 @@ def build_report(
         laboratory=laboratory.name,
         header=laboratory.header,
         footer=laboratory.footer,
-        record=tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
+        record=report_tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs
 
@@ -137,10 +137,10 @@ def _first_page(
     plots: list[ReportPlot],
     threshold: PerceptionThreshold,
 ) -> list[Block]:
-    blocks = [] if limits is None else tables.verdict_blocks(limits, outcomes)
-    blocks += tables.summary_blocks(summary, runs)
+    blocks = [] if limits is None else report_tables.verdict_blocks(limits, outcomes)
+    blocks += report_tables.summary_blocks(summary, runs)
     if summary.specimen.estimates:
-        blocks.append(tables.parameter_grid(summary.specimen))
+        blocks.append(report_tables.parameter_grid(summary.specimen))
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
         caption = (
             f"Below: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)} "
@@ -192,10 +192,10 @@ def _contents(
     def agreement() -> ReportSection | None:
         if not plots:
             return None
-        return ReportSection("How well the model explains the points", tables.agreement_blocks(summary, plots))
+        return ReportSection("How well the model explains the points", report_tables.agreement_blocks(summary, plots))
 
     def perception() -> ReportSection | None:
-        perceived = [*tables.perception_blocks(summary), *result_tables(runs, "perception")]
+        perceived = [*report_tables.perception_blocks(summary), *result_tables(runs, "perception")]
         return ReportSection("Perceived amplitude and latency", perceived) if perceived else None
 
     return {
@@ -227,7 +227,7 @@ def _skin_section(summary: SpecimenSummary) -> ReportSection:
 def _budget_section(folder: Path, specimen: str, summary: SpecimenSummary) -> ReportSection:
     """Return the sources of the uncertainties, and where everything else is."""
     more = f"Every figure, table and hash, and a page for every run: 'tactor-bench report {specimen} --full'."
-    sources = tables.budget_blocks(summary.specimen)
+    sources = report_tables.budget_blocks(summary.specimen)
     return ReportSection(
         "Where the uncertainties come from", [*sources, *audit_blocks(folder), Paragraph(more, "small")]
     )
@@ -245,12 +245,12 @@ def _figure_section(summary: SpecimenSummary, plots: list[ReportPlot]) -> Report
 
 def _provenance_section(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> ReportSection:
     sources: list[Block] = [
-        *tables.uncertainty_blocks(summary.specimen),
-        *tables.held_values(summary.specimen),
-        tables.quality_table(runs),
-        tables.instrument_table(runs),
-        *tables.software_tables(runs),
-        tables.hash_table(runs),
+        *report_tables.uncertainty_blocks(summary.specimen),
+        *report_tables.held_values(summary.specimen),
+        report_tables.quality_table(runs),
+        report_tables.instrument_table(runs),
+        *report_tables.software_tables(runs),
+        report_tables.hash_table(runs),
         *audit_blocks(folder),
     ]
     return ReportSection("Where the numbers come from", sources)

@@ -10,7 +10,7 @@ from typing import Any
 
 from app.common import NO_PROGRESS, Progress
 from app.plotting.panels import ReportPlot, draw_plot, legend_height_in, new_figure
-from app.plotting.run_figure import run_figure
+from app.plotting.run_picture import run_figure
 from app.plotting.vector_drawing import VectorDrawing, draw_vectors
 from app.report.document import PAGE_IN, WIDTH_IN, Report
 from app.report.runs import ReportRun

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.plotting.panels import PlotPanel, ReportPlot, axis_label
-from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
+from app.plotting.perception_threshold import UNCOMFORTABLE, threshold_line
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, SpecimenModel
 from model import Array, Band, Role, Series, shown_unit

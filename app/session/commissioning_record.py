@@ -15,7 +15,7 @@ from platformdirs import user_data_path
 from app.config import BenchConfig
 from drivers import Identity
 from drivers.evidence.assumption import OutputCheck
-from drivers.evidence.table import assumptions_about, assumptions_about_card
+from drivers.evidence.evidence_files import assumptions_about, assumptions_about_card
 from drivers.watchdog.origin import version
 from protocols.base import write_atomic
 from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict

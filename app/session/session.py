@@ -15,7 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from app.common.people import current_conditions, with_sensor
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
 from drivers.watchdog.log import take_unreported_lines
@@ -425,6 +425,6 @@ def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
 
 def _complete_results(path: Path) -> str:
     """Store the results of a run that had ended without them; return a sentence."""
-    from protocols.judgement import complete_results
+    from protocols.rejudgement import complete_results
 
     return complete_results(path)

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from protocols.runfile.structure import READ_ERRORS, Found, as_text, walk
+from protocols.runfile.foreign_file_check import READ_ERRORS, Found, as_text, walk
 
 CHECKSUMS = "entry/checksums"
 """Text dataset with the digests: JSON, path -> digest."""

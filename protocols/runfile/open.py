@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from protocols.base import RunStatus, visible_text
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
+from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
-from protocols.runfile.structure import StructureError, check_structure, find_endless_heap
 from protocols.runfile.transaction import has_journal
 
 if TYPE_CHECKING:

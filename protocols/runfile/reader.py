@@ -39,6 +39,7 @@ from protocols.runfile.fields import (
     subgroup,
     table,
 )
+from protocols.runfile.foreign_file_check import StructureError, is_run_beside
 from protocols.runfile.open import (
     NewerFormatError,
     NotARunError,
@@ -52,7 +53,6 @@ from protocols.runfile.record import LargestPoint, RunRecord
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
 from protocols.runfile.sidecar import NotesError, notes_path, read_notes, with_later_verdict
-from protocols.runfile.structure import StructureError, is_run_beside
 from protocols.runfile.trace import RestRecord, RunTrace, read_sensor
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ import numpy as np
 
 from protocols.base import RunStatus
 from protocols.runfile.checksums import store_checksums, stored_digests
+from protocols.runfile.creation import creator_of
 from protocols.runfile.errors import StorageError, os_error_text
 from protocols.runfile.fields import read_integer, read_text
-from protocols.runfile.layout import creator_of
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.open import RunReadError, open_run, translate_read_errors
 from protocols.runfile.presence import Superblock, process_is_alive, writer_is_alive

@@ -8,8 +8,8 @@ import h5py
 
 from protocols.base import EstimatedQuantity, RunStatus, Verdict
 from protocols.runfile.checksums import changed_names, compute_digests, store_checksums, stored_digests
+from protocols.runfile.creation import create_group
 from protocols.runfile.errors import StorageError, translate_write_errors
-from protocols.runfile.layout import create_group
 from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord

@@ -20,7 +20,7 @@ def append_series(file: "h5py.File", series: Sequence[Series], default_plot: str
     """Append series, each an NXdata group; the first of the name `default_plot` is what a NeXus viewer opens to."""
     if not series:
         return
-    from protocols.runfile.layout import create_group
+    from protocols.runfile.creation import create_group
 
     entry = file["entry"]
     every = create_group(entry, SERIES_GROUP, "NXcollection")

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from model import variable_specs
 from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
+from protocols.runfile.creation import create_group, software_versions
 from protocols.runfile.errors import StorageError, translate_write_errors
-from protocols.runfile.layout import create_group, software_versions
+from protocols.runfile.foreign_file_check import StructureError, check_structure
 from protocols.runfile.schema import RESERVE_BYTES
-from protocols.runfile.structure import StructureError, check_structure
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1

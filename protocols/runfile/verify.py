@@ -18,6 +18,7 @@ from protocols.runfile.checksums import (
     stored_digests,
 )
 from protocols.runfile.fields import read_integer, read_text
+from protocols.runfile.foreign_file_check import READ_ERRORS, Found, walk
 from protocols.runfile.open import (
     NewerFormatError,
     NotARunError,
@@ -26,7 +27,6 @@ from protocols.runfile.open import (
     open_run,
 )
 from protocols.runfile.presence import Superblock, writer_is_alive
-from protocols.runfile.structure import READ_ERRORS, Found, walk
 from protocols.runfile.transaction import has_journal
 
 

@@ -23,8 +23,8 @@ import numpy as np
 
 from drivers import Block, Drive, InputChannel, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, RunStatus, Series, Verdict, event_record
+from protocols.runfile.creation import create_file
 from protocols.runfile.errors import FileLostError, StorageError, os_error_text, translate_write_errors
-from protocols.runfile.layout import create_file
 from protocols.runfile.names import truncate_utf8
 from protocols.runfile.presence import FilePresence
 from protocols.runfile.record import RunRecord

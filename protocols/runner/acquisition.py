@@ -16,7 +16,7 @@ from protocols.base import (
     LevelExceeded,
     StepResult,
 )
-from protocols.runner.levels import LevelExceededError, LevelMonitor, LevelQuestion
+from protocols.runner.abort_levels import LevelExceededError, LevelMonitor, LevelQuestion
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.recording_buffer import to_si
 

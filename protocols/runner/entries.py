@@ -23,10 +23,10 @@ from protocols.base import (
     point_quality,
 )
 from protocols.resume import ResumeState, assess_drift
+from protocols.runner.abort_levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.executor import StepExecutor
 from protocols.runner.interrupts import InterruptCheck, PauseInterrupt, RunCancelled
-from protocols.runner.levels import LEVEL_ANSWERS, LevelExceededError, LevelQuestion, level_prompt
 from protocols.runner.operator_actions import OperatorActions
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress

@@ -31,6 +31,7 @@ from protocols.runfile.errors import StorageError
 from protocols.runfile.record import RunRecord
 from protocols.runfile.writer import RunFileWriter
 from protocols.runner.acquisition import RunAcquisition
+from protocols.runner.aliased_interference import tell_folded_lines
 from protocols.runner.conclusion import RunConclusion, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
@@ -40,7 +41,6 @@ from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.request import RunControl, RunRequest
-from protocols.runner.second_rate import tell_folded_lines
 
 log = logging.getLogger(__name__)
 

@@ -2,6 +2,12 @@ from .creep import fit_creep as fit_creep
 from .decay import fit_decay as fit_decay
 from .extremes import MaxMin as MaxMin
 from .extremes import estimate_max_min as estimate_max_min
+from .held_level import DetectedRamp as DetectedRamp
+from .held_level import LevelEstimate as LevelEstimate
+from .held_level import combine_errors as combine_errors
+from .held_level import estimate_level as estimate_level
+from .held_level import estimate_step as estimate_step
+from .held_level import find_ramp as find_ramp
 from .interference import MAINS_HZ as MAINS_HZ
 from .interference import SEPARATION_BINS as SEPARATION_BINS
 from .interference import find_lines as find_lines
@@ -10,12 +16,6 @@ from .interference import interference_at as interference_at
 from .interference import mark_folded as mark_folded
 from .interference import remove_lines as remove_lines
 from .interference import resolved_lines as resolved_lines
-from .levels import DetectedRamp as DetectedRamp
-from .levels import LevelEstimate as LevelEstimate
-from .levels import combine_errors as combine_errors
-from .levels import estimate_level as estimate_level
-from .levels import estimate_step as estimate_step
-from .levels import find_ramp as find_ramp
 from .loop import fold as fold
 from .loop import measure_loops as measure_loops
 from .loop import subtract_mean_line as subtract_mean_line

@@ -14,7 +14,7 @@ import numpy as np
 
 from model import Array
 from protocols.signals.checks import check_positive
-from protocols.signals.levels import MAINS_HZ, combine_errors, estimate_level
+from protocols.signals.held_level import MAINS_HZ, combine_errors, estimate_level
 
 
 class StepDetectionState(StrEnum):

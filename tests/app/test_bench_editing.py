@@ -7,8 +7,8 @@ import pytest
 
 from app.config.bench_editing import BenchDraft, bench_files, benches_folder, changed_text
 from app.config.bench_file import SIMULATED_BENCHES, ConfigError, load_bench, read_bench
+from app.config.bench_tables import CardTable, SensorTable
 from app.config.sensor_calibration import CalibrationPoint, SensorCalibrationError, calibrate_sensor
-from app.config.tables import CardTable, SensorTable
 
 
 @pytest.fixture(autouse=True)

@@ -19,7 +19,7 @@ from app.archive.run_summary import RunFilter, RunState, RunSummary, read_run_su
 from app.cli.main import main
 from app.common import Progress
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
-from protocols.judgement import judge_file
+from protocols.rejudgement import judge_file
 from protocols.runfile.reader import Run
 from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, notes_path, read_notes
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run

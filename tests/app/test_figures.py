@@ -14,7 +14,7 @@ from app.common.errors import ExitCode
 from app.plotting.charts import draw_figure, typeset_symbols
 from model import Series
 from model.parameters import Membrane, Tactor
-from model.studies.paper_figures import PaperFigure, figure5, figure9
+from model.studies.figures_of_the_paper import PaperFigure, figure5, figure9
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.identification.calibrations import Calibrations, calibrations_path, write_calibrations
-from app.live.overlay import CurveRequest, Overlay, OverlayCurve, curve_request_for
+from app.live.model_overlay import CurveRequest, Overlay, OverlayCurve, curve_request_for
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response

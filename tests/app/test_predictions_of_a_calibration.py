@@ -11,7 +11,7 @@ from app.cli.main import main
 from app.common import ExitCode
 from app.explore import ExploreSetting, fit_runs
 from app.identification import load_active_model
-from app.live.overlay import CurveRequest, Overlay
+from app.live.model_overlay import CurveRequest, Overlay
 from model.response import lag_factor, response_curve
 
 FREQUENCIES_HZ = (50.0, 90.0, 125.0, 145.0, 155.0, 165.0, 180.0, 210.0, 240.0)

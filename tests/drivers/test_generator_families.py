@@ -6,7 +6,7 @@ import pytest
 
 from app.config.driver_registry import SOURCES, load_driver
 from drivers import generator_families
-from drivers.evidence.table import assumptions
+from drivers.evidence.evidence_files import assumptions
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.keysight import FULL_SCALES
 from drivers.generators.rigol import DG4000, PACKET_POINTS

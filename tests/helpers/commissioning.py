@@ -6,7 +6,7 @@ from typing import Any
 from app.config.bench_file import BenchConfig
 from app.session.bench_connection import connect
 from drivers.evidence.assumption import OutputCheck
-from drivers.evidence.table import assumptions_about
+from drivers.evidence.evidence_files import assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageLog
 from protocols.commissioning.procedure import commission_bench

@@ -22,9 +22,9 @@ from model.response.sweep_response import sweep_response
 from model.response.time_response import step_response
 from model.skin_model import Skin, skin
 from model.specimen import Specimen
-from model.studies.convergence import convergence
 from model.studies.parameter_study import Study
 from model.studies.sensitivity import sobol_indices_of
+from model.studies.shape_function_convergence import convergence
 from model.studies.uncertainty import EstimateSet, linear_band
 from tests.helpers.sampled import model_curve
 

@@ -12,7 +12,7 @@ from model.response.harmonic_response import frequency_response
 from model.response.modes import natural_frequencies
 from model.response.shape_choice import choose_shapes
 from model.skin_model import Skin, skin
-from model.studies.convergence import convergence
+from model.studies.shape_function_convergence import convergence
 
 XI = np.linspace(0, 1, 41)
 ELONGATIONS_M = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)

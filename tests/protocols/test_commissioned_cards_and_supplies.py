@@ -6,7 +6,7 @@ import pytest
 
 from app.config.bench_file import BenchConfig
 from drivers.evidence.assumption import OutputCheck
-from drivers.evidence.table import CARD_OUTPUT, assumptions_about, assumptions_about_card
+from drivers.evidence.evidence_files import CARD_OUTPUT, assumptions_about, assumptions_about_card
 from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
 from sim_hardware.nidaq.traits import CARD_DEVIATIONS
 from sim_hardware.supplies.traits import supply_deviations_of

@@ -8,7 +8,7 @@ from app.config.bench_file import BenchConfig
 from app.config.driver_registry import SOURCES, built_in_names, load_driver
 from app.session.bench_connection import connect
 from drivers.evidence.assumption import Assumption, OutputCheck
-from drivers.evidence.table import assumptions, assumptions_about
+from drivers.evidence.evidence_files import assumptions, assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
 from protocols.commissioning.procedure import commission_bench

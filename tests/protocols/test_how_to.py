@@ -12,9 +12,9 @@ from app.archive import Catalogue
 from app.cli.main import main
 from app.common import Table
 from app.common.errors import ExitCode
-from app.fleet.values import read_fleet
+from app.fleet.catalogue_values import read_fleet
 from app.identification.specimen_identification import identify
-from app.live.overlay import Overlay, curve_request_for
+from app.live.model_overlay import Overlay, curve_request_for
 from app.plotting.panels import ReportPlot
 from app.report.content import build_report
 from app.report.runs import read_report_runs

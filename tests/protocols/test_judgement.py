@@ -10,10 +10,10 @@ import pytest
 
 from app.cli.main import main
 from protocols.base import Outcome, RunStatus
-from protocols.judgement import judge_file
 from protocols.measurements.result_checks import added_mass_checks, labelled_weight_checks
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
+from protocols.rejudgement import judge_file
 from protocols.runfile.reader import Run
 from protocols.runner import computer_clock
 from tests.helpers.simulated_bench import laboratory, run

@@ -9,7 +9,7 @@ import pytest
 from app.archive.description import run_text
 from app.archive.figures import run_figures
 from app.config.bench_file import BenchConfig, load_bench
-from app.plotting.run_figure import draw_run
+from app.plotting.run_picture import draw_run
 from app.report.result_cards import result_tables
 from app.report.runs import read_report_runs
 from model import Tactor

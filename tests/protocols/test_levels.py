@@ -29,7 +29,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.runfile.reader import Run
-from protocols.runner.levels import LevelMonitor
+from protocols.runner.abort_levels import LevelMonitor
 from protocols.runner.readback import DriveReadback
 from sim_hardware.clock import VirtualClock
 from tests.helpers.scripted_protocol import SHORT

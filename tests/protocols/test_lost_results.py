@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from protocols.base import RunStatus
-from protocols.judgement import complete_results
+from protocols.rejudgement import complete_results
 from protocols.runfile import writer
 from protocols.runfile.reader import Run
 from protocols.runfile.repair import needs_repair, repair_folder

@@ -10,7 +10,7 @@ import pytest
 import tactor_bench as tb
 from app.cli.main import main
 from app.identification.calibrations import CalibrationError, Calibrations, write_calibrations
-from app.live.overlay import CurveRequest, Overlay
+from app.live.model_overlay import CurveRequest, Overlay
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.calibrations import calibration
 from tests.helpers.simulated_bench import laboratory, run

@@ -1,5 +1,5 @@
+from .imported_run import ImportedPoints as ImportedPoints
 from .importer import import_files as import_files
 from .importer import read_table as read_table
 from .importer import read_time as read_time
-from .points import ImportedPoints as ImportedPoints
-from .values import ImportOptions as ImportOptions
+from .si_columns import ImportOptions as ImportOptions

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, split_heading
+from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import UnitError, to_number
 from protocols.base import ImportColumn, TableImportError
 from protocols.registry import PROTOCOLS

@@ -7,14 +7,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from app.archive.importing.numeric_text import numeric_columns
-from app.archive.importing.table import (
+from app.archive.importing.import_table import (
     ImportTable,
     LineLocations,
     TableColumn,
     is_unit,
     split_heading,
 )
+from app.archive.importing.numeric_text import numeric_columns
 from app.common import NO_PROGRESS, Progress, truncate_text
 from protocols.base import TableImportError
 

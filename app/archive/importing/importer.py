@@ -22,13 +22,13 @@ from app.archive.importing.columns import (
     table_kinds,
 )
 from app.archive.importing.csv_table import read_text_table
-from app.archive.importing.points import ImportedPoints, build_points, write_imported_run
-from app.archive.importing.table import ImportTable
+from app.archive.importing.import_table import ImportTable
+from app.archive.importing.imported_run import ImportedPoints, build_points, write_imported_run
+from app.archive.importing.si_columns import ImportOptions
 from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
-from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
-from app.common.audit import record_audit
+from app.common.audit_entries import record_audit
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
 from protocols.base import TableImportError

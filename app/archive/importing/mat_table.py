@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, split_heading
+from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
 from drivers.watchdog.subprocesses import python_command, python_environment
 from protocols.base import TableImportError
@@ -76,7 +76,7 @@ sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))
 READER_SCRIPT_73 = """import pickle, sys
 import numpy
 from hdf5storage import loadmat
-from protocols.runfile.structure import check_file_structure
+from protocols.runfile.foreign_file_check import check_file_structure
 
 def plain(value):
     # A structure is a mapping, or an array of one record; vectors have two dimensions.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, split_heading
+from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
 from protocols.base import TableImportError
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping
-from app.archive.importing.points import ImportedPoints
-from app.archive.importing.table import ImportTable
-from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
+from app.archive.importing.import_table import ImportTable
+from app.archive.importing.imported_run import ImportedPoints
+from app.archive.importing.si_columns import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from model import Array
 from protocols.base import ImportedSamples, Protocol, RunOfSamples, TableImportError

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn
+from app.archive.importing.import_table import ImportTable, TableColumn
 from app.common import truncate_text
 from model import Array
 from protocols.base import TableImportError

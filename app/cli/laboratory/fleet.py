@@ -12,10 +12,10 @@ from app.common import ExitCode, UsageError, usage_errors
 from model import Series
 
 if TYPE_CHECKING:
+    from app.fleet.catalogue_values import Fleet, FleetSelection
     from app.fleet.drift import GoldenChart
-    from app.fleet.tables import Bounds
-    from app.fleet.values import Fleet, FleetSelection
-    from model.studies.paper_figures import PaperFigure
+    from app.fleet.summary_tables import Bounds
+    from model.studies.figures_of_the_paper import PaperFigure
 
 MAX_QUANTITIES = 5
 """Quantities in the table of the specimens where none is named."""
@@ -37,7 +37,7 @@ class _FleetOptions:
         """Return the values that the options select."""
         from app.archive import read_since
         from app.cli.runs import check_folder, scanned_catalogue
-        from app.fleet.values import FleetError, read_fleet
+        from app.fleet.catalogue_values import FleetError, read_fleet
         from app.identification import chosen_threshold
         from model import ParameterError
 
@@ -71,8 +71,8 @@ class FleetCommand(_FleetOptions):
     files: FileOptions = group(FileOptions, "the specimens")
 
     def execute(self) -> int:
-        from app.fleet.tables import fleet_notes, group_table, quantity_table, specimen_table
-        from app.fleet.values import GROUPS, FleetError
+        from app.fleet.catalogue_values import GROUPS, FleetError
+        from app.fleet.summary_tables import fleet_notes, group_table, quantity_table, specimen_table
 
         if self.group_by not in GROUPS:
             raise UsageError(f"--group-by {self.group_by}: there are {', '.join(GROUPS)}")
@@ -113,10 +113,10 @@ class ControlChartCommand(_FleetOptions):
     files: FileOptions = group(FileOptions, "the chart")
 
     def execute(self) -> int:
+        from app.fleet.catalogue_values import FleetError
         from app.fleet.control_chart import MIN_BASELINE, TooFewValuesError
         from app.fleet.drift import golden_charts
-        from app.fleet.tables import chart_notes, chart_table, verdict_table
-        from app.fleet.values import FleetError
+        from app.fleet.summary_tables import chart_notes, chart_table, verdict_table
 
         if self.baseline < MIN_BASELINE:
             raise UsageError(f"--baseline {self.baseline}: at least {MIN_BASELINE} values")
@@ -162,8 +162,8 @@ def _golden_of_limits(folder: Path) -> str:
 
 
 def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
-    from app.fleet.tables import times_of
-    from model.studies.paper_figures import PaperFigure
+    from app.fleet.summary_tables import times_of
+    from model.studies.figures_of_the_paper import PaperFigure
 
     days = (times_of(selection) - times_of(selection).min()) / 86400
     curves = []
@@ -183,7 +183,7 @@ def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
 
 
 def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart") -> "PaperFigure":
-    from model.studies.paper_figures import PaperFigure
+    from model.studies.figures_of_the_paper import PaperFigure
 
     times = np.array([v.time_s for v in each.values])
     days, chart = (times - times[0]) / 86400, each.chart

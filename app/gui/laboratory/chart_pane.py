@@ -7,9 +7,9 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QSpinBox
 
 from app.common import Table, typeset
+from app.fleet.catalogue_values import Fleet
 from app.fleet.control_chart import BASELINE, MIN_BASELINE
 from app.fleet.drift import DriftCause
-from app.fleet.values import Fleet
 from app.fleet.view import ChartView, golden_candidates, view_charts
 from app.gui.laboratory.chart_plot import ControlChartPlot
 from app.gui.laboratory.value_table import ValueTable

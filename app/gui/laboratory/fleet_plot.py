@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
 from app.common import typeset
-from app.fleet.values import FleetValue
+from app.fleet.catalogue_values import FleetValue
 from app.fleet.view import FleetView
 from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, ZoomBox, curve_color, curve_symbol, legend_share
 from app.gui.plots.items import BarsItem, ScatterItem

@@ -13,10 +13,10 @@ from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
 
 from app.archive import Catalogue
 from app.common import Progress, UsageError
-from app.common.audit_log import AuditEntry, AuditError, read_entries
+from app.common.audit_chain import AuditEntry, AuditError, read_entries
 from app.config.certificate import Certificate, read_certificates
-from app.fleet.tables import Bounds
-from app.fleet.values import Fleet, FleetError, read_fleet
+from app.fleet.catalogue_values import Fleet, FleetError, read_fleet
+from app.fleet.summary_tables import Bounds
 from app.gui.laboratory.audit_pane import AuditPane
 from app.gui.laboratory.certificates_pane import CertificatesPane
 from app.gui.laboratory.chart_pane import ChartPane

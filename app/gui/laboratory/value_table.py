@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor, QFont, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.common import Column, Severity, Table, typeset
-from app.common.tables import CellValue
+from app.common.text_table import CellValue
 from app.gui.widgets import WindowTheme, configure
 
 Index = QModelIndex | QPersistentModelIndex

@@ -12,7 +12,7 @@ from app.archive import RunSummary
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
-from app.gui.runs.table import RunTableModel, RunTableView
+from app.gui.runs.run_table import RunTableModel, RunTableView
 from app.gui.widgets import Menu, WindowTheme, column, make_splitter
 
 

@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 
 from app.cli.headless import SelectedBench, headless_session
-from app.plotting.run_figure import run_figure
+from app.plotting.run_picture import run_figure
 from app.services import KEY_HELP, ConsoleObserver, ConsoleOperator, JsonObserver
 from app.session.session import BenchOpened, RunRejected
 from model import Specimen

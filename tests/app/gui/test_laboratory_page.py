@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
-from app.archive.audit import begin_audit
+from app.archive.audit_trail import begin_audit
 from app.archive.catalogue import Catalogue
 from app.common import Progress
 from app.config.certificate import Certificate, store_certificate

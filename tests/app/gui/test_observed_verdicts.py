@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from app.cli.main import main
-from app.common.tables import Table
-from app.gui.runs.table import COLUMNS
+from app.common.text_table import Table
+from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
 from app.report.content import build_report
 from app.report.document import Paragraph

@@ -14,7 +14,7 @@ from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
 from app.gui.widgets.theme import WindowTheme
-from app.live.overlay import Overlay
+from app.live.model_overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run

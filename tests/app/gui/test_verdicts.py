@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from PySide6.QtCore import Qt
 
-from app.gui.runs.table import COLUMNS
+from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict

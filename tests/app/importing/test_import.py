@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from app.archive.importing.table import split_heading
+from app.archive.importing.import_table import split_heading
 from app.cli.main import main
 from app.identification.observations import run_observations
 from model.identification.observations import (

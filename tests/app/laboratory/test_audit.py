@@ -8,12 +8,12 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.archive.audit import begin_audit, verify_audit
+from app.archive.audit_trail import begin_audit, verify_audit
 from app.archive.notes import write_notes
 from app.archive.trash import move_to_trash, restore_from_trash
 from app.cli.main import main
 from app.common import ExitCode
-from app.common.audit_log import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
+from app.common.audit_chain import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
 from protocols.runfile.sidecar import notes_path
 from tests.helpers.run_files import finished_run
 
@@ -49,7 +49,7 @@ def test_a_changed_removed_moved_or_added_line_is_detected(tmp_path: Path) -> No
     assert "damaged" in after([*good[:2], b"hello\n", *good[3:]])[0]
     rewritten = json.loads(good[2])
     rewritten["subject"] = "line X"  # with a hash of its own that fits
-    from app.common.audit_log import _hash
+    from app.common.audit_chain import _hash
 
     rewritten["hash"] = _hash({name: value for name, value in rewritten.items() if name != "hash"})
     assert "entry 4" in after([*good[:2], json.dumps(rewritten).encode() + b"\n", *good[3:]])[0]
@@ -119,7 +119,7 @@ def test_deletions_are_recorded_and_others_are_detected(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from app.common.audit_log import append_entry
+from app.common.audit_chain import append_entry
 for i in range(25):
     append_entry(Path(sys.argv[1]), "note", f"{sys.argv[2]} {i}", "", {}, {})
 """

@@ -12,10 +12,10 @@ import pytest
 from app.archive import Catalogue
 from app.cli.main import main
 from app.common import ExitCode
+from app.fleet.catalogue_values import Fleet, FleetError, FleetValue, read_fleet
 from app.fleet.control_chart import TooFewValuesError, control_chart, moving_average
 from app.fleet.drift import DriftCause, golden_charts
 from app.fleet.statistics import capability, outlier_mask, spread_of, trend_of
-from app.fleet.values import Fleet, FleetError, FleetValue, read_fleet
 from tests.helpers.fleet_runs import BEGIN, DRIFT_FROM_DAY, GOLDEN, write_laboratory
 
 

@@ -11,7 +11,7 @@ from app.cli.main import main
 from app.common import UsageError
 from app.config import EXAMPLE_LABORATORY, LABORATORY_FILE_NAME, read_laboratory
 from app.identification import chosen_threshold
-from app.plotting.run_figure import run_figure
+from app.plotting.run_picture import run_figure
 from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build_report
 from model import Specimen
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_HZ

@@ -19,7 +19,7 @@ import pytest
 from app.cli import report as command
 from app.cli.main import main
 from app.common import typeset
-from app.common.tables import Table
+from app.common.text_table import Table
 from app.plotting.panels import ReportPlot, new_figure
 from app.report import drawings, pdf
 from app.report.content import ReportError, build_report, page_marks

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from protocols.signals import peak, sine
-from protocols.signals.levels import MIN_SAMPLES, estimate_level, estimate_step, find_ramp
+from protocols.signals.held_level import MIN_SAMPLES, estimate_level, estimate_step, find_ramp
 from protocols.signals.peak import low_pass
 from protocols.signals.sine import fit_sine
 

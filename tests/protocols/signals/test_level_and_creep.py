@@ -5,7 +5,7 @@ import pytest
 
 from protocols.signals.checks import coverage_factor
 from protocols.signals.creep import fit_creep
-from protocols.signals.levels import estimate_level, estimate_step
+from protocols.signals.held_level import estimate_level, estimate_step
 
 RATE = 5000.0
 

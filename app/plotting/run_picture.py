@@ -10,7 +10,7 @@ import numpy as np
 
 from app.identification import points_of_run
 from app.plotting.panels import axis_label, draw_measured, draw_reference, new_figure
-from app.plotting.threshold_line import UNCOMFORTABLE, threshold_line
+from app.plotting.perception_threshold import UNCOMFORTABLE, threshold_line
 from model import Array, Specimen, format_estimate, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
 from protocols.base import Figure, ModelState

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from app.common.audit_log import audited_folder, record_change
+from app.common.audit_chain import audited_folder, record_change
 from app.common.people import current_conditions
 from protocols.base import file_hash
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.common import NO_PROGRESS, Progress
-from app.common.audit_log import (
+from app.common.audit_chain import (
     LOG_NAME,
     MIN_HEAD_LENGTH,
     AuditEntry,

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.common import Column, Table
+from app.fleet.catalogue_values import Fleet, FleetSelection, arrays
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
 from app.fleet.drift import DriftCause, GoldenChart
 from app.fleet.statistics import Trend, by_group, capability, outlier_mask, spread_of, trend_of
-from app.fleet.values import Fleet, FleetSelection, arrays
 from model import Array, format_quantity, format_with_uncertainty, shown_unit
 
 Bounds = tuple[float | None, float | None]

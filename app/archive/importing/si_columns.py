@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.archive.importing.columns import ColumnMapping, TableKind, si_factor
-from app.archive.importing.table import ImportTable, TableColumn
+from app.archive.importing.import_table import ImportTable, TableColumn
 from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
 from app.config import AmplifierTable
 from model import Array, Mask

@@ -13,8 +13,8 @@ import numpy as np
 from annotated_types import Unit
 
 from app.archive.importing.columns import ColumnMapping
-from app.archive.importing.table import ImportTable
-from app.archive.importing.values import (
+from app.archive.importing.import_table import ImportTable
+from app.archive.importing.si_columns import (
     ColumnSource,
     ImportOptions,
     add_stated_uncertainties,
