@@ -17,6 +17,7 @@ from .bench.watchdog_interface import HeartbeatClock as HeartbeatClock
 from .bench.watchdog_interface import NoWatchdog as NoWatchdog
 from .bench.watchdog_interface import Watchdog as Watchdog
 from .clock import Clock as Clock
+from .clock import SharedTime as SharedTime
 from .clock import WallClock as WallClock
 from .closing import Closeable as Closeable
 from .drive_shapes import Drive as Drive

@@ -3,6 +3,7 @@ from .arrays import Array as Array
 from .arrays import Complex as Complex
 from .arrays import Mask as Mask
 from .arrays import gauss_legendre as gauss_legendre
+from .drive_history import DriveHistory as DriveHistory
 from .estimate import EstimatedQuantity as EstimatedQuantity
 from .membrane import GRAVITY as GRAVITY
 from .membrane import LOAD_SPEC as LOAD_SPEC
@@ -29,6 +30,12 @@ from .quantities import current_name as current_name
 from .quantities import find_quantity as find_quantity
 from .quantities import quantity_label as quantity_label
 from .quantities import shown_unit as shown_unit
+from .series import COHERENCE as COHERENCE
+from .series import ERRORS as ERRORS
+from .series import FIT as FIT
+from .series import PHASE as PHASE
+from .series import TOTAL_ERRORS as TOTAL_ERRORS
+from .series import USABLE as USABLE
 from .series import Band as Band
 from .series import Role as Role
 from .series import Series as Series

@@ -13,7 +13,7 @@ from model import Tactor
 from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import PlanEntry, Protocol, recording_too_long_message
 from protocols.registry import PROTOCOLS
-from protocols.runfile.schema import RESERVE_BYTES
+from protocols.runfile import RESERVE_BYTES
 
 BYTES_PER_SAMPLE = 2
 FILE_OVERHEAD_BYTES = 200_000

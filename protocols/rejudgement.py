@@ -18,12 +18,19 @@ from protocols.base import (
     judge_ended,
 )
 from protocols.resume import measured_points, protocol_of_run
-from protocols.runfile.errors import StorageError
-from protocols.runfile.names import truncate_utf8
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
-from protocols.runfile.results import append_estimates, append_results, store_verdict
-from protocols.runfile.schema import MAX_TEXT_BYTES
-from protocols.runfile.sidecar import LaterVerdict, change_notes
+from protocols.runfile import (
+    MAX_TEXT_BYTES,
+    LaterVerdict,
+    Run,
+    RunReadError,
+    StorageError,
+    append_estimates,
+    append_results,
+    change_notes,
+    store_verdict,
+    translate_read_errors,
+    truncate_utf8,
+)
 
 CRASHED = "the program that wrote it is gone"
 

@@ -26,9 +26,7 @@ from protocols.base import (
     extend_plan,
 )
 from protocols.registry import PROTOCOLS
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
-from protocols.runfile.record import RunRecord
-from protocols.runfile.schema import ENTRY_COLUMN
+from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, translate_read_errors
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
 """A change larger than both counts as drift: more than errors explain, and large enough to matter."""

@@ -1,6 +1,9 @@
 from .bench import SimulatedBench as SimulatedBench
 from .clock import VirtualClock as VirtualClock
+from .clock import keep_freed_memory as keep_freed_memory
 from .generators.scpi_generator import SimulatedScpiGenerator as SimulatedScpiGenerator
+from .operator import BenchControls as BenchControls
+from .operator import SimulatedOperator as SimulatedOperator
 from .plant.parameters import AmplifierParameters as AmplifierParameters
 from .plant.parameters import CardParameters as CardParameters
 from .plant.parameters import GeneratorParameters as GeneratorParameters

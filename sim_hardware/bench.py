@@ -7,11 +7,8 @@ from functools import partial
 import numpy as np
 
 from drivers import Clock, WallClock
-from sim_hardware.generators.generator import SegmentFactory, SimulatedGenerator
-from sim_hardware.generators.registry import make_generator
-from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
-from sim_hardware.nidaq.card import SimulatedCard
-from sim_hardware.nidaq.in_process_digitizer import SimulatedDigitizer
+from sim_hardware.generators import SegmentFactory, SimulatedGenerator, make_generator
+from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer
 from sim_hardware.plant import (
     SPECIMEN_ACTIONS,
     ConstantSegment,
@@ -30,11 +27,8 @@ from sim_hardware.plant import (
     make_voltage_report,
     with_membrane_left_on,
 )
-from sim_hardware.supplies.dialects import make_supply_engine
-from sim_hardware.supplies.supply import SimulatedSupply
-from sim_hardware.wires.in_process_link import InProcessLink
-from sim_hardware.wires.port import MessagePort
-from sim_hardware.wires.scpi_engine import ScpiEngine, ScpiInstrument
+from sim_hardware.supplies import SimulatedSupply, make_supply_engine
+from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstrument
 
 
 class _Cable:

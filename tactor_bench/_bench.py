@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.archive.after_run import AfterRun
+from app.archive import AfterRun
 from app.common import UsageError
 from app.config import BenchConfig
 from app.identification import reference_model
@@ -25,7 +25,7 @@ from app.session import (
 from app.session import connect as open_instruments
 from drivers import BenchError, Closeable, UnsafeError
 from protocols.base import Protocol, RestMeasured, RunStatus
-from protocols.runner.request import RunRequest
+from protocols.runner import RunRequest
 from tactor_bench._frontend import front_end
 from tactor_bench._run import MeasuredRun, open_run
 

@@ -14,7 +14,7 @@ from app.identification import (
     SheetError,
     accept_identification,
     amplifier_of,
-    calibrations,
+    read_calibrations,
 )
 from app.identification import identify as identify_runs
 from model import Array, Membrane, Tactor
@@ -174,4 +174,4 @@ def calibration(specimen: str, folder: str | Path = "runs", version: int | None 
         >>> tb.response([160.0], calibration=calibration("T7")).peak_to_peak_band.upper  # doctest: +SKIP
         array([0.00093])
     """
-    return calibrations.read_calibrations(Path(folder), specimen).get(version)
+    return read_calibrations(Path(folder), specimen).get(version)

@@ -19,7 +19,7 @@ from model.response import (
     frequency_response,
     with_lag,
 )
-from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
+from model.studies import EstimateSet, UncertaintyBand, linear_band
 
 if TYPE_CHECKING:
     from tactor_bench._identification import Identification

@@ -13,10 +13,7 @@ import numpy as np
 from drivers import Drive
 from model import Array
 from protocols.base import Outcome, Quality, Recording, Verdict
-from protocols.runfile.open import RunReadError
-from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
-from protocols.runfile.record import RunRecord
-from protocols.runfile.trace import RunTrace
+from protocols.runfile import LoggedEvent, Run, RunReadError, RunRecord, RunTrace, translate_read_errors
 from tactor_bench._tables import CurveTable, EstimateTable, Points
 
 __all__ = ["MeasuredRun", "Quality", "RunReadError", "Samples", "open_run"]
@@ -141,8 +138,8 @@ class MeasuredRun:
             <Outcome.GOOD: 'good'>
         """
         from app.identification import reference_model
-        from protocols.rejudgement import judge_file
-        from protocols.runfile.sidecar import NotesError
+        from protocols import judge_file
+        from protocols.runfile import NotesError
 
         try:
             verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)

@@ -1,5 +1,6 @@
 """Import contracts of pyproject.toml: kept by the product, and each detects a forbidden import."""
 
+import ast
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -86,3 +87,14 @@ def test_a_wrong_import_breaks_its_contract(
     (contract,) = (contract for name, contract in contracts.items() if name.startswith(broken))
     with planted(graph, importer, imported):
         assert not kept(contract, graph)
+
+
+def test_drivers_take_the_amplifier_map_alone_from_the_model() -> None:
+    taken = {
+        name.name
+        for path in (ROOT / "drivers").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "model"
+        for name in node.names
+    }
+    assert taken == {"AmplifierMap"}

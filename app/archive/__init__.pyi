@@ -1,3 +1,8 @@
+from .after_run import AfterRun as AfterRun
+from .audit_trail import AuditResult as AuditResult
+from .audit_trail import begin_audit as begin_audit
+from .audit_trail import verify_audit as verify_audit
+from .backup import back_up as back_up
 from .catalogue import Catalogue as Catalogue
 from .catalogue import ScanResult as ScanResult
 from .description import run_record as run_record
@@ -9,6 +14,11 @@ from .exporting.export import export_run as export_run
 from .exporting.parts import PARTS as PARTS
 from .exporting.parts import ExportError as ExportError
 from .exporting.parts import Part as Part
+from .notes import check_run as check_run
+from .problem_report import CONTENTS as CONTENTS
+from .problem_report import NOT_IN as NOT_IN
+from .problem_report import ProblemFacts as ProblemFacts
+from .problem_report import write_problem_report as write_problem_report
 from .replay import LoadedRun as LoadedRun
 from .replay import MeasuredResponse as MeasuredResponse
 from .replay import TraceWindow as TraceWindow
@@ -21,6 +31,10 @@ from .run_summary import RunState as RunState
 from .run_summary import RunSummary as RunSummary
 from .run_summary import read_run_summary as read_run_summary
 from .run_summary import read_since as read_since
+from .specimen_archive import SUFFIX as SUFFIX
+from .specimen_archive import ArchiveError as ArchiveError
+from .specimen_archive import restore_archive as restore_archive
+from .specimen_archive import write_archive as write_archive
 from .transfer import CopyResult as CopyResult
 from .transfer import annotate_runs as annotate_runs
 from .transfer import copy_runs_into as copy_runs_into

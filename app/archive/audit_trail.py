@@ -4,16 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common import NO_PROGRESS, Progress
-from app.common.audit_chain import (
+from app.common import (
     LOG_NAME,
     MIN_HEAD_LENGTH,
+    NO_PROGRESS,
     AuditEntry,
     AuditError,
+    Progress,
     append_entry,
+    current_conditions,
     read_entries,
 )
-from app.common.people import current_conditions
 from protocols.base import file_hash
 
 AUDITED_SUFFIXES = (".h5", ".calibrations.json", ".campaign.json", ".notes.json", ".specimen.toml", ".certificate.json")

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.archive.transfer import copy_file
 from app.common import NO_PROGRESS, OperationCancelled, Progress, UsageError
 from protocols.base import file_hash
-from protocols.runfile.verify import FileState, verify_run
+from protocols.runfile import FileState, verify_run
 
 FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3
 """Steps of the modification time on a FAT file system, as on memory sticks, where it is whole seconds, and on others."""

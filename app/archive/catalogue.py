@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
 from app.common import NO_PROGRESS, Progress
-from protocols.runfile.sidecar import NOTES_SUFFIX
+from protocols.runfile import NOTES_SUFFIX
 
 SCHEMA = 10 * 13 + marshal.version
 """Raise its tens when `RunSummary` changes: an index of another schema is thrown away."""

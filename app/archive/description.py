@@ -17,6 +17,7 @@ from app.common import (
     format_point,
 )
 from model import format_quantity, format_value, format_with_uncertainty, quantity_label
+from protocols import PROTOCOLS, aspects_of, measured_points
 from protocols.base import (
     InjectedFaultChanged,
     Outcome,
@@ -25,11 +26,7 @@ from protocols.base import (
     RunStatus,
     to_jsonable,
 )
-from protocols.registry import PROTOCOLS, aspects_of
-from protocols.resume import measured_points
-from protocols.runfile.reader import Run
-from protocols.runfile.record import RunRecord
-from protocols.runfile.sidecar import NotesError, notes_path, read_notes
+from protocols.runfile import NotesError, Run, RunRecord, notes_path, read_notes
 
 
 def run_record(run: Run) -> dict[str, Any]:

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator
 
 from app.common import LENGTH_UNITS
+from protocols import aspects_of
 from protocols.base import RunFigure
-from protocols.registry import aspects_of
-from protocols.runfile.record import RunRecord
+from protocols.runfile import RunRecord
 
 
 def run_figures(run: RunRecord) -> Iterator[RunFigure]:

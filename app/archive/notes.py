@@ -4,11 +4,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from app.common import UsageError
-from app.common.audit_entries import record_audit
+from app.common import UsageError, record_audit
 from protocols.base import RunStatus, file_hash
-from protocols.runfile.reader import Run, translate_read_errors
-from protocols.runfile.sidecar import RunCheck, change_notes, notes_path, read_notes
+from protocols.runfile import Run, RunCheck, change_notes, notes_path, read_notes, translate_read_errors
 
 
 def read_tags(text: str) -> tuple[str, ...]:

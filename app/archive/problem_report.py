@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.description import run_record
-from app.common.recent_errors import RecentErrors
-from drivers.watchdog.origin import version
+from app.common import RecentErrors
+from drivers.watchdog import version
 from protocols.base import replacing, to_jsonable
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile import Run, RunReadError
 
 MEASURED_MARK = "±"
 """Every measured value of a log line has it."""

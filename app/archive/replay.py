@@ -14,6 +14,7 @@ import numpy as np
 from app.common import ResultSummary, Severity, minmax_decimate, minmax_pairs, summarize_result
 from app.session import LogLine, describe_event, describe_point
 from model import Array, Mask, current_column
+from protocols import PROTOCOLS, measured_points
 from protocols.base import (
     EVENTS,
     BlockStored,
@@ -25,11 +26,7 @@ from protocols.base import (
     Series,
     usable_mask,
 )
-from protocols.registry import PROTOCOLS
-from protocols.resume import measured_points
-from protocols.runfile.reader import LoggedEvent, Run, RunReadError, translate_read_errors
-from protocols.runfile.record import RunRecord
-from protocols.runfile.trace import RunTrace
+from protocols.runfile import LoggedEvent, Run, RunReadError, RunRecord, RunTrace, translate_read_errors
 
 ROWS_PER_CHUNK = 1_000_000
 TRACE_COLUMNS = 2000

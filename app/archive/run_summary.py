@@ -11,12 +11,23 @@ from typing import Any, NamedTuple
 from app.archive.figures import run_figures
 from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
 from model import format_estimate
+from protocols import PROTOCOLS, measured_points
 from protocols.base import Outcome, RunStatus, Verdict
-from protocols.registry import PROTOCOLS
-from protocols.resume import measured_points
-from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
-from protocols.runfile.record import RunRecord, decode_record
-from protocols.runfile.sidecar import Notes, NotesError, listed_record, notes_path, read_notes, with_later_verdict
+from protocols.runfile import (
+    NewerFormatError,
+    NotARunError,
+    Notes,
+    NotesError,
+    Run,
+    RunReadError,
+    RunRecord,
+    decode_record,
+    listed_record,
+    notes_path,
+    read_notes,
+    translate_read_errors,
+    with_later_verdict,
+)
 
 STALE_AFTER_S = 600.0
 """A file with status `running` that was not written for this time gets another reason."""

@@ -17,10 +17,9 @@ from typing import IO, Any
 
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
-from drivers.watchdog.origin import version
+from drivers.watchdog import version
 from protocols.base import file_hash, replacing, visible_text
-from protocols.runfile.names import safe_name
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile import notes_path, safe_name
 
 SUFFIX = ".eln"
 METADATA_NAME = "ro-crate-metadata.json"

@@ -8,15 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.archive.exporting.export import Format, export_run
+from app.archive.exporting import Format, export_run
 from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
-from app.common import NO_PROGRESS, OperationCancelled, Progress
-from app.common.audit_entries import record_audit
+from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
 from app.config import AmplifierTable
 from protocols.base import file_hash, replacing
-from protocols.runfile.reader import Run, RunReadError
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile import Run, RunReadError, notes_path
 
 COPY_CHUNK_BYTES = 1 << 20
 """Bytes copied between two checks for cancellation."""

@@ -5,9 +5,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common.audit_entries import record_audit
-from protocols.runfile.reader import RunReadError
-from protocols.runfile.sidecar import notes_path
+from app.common import record_audit
+from protocols.runfile import RunReadError, notes_path
 
 TRASH_FOLDER = ".trash"
 """Beside the run; hidden, so that neither list nor campaign finds what is in it."""

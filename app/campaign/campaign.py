@@ -34,11 +34,11 @@ from app.campaign.status import (
     ItemState,
     basis_of,
 )
-from app.common.audit_entries import record_audit
+from app.common import record_audit
 from model import AmplifierMap
+from protocols import PROTOCOLS
 from protocols.base import EstimatedQuantity, Protocol
-from protocols.registry import PROTOCOLS
-from protocols.runfile.names import other_specimen_message
+from protocols.runfile import other_specimen_message
 
 
 class Campaign:

@@ -13,9 +13,9 @@ from typing import Any
 from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
 
 from app.common import UndoHistory
+from protocols import PAPER_CAMPAIGN
 from protocols.base import Prompt, read_json_file, visible_values, write_atomic
-from protocols.paper_campaign import PAPER_CAMPAIGN
-from protocols.runfile.names import folded_name, safe_name
+from protocols.runfile import folded_name, safe_name
 
 SUFFIX = ".campaign.json"
 VERSION = 2

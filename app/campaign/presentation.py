@@ -13,8 +13,8 @@ from app.campaign.summary import CampaignSummary, ItemSummary
 from app.common import format_bytes, format_duration
 from app.session import format_voltage_range
 from model import format_value, quantity_label
+from protocols import Rehearsal
 from protocols.base import EstimatedQuantity
-from protocols.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
     from app.campaign.summary import CampaignEstimates

@@ -13,9 +13,9 @@ from app.identification import reference_model
 from app.session import RunRejected, SessionEvent
 from drivers import Bench, BenchError
 from model import Tactor
+from protocols import Rehearsal, check_disk_space, rehearse
 from protocols.base import RunEnded, RunStarted
-from protocols.rehearsal import Rehearsal, check_disk_space, rehearse
-from protocols.runner.request import RunRequest
+from protocols.runner import RunRequest
 
 
 class RunStarter(typing.Protocol):

@@ -17,8 +17,8 @@ from app.common import (
     unit_of,
 )
 from model import shown_unit
+from protocols import PROTOCOLS
 from protocols.base import EstimatedQuantity, Protocol, RunFigure, Series, SeriesAxis
-from protocols.registry import PROTOCOLS
 
 SERIES = "series"
 

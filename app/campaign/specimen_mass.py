@@ -4,10 +4,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from app.identification.calibrations import CalibrationError, read_calibrations
-from app.identification.sheet_file import SheetError, load_sheet
+from app.identification import CalibrationError, SheetError, load_sheet, read_calibrations
+from protocols import FIX_PAPER_MASS
 from protocols.base import Prompt
-from protocols.paper_campaign import FIX_PAPER_MASS
 
 MASS_PUT_IN = "mass_put_in"
 MASS_SHARE = "mass_fraction"

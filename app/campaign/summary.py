@@ -17,9 +17,9 @@ from app.session import real_duration_s
 from drivers import BenchError
 from model import AmplifierMap, ParameterError, Tactor
 from model.identification import FitOptions, IdentificationError
+from protocols import Rehearsal
 from protocols.base import EstimatedQuantity, Outcome, Prompt
-from protocols.rehearsal import Rehearsal
-from protocols.runfile.reader import RunReadError
+from protocols.runfile import RunReadError
 
 if TYPE_CHECKING:
     from drivers import Bench

@@ -28,6 +28,7 @@ from app.common import ExitCode, UsageError, check_row, print_message
 from app.config import bench_template, find_devices
 from app.services import operator_reachable
 from drivers import REST_REPEATABILITY_V, BenchError
+from protocols import WIRING_CHECK
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     CheckResult,
@@ -38,8 +39,7 @@ from protocols.base import (
     Verdict,
     checks_by_remedy,
 )
-from protocols.commissioning.verdict import OutputVerdict
-from protocols.registry import WIRING_CHECK
+from protocols.commissioning import OutputVerdict
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 
@@ -126,8 +126,7 @@ class CommissionCommand(BenchSelection):
     json: bool = option("the record as one JSON object on standard output, SI units")
 
     def execute(self) -> int:
-        from app.session.commissioning import commission
-        from app.session.commissioning_record import make_record
+        from app.session import commission, make_record
 
         bench = select_bench(self)
         if self.picture:
@@ -147,7 +146,7 @@ class CommissionCommand(BenchSelection):
         else:
             _print_commissioning(record, done.path)
         if self.picture:
-            from app.plotting.commissioning_figure import draw_commissioning
+            from app.plotting import draw_commissioning
 
             title = f"{done.identity}, firmware {done.identity.firmware or 'unknown'}: {record['verdict']}"
             rest_v = bench.config.amplifier.rest_v

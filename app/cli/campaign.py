@@ -52,7 +52,7 @@ from app.identification import verdict_line
 from drivers import BenchError
 from model import Series, shown_unit
 from protocols.base import Protocol
-from protocols.runfile.reader import RunReadError
+from protocols.runfile import RunReadError
 
 
 @options
@@ -159,7 +159,7 @@ class CurveCommand(CampaignCommand):
     files: FileOptions = group(FileOptions, "the results of the series")
 
     def apply(self, known: Campaign) -> int:
-        from model.studies.figures_of_the_paper import PaperFigure
+        from model.studies import PaperFigure
 
         state = known.item_state(self.item)
         if not state.steps:

@@ -13,7 +13,7 @@ from app.cli.output import CommandResult, render
 from app.common import Column, Table, UsageError, usage_errors
 from model.identification import format_p_value
 from protocols.base import Protocol, usable_mask
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile import Run, RunReadError, translate_read_errors
 
 MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
 """Columns that distinguish points of equal x, if both runs have them."""
@@ -75,7 +75,7 @@ def _common_protocol(a: Run, b: Run) -> type[Protocol]:
     Raises:
         UsageError: they are of two protocols, or of one that is not known here.
     """
-    from protocols.registry import PROTOCOLS
+    from protocols import PROTOCOLS
 
     protocols = a.record.protocol, b.record.protocol
     if protocols[0] != protocols[1]:

@@ -23,9 +23,9 @@ from app.config import BenchConfig
 from app.identification import reference_model
 from app.services import operator_reachable, refuse_without_operator
 from app.session import Session, build_protocol, choose_bench, load_protocol_class
+from protocols import load_plug_ins
 from protocols.base import Outcome, Prompt, Protocol
-from protocols.registry import load_plug_ins
-from protocols.runner.request import RunRequest
+from protocols.runner import RunRequest
 
 EXIT_CODES = {
     Outcome.GOOD: ExitCode.DONE,
@@ -198,7 +198,7 @@ def headless_session(
         UsageError: faults were planned for a real bench.
     """
     check_planned_faults(bench, planned_faults)
-    from app.archive.after_run import AfterRun
+    from app.archive import AfterRun
     from app.services import (
         KEY_HELP,
         ConsoleObserver,

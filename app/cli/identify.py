@@ -37,14 +37,15 @@ from app.identification import (
     SheetError,
     accept_identification,
     amplifier_of,
-    calibrations,
     describe_correction,
     identify,
     known_tables,
+    read_calibrations,
+    write_calibrations,
 )
 from model import ParameterError
 from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile import Run, RunReadError
 
 INADEQUATE_MODEL_HINT = (
     "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
@@ -251,7 +252,7 @@ class ShowCalibrationCommand:
 
     def execute(self) -> int:
         try:
-            return render(self.result(calibrations.read_calibrations(self.folder, self.specimen)), self.json)
+            return render(self.result(read_calibrations(self.folder, self.specimen)), self.json)
         except CalibrationError as error:
             raise UsageError(f"specimen {self.specimen}: {error}") from None
 
@@ -267,7 +268,7 @@ class UseCalibrationCommand(ShowCalibrationCommand):
 
     def result(self, known: Calibrations) -> CommandResult:
         known = replace(known, active=known.get(self.version).version)
-        calibrations.write_calibrations(self.folder, self.specimen, known)
+        write_calibrations(self.folder, self.specimen, known)
         return super().result(known)
 
 

@@ -146,7 +146,7 @@ class _Version(argparse.Action):
     """Prints the version, which is read from the installed packages only then because it is slow."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from drivers.watchdog.origin import version
+        from drivers.watchdog import version
 
         parser.exit(message=f"{PROGRAM} {version()}\n")
 

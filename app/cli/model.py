@@ -9,7 +9,7 @@ from app.cli.model_options import VOLTAGE, ShapeOptions, Topic, describe_specime
 from app.cli.model_response import FrequencyResponseTopic, MembraneTopic, StepTopic
 from app.cli.options import CommandGroup, FileOptions, group, option, options
 from app.cli.output import CommandResult
-from app.cli.specimen.design import AddedMassTopic, DriveTopic
+from app.cli.specimen import AddedMassTopic, DriveTopic
 from app.common import Column, Table, UsageError, read_number, track
 from app.identification import TABLE_ONE, sheet_unit
 from model import (
@@ -34,7 +34,7 @@ from model.response import (
     poles,
     voltage_gain,
 )
-from model.studies.figures_of_the_paper import PaperFigure
+from model.studies import PaperFigure
 
 SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
@@ -204,7 +204,7 @@ class ConvergenceTopic(Topic):
     files: FileOptions = group(FileOptions, "the table")
 
     def compute(self) -> CommandResult:
-        from model.studies.shape_function_convergence import convergence as study
+        from model.studies import convergence as study
 
         specimen = read_specimen(self)
         n: list[Any] = [int(v) if v == int(v) else v for v in read_values(self.shapes, SHAPE_COUNT)]

@@ -66,7 +66,7 @@ from model.response import (
     with_lag,
 )
 from model.response import frequency_response as receptance
-from model.studies.figures_of_the_paper import PaperFigure
+from model.studies import PaperFigure
 
 DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250"
 """The paper's frequencies."""

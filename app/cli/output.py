@@ -14,10 +14,10 @@ from rich.table import Table as RichTable
 from app.cli.options import FileOptions
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message
 from protocols.base import to_jsonable, visible_text
-from protocols.runfile.schema import is_hdf5
+from protocols.runfile import is_hdf5
 
 if TYPE_CHECKING:
-    from model.studies.figures_of_the_paper import PaperFigure  # loads scipy
+    from model.studies import PaperFigure  # loads scipy
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of picture files."""
@@ -51,7 +51,7 @@ def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) 
         with writing_output(files.csv):
             (result.write_csv or result.tables[0].to_csv)(files.csv)
     if files.picture:
-        from app.plotting.charts import draw_figure
+        from app.plotting import draw_figure
 
         with writing_output(files.picture, PICTURE_SUFFIXES):
             draw_figure(result.figures, files.picture, log=result.log_scale)

@@ -9,19 +9,29 @@ from app.cli.runs import check_folder
 from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, print_message, terminal_progress, usage_errors
 from app.config import EXAMPLE_LABORATORY, read_laboratory
 from app.identification import SheetError, chosen_threshold
-from app.report.content import FULL_SECTIONS, SHORT_SECTIONS, ReportError, build_report
-from app.report.document import Report
-from app.report.drawings import draw_report
-from app.report.html import write_html
-from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_limits, read_limits
-from app.report.pdf import fit_first_page, write_pdf
-from app.report.runs import ReportRun
-from app.report.signature import sign_files, verification_command
-from app.report.specimen import SpecimenModel
+from app.report import (
+    FULL_SECTIONS,
+    LIMITS_FILE_NAME,
+    SHORT_SECTIONS,
+    Limits,
+    LimitsError,
+    Report,
+    ReportError,
+    ReportRun,
+    SpecimenModel,
+    build_report,
+    draw_report,
+    example_limits,
+    fit_first_page,
+    read_limits,
+    sign_files,
+    verification_command,
+    write_html,
+    write_pdf,
+)
 from model import ParameterError
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.runfile.names import safe_name
-from protocols.runfile.reader import RunReadError
+from protocols.runfile import RunReadError, safe_name
 
 MAX_LOGO_BYTES = 2_000_000
 

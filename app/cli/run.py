@@ -60,8 +60,8 @@ class WindowCommand(ProtocolOptions):
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, select_bench
-        from app.gui.display_check import window_unavailable_reason
-        from protocols.registry import DEFAULT_PROTOCOL
+        from app.gui import window_unavailable_reason
+        from protocols import DEFAULT_PROTOCOL
 
         bench = select_bench(replace(self, bench=self.bench or "sim"))
         given = bool(self.bench or self.speed is not None or self.seed is not None or self.autostart)
@@ -83,8 +83,8 @@ class DemoCommand(BenchOptions):
 
     def execute(self) -> int:
         from app.cli.headless import make_protocol, run_headless, run_request, select_bench
-        from app.gui.display_check import window_unavailable_reason
-        from protocols.registry import DEFAULT_PROTOCOL
+        from app.gui import window_unavailable_reason
+        from protocols import DEFAULT_PROTOCOL
 
         bench = select_bench(self)
         protocol = make_protocol(DEFAULT_PROTOCOL, [])
@@ -109,7 +109,7 @@ class ShowCommand:
     def execute(self) -> int:
         from app.archive import run_record, run_text
         from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json
-        from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+        from protocols.runfile import Run, RunReadError, translate_read_errors
 
         if self.picture:
             check_output_file(self.picture, PICTURE_SUFFIXES)
@@ -137,9 +137,9 @@ class ResumeCommand(BenchOptions):
     def execute(self) -> int:
         from app.cli.headless import load_all_protocols, run_headless, select_bench, warn
         from app.session import load_protocol_class
-        from protocols.resume import find_entries
-        from protocols.runfile.reader import RunReadError
-        from protocols.runner.request import RunRequest
+        from protocols import find_entries
+        from protocols.runfile import RunReadError
+        from protocols.runner import RunRequest
 
         bench = select_bench(self)
         load_all_protocols()
@@ -160,7 +160,7 @@ def _open_window(
     bench_given: bool = True,
 ) -> int:
     from app.config import load_bench
-    from app.gui.application import InitialForm, OpenedBench, open_window
+    from app.gui import InitialForm, OpenedBench, open_window
     from app.session import SimulationSettings, connect
 
     def choose(name: str, config: "BenchConfig", speed: float | None, without_commissioning: str = "") -> OpenedBench:
@@ -189,9 +189,9 @@ def _open_window(
 def _draw_run(run_file: Path, picture: Path) -> int:
     from app.cli.output import PICTURE_SUFFIXES, writing_output
     from app.identification import chosen_threshold
-    from app.plotting.run_picture import draw_run
+    from app.plotting import draw_run
     from model import ParameterError
-    from protocols.runfile.reader import Run, RunReadError
+    from protocols.runfile import Run, RunReadError
 
     with usage_errors(RunReadError, ParameterError), writing_output(picture, PICTURE_SUFFIXES), Run(run_file) as run:
         draw_run(run, picture, threshold=chosen_threshold(run_file.parent))
@@ -209,7 +209,7 @@ class ProtocolsCommand:
         from app.cli.headless import load_all_protocols, warn
         from app.cli.output import print_answer
         from app.session import load_protocol_class
-        from protocols.registry import PROTOCOLS
+        from protocols import PROTOCOLS
 
         load_all_protocols()
         if self.protocol:

@@ -6,11 +6,16 @@ from pathlib import Path
 
 from app.cli.options import RUN_FILES, argument, command, option
 from app.common import ExitCode, UsageError, print_line, print_message
-from protocols.runfile.errors import StorageError
-from protocols.runfile.open import RunReadError
-from protocols.runfile.repair import repair_run
-from protocols.runfile.sidecar import NotesError, notes_path
-from protocols.runfile.verify import FileState, Verification, verify_run
+from protocols.runfile import (
+    FileState,
+    NotesError,
+    RunReadError,
+    StorageError,
+    Verification,
+    notes_path,
+    repair_run,
+    verify_run,
+)
 
 
 @command("example: tactor-bench judge runs/*_T7_*.h5 --store")
@@ -26,11 +31,11 @@ class JudgeCommand:
     def execute(self) -> int:
         from app.cli.headless import exit_code_of, load_all_protocols
         from app.cli.output import print_json
-        from app.common.audit_entries import record_audit
+        from app.common import record_audit
         from app.identification import reference_model
+        from protocols import judge_file
         from protocols.base import to_jsonable
-        from protocols.rejudgement import judge_file
-        from protocols.runfile.reader import Run
+        from protocols.runfile import Run
 
         load_all_protocols()
         codes, records, problems = [], [], 0
@@ -106,7 +111,7 @@ class VerifyCommand:
 
 
 def _repair(path: Path) -> None:
-    from protocols.rejudgement import complete_results
+    from protocols import complete_results
 
     try:
         with suppress(RunReadError):  # reported by the verification

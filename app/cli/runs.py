@@ -33,7 +33,7 @@ from app.common import (
     terminal_progress,
 )
 from protocols.base import Outcome, visible_text
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile import Run, RunReadError
 
 DEFAULT_ROWS = 40
 """Runs that are listed without --all."""

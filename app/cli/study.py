@@ -32,13 +32,11 @@ from app.cli.model_options import (
 from app.cli.options import FileOptions, argument, command, group, option
 from app.cli.output import CommandResult, check_output_files, print_json, render, writing_output
 from app.common import Column, ExitCode, Table, UsageError, print_message, terminal_progress, track, usage_errors
-from app.plotting.charts import draw_figure
+from app.plotting import draw_figure
 from model import Array, Series, replace_variables, shown_unit
 from model.response import FREQUENCY_SPEC, ShapeChoice
-from model.studies.figures_of_the_paper import PaperFigure, paper_figures
-from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
-from protocols.runfile.errors import StorageError
-from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path
+from model.studies import MEASURE_UNITS, STUDY_PRESETS, Measure, PaperFigure, Study, StudyResult, paper_figures
+from protocols.runfile import StorageError, StudyFileWriter, StudyHeader, check_output_path
 
 MAX_CURVES = 8
 """Combinations that a picture shows."""
@@ -344,7 +342,7 @@ def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
 
 def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
     """Return Sobol indices over the range of each variable's values."""
-    from model.studies.sensitivity import sobol_indices_of
+    from model.studies import sobol_indices_of
 
     if options.out is not None or options.files.picture is not None:
         raise UsageError(

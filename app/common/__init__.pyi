@@ -1,3 +1,11 @@
+from .audit_chain import LOG_NAME as LOG_NAME
+from .audit_chain import MIN_HEAD_LENGTH as MIN_HEAD_LENGTH
+from .audit_chain import AuditEntry as AuditEntry
+from .audit_chain import AuditError as AuditError
+from .audit_chain import append_entry as append_entry
+from .audit_chain import read_entries as read_entries
+from .audit_chain import record_change as record_change
+from .audit_entries import record_audit as record_audit
 from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors
@@ -30,12 +38,14 @@ from .people import read_temperature as read_temperature
 from .people import remember_conditions as remember_conditions
 from .people import remember_typed_conditions as remember_typed_conditions
 from .people import remembered_conditions as remembered_conditions
+from .people import with_sensor as with_sensor
 from .progress import ITEMS_PER_UPDATE as ITEMS_PER_UPDATE
 from .progress import NO_PROGRESS as NO_PROGRESS
 from .progress import OperationCancelled as OperationCancelled
 from .progress import Progress as Progress
 from .progress import terminal_progress as terminal_progress
 from .progress import track as track
+from .recent_errors import RecentErrors as RecentErrors
 from .result_summary import LENGTH_UNITS as LENGTH_UNITS
 from .result_summary import MAX_POINT_ROWS as MAX_POINT_ROWS
 from .result_summary import ResultSummary as ResultSummary
@@ -45,6 +55,7 @@ from .terminal import print_line as print_line
 from .terminal import print_message as print_message
 from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
 from .text_files import parse_toml as parse_toml
+from .text_table import CellValue as CellValue
 from .text_table import Column as Column
 from .text_table import Table as Table
 from .undo import UndoHistory as UndoHistory

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from app.common.errors import UsageError
 from app.common.inputs import truncate_text
 from drivers import BenchError
-from drivers.sensors.environment import HIGHEST_C, LOWEST_C
+from drivers.sensors import HIGHEST_C, LOWEST_C
 from protocols.base import RunConditions, read_json_file, write_atomic
 
 if TYPE_CHECKING:

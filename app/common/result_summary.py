@@ -7,9 +7,8 @@ from typing import Any
 
 from app.common.formatting import typeset
 from model import format_quantity, format_uncertainty, format_value, quantity_label, shown_unit
-from protocols.base import EstimatedQuantity, Protocol, Quality, Verdict
-from protocols.base.events import INTERFERENCE_AT_REST
-from protocols.runfile.schema import point_columns
+from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Quality, Verdict
+from protocols.runfile import point_columns
 
 LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
 """Units of what scales with the gain of the displacement sensor."""

@@ -11,8 +11,7 @@ from platformdirs import user_data_path
 from pydantic import BaseModel, ValidationError
 from tomlkit.items import Table
 
-from app.common import description_of
-from app.common.audit_chain import record_change
+from app.common import description_of, record_change
 from app.config.bench_file import SIMULATED_BENCHES, BenchConfig, ConfigError, bench_text, read_bench
 from app.config.template import bench_template
 from app.config.validation import validation_messages

@@ -97,15 +97,15 @@ class BenchConfig(ConfigTable):
         if self.simulated:
             simulation = self.simulation_parameters  # raises ValueError if the table is malformed
             if simulation.generator.traits:
-                from sim_hardware.generators.registry import draw_traits
+                from sim_hardware.generators import draw_traits
 
                 draw_traits(simulation.generator.model, simulation.seed, simulation.generator.traits)
             if simulation.card.traits:
-                from sim_hardware.nidaq.traits import draw_card_traits
+                from sim_hardware.nidaq import draw_card_traits
 
                 draw_card_traits(simulation.seed, simulation.card.traits)
             if simulation.supply.traits:
-                from sim_hardware.supplies.traits import draw_supply_traits
+                from sim_hardware.supplies import draw_supply_traits
 
                 draw_supply_traits(simulation.supply.model, simulation.supply.traits)
             speed = simulation.speed

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, field_validator, model_validator
 from app.config import driver_registry as drivers
 from app.config.config_table import ConfigTable
 from drivers import DriveLimits, LaserSensor
-from drivers.sensors.laser_sensor import PRESETS
+from drivers.sensors import PRESETS
 from model import AmplifierMap
 
 SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is rejected"

@@ -10,10 +10,10 @@ from datetime import date as Day  # noqa: N812 - a certificate has a field `date
 from pathlib import Path
 from typing import Any
 
-from app.common.audit_entries import record_audit
+from app.common import record_audit
+from protocols import PROTOCOLS
 from protocols.base import read_json_file, visible_values, write_atomic
-from protocols.registry import PROTOCOLS
-from protocols.runfile.names import safe_name
+from protocols.runfile import safe_name
 
 FOLDER = "certificates"
 """Folder of the certificates in that of the runs."""

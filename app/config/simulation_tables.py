@@ -11,7 +11,7 @@ from annotated_types import Unit
 from pydantic import create_model, model_validator
 
 from app.config.config_table import ConfigTable
-from model.parameter_spec import parameter_specs
+from model import parameter_specs
 from sim_hardware.plant import SimulationParameters
 
 Keys = tuple[str, ...]

@@ -1,6 +1,9 @@
 from .design import DesignAnswers as DesignAnswers
 from .design import DesignQuestion as DesignQuestion
 from .design import answer_design as answer_design
+from .design import describe_reach as describe_reach
+from .design import divided as divided
+from .design import share_that_moves as share_that_moves
 from .engine import LABORATORY_SITE as LABORATORY_SITE
 from .engine import PHASES as PHASES
 from .engine import BeamMotion as BeamMotion

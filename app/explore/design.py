@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from app.explore.state import ExploreSetting
-from app.identification import load_active_model
-from app.identification.calibrations import read_calibrations
+from app.identification import load_active_model, read_calibrations
 from model import COVERAGE_FACTOR_95, AmplifierMap, EstimatedQuantity, ParameterError, Specimen, format_with_uncertainty
 from model.response import choose_shapes, response_curve
-from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
-from model.studies.uncertainty import EstimateSet
+from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_drive, required_mass
 
 MASS_SHARE = "mass_fraction"
 """Estimate of the share of the added masses that moves with the centre."""

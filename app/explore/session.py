@@ -12,7 +12,7 @@ from app.explore.state import DRIVE_SLIDER, ExploreSetting, KeptCurve, describe_
 
 if TYPE_CHECKING:
     from model.response import PerceptionThreshold
-    from model.studies.parameter_study import Study
+    from model.studies import Study
 
 
 DRIVE_TOLERANCE = 0.02
@@ -89,7 +89,7 @@ class ExploreSession:
 
 def write_study(path: Path, study: "Study", variable: str) -> str:
     """Compute a study into a file, HDF5 or CSV by its suffix; returns a message."""
-    from protocols.runfile.study_file import StudyFileWriter, StudyHeader  # lazily: loads h5py
+    from protocols.runfile import StudyFileWriter, StudyHeader  # lazily: loads h5py
 
     if path.suffix == ".csv":
         study.run().to_csv(path)

@@ -11,7 +11,7 @@ from app.explore.sliders import SLIDERS, SliderSpec
 from model import NONIDEAL_NAMES, Membrane, Specimen, Tactor, parameter_specs, replace_variables, variable_specs
 
 if TYPE_CHECKING:
-    from model.studies.parameter_study import Study
+    from model.studies import Study
 
 TACTOR_PARAMETERS = frozenset((*(q.name for q in parameter_specs(Tactor)), *NONIDEAL_NAMES))
 """Parameters that a free tactor has."""
@@ -115,7 +115,7 @@ def make_preset(name: str) -> ExplorePreset:
     """Return one of `PRESET_TITLES`: Table I, or one of the paper's studies with its curves."""
     if name in ("free", "membrane"):
         return ExplorePreset(ExploreSetting(on_skin=name == "membrane"))
-    from model.studies.parameter_study import STUDY_PRESETS  # lazily: loads scipy
+    from model.studies import STUDY_PRESETS  # lazily: loads scipy
 
     study = STUDY_PRESETS[name]()
     on = study.specimen
@@ -151,7 +151,7 @@ def make_study(
     Raises:
         ParameterError: a value at which the specimen is not physical.
     """
-    from model.studies.parameter_study import Study
+    from model.studies import Study
 
     values = sorted({k.setting.value(variable) for k in kept_curves})
     if len(values) < 2:

@@ -1,1 +1,5 @@
 """Many specimens over months: values with total uncertainty, capability, control charts, drift of bench or specimen."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,11 +13,11 @@ import numpy as np
 
 from app.archive import Catalogue, RunSummary
 from app.common import MAX_TOML_BYTES, parse_toml
-from app.identification.calibrations import FORMAT, SUFFIX
+from app.identification import FORMAT, SUFFIX
 from model import THRESHOLD_M, Array, current_name, quantity_label
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.base import RunFigure, read_json_file, visible_text, visible_values
-from protocols.runfile.names import SHEET_SUFFIX
+from protocols.runfile import SHEET_SUFFIX
 
 CALIBRATION = "calibration"
 """In place of a protocol, for parameters of an accepted calibration."""

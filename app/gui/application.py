@@ -13,13 +13,11 @@ from types import FrameType
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.archive.after_run import AfterRun
-from app.common import to_number
-from app.common.recent_errors import RecentErrors
+from app.archive import AfterRun
+from app.common import RecentErrors, to_number
 from app.config import BenchConfig, ConfigError
-from app.gui.shell.main_window import InitialForm as InitialForm
-from app.gui.shell.main_window import MainWindow
-from app.gui.shell.page_host import BENCH
+from app.gui.shell import BENCH, MainWindow
+from app.gui.shell import InitialForm as InitialForm
 from app.gui.widgets import collect_garbage_here
 from app.live import Connect, MakeSession, SessionAdapter
 from app.session import UNSAFE_EXIT, Session, SimulationSettings

@@ -8,10 +8,14 @@ from .active_model import ActiveModel as ActiveModel
 from .active_model import load_active_model as load_active_model
 from .active_model import reference_model as reference_model
 from .active_model import same_elongation as same_elongation
+from .calibrations import FORMAT as FORMAT
+from .calibrations import SUFFIX as SUFFIX
 from .calibrations import CalibrationError as CalibrationError
 from .calibrations import Calibrations as Calibrations
 from .calibrations import calibrations_path as calibrations_path
 from .calibrations import describe_correction as describe_correction
+from .calibrations import read_calibrations as read_calibrations
+from .calibrations import write_calibrations as write_calibrations
 from .observations import ObservationError as ObservationError
 from .observations import amplifier_of as amplifier_of
 from .observations import points_of_run as points_of_run
@@ -47,6 +51,10 @@ from .specimen_identification import Method as Method
 from .specimen_identification import SheetChoice as SheetChoice
 from .specimen_identification import identify as identify
 from .specimen_identification import identify_observations as identify_observations
+from .specimen_label import SpecimenLabel as SpecimenLabel
+from .specimen_label import compare_label as compare_label
+from .specimen_label import make_label as make_label
+from .specimen_label import read_label as read_label
 from .specimen_sheet import DIMENSIONS as DIMENSIONS
 from .specimen_sheet import GROUPS as GROUPS
 from .specimen_sheet import SheetEntry as SheetEntry
@@ -66,3 +74,4 @@ from .uncertainty_tables import largest_sources as largest_sources
 from .uncertainty_tables import nonideality_lines as nonideality_lines
 from .uncertainty_tables import nonideality_tables as nonideality_tables
 from .uncertainty_tables import unstated_errors as unstated_errors
+from .usual_effects import USUAL_EFFECTS as USUAL_EFFECTS

@@ -9,7 +9,7 @@ import numpy as np
 from app.identification.calibrations import CalibrationError, Calibrations, read_calibrations, write_calibrations
 from app.identification.recalibration import Correction
 from app.identification.specimen_identification import IdentificationResult
-from drivers.watchdog.origin import version
+from drivers.watchdog import version
 from model.identification import Calibration
 
 MIN_REASON_LENGTH = 10

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from app.identification import calibrations
 from model import NONIDEAL_NAMES, EstimatedQuantity, Membrane, ParameterError, Specimen, Tactor, replace_variables
 from protocols.base import ReferenceModel
-from protocols.runfile.names import sheet_path
+from protocols.runfile import sheet_path
 
 if TYPE_CHECKING:
-    from model.studies.uncertainty import EstimateSet
+    from model.studies import EstimateSet
 
 FileStamp = tuple[int, int, int]
 
@@ -70,7 +70,7 @@ class ActiveModel:
     ) -> Self:
         """Return the model of estimates with their covariance, (P, P), in their order."""
         from model.identification import parse_elongation  # slow to load
-        from model.studies.uncertainty import EstimateSet
+        from model.studies import EstimateSet
 
         def select(*kinds: type) -> EstimateSet | None:
             names = {each.name for kind in kinds for each in fields(kind)} | set(NONIDEAL_NAMES)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.common.audit_entries import record_audit
+from app.common import record_audit
 from model import ParameterError
 from protocols.base import read_json_file, visible_values, write_atomic
-from protocols.runfile.names import folded_name, other_specimen_message, safe_name
+from protocols.runfile import folded_name, other_specimen_message, safe_name
 
 if TYPE_CHECKING:
     from model.identification import Calibration

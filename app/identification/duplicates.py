@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from model import Mask
-from protocols.runfile.reader import Run
-from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
+from protocols.runfile import CHANNELS, ENTRY_COLUMN, Run
 
 MIN_SAMPLES = 16
 """Shorter recordings, and those without any change, may be equal by chance."""

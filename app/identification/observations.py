@@ -6,11 +6,10 @@ from pathlib import Path
 from app.identification.duplicates import DuplicateFinder
 from model import AmplifierMap, Mask, ParameterError
 from model.identification import FitOptions, Observation, ObservationSet
-from protocols.aspects.run_points import RunPoints
+from protocols import aspects_of, protocol_of_run
+from protocols.aspects import RunPoints
 from protocols.base import usable_mask
-from protocols.registry import aspects_of
-from protocols.resume import protocol_of_run
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile import Run, RunReadError, translate_read_errors
 
 DEFAULT_SHAPE_COUNT = 20
 """Shape functions for a real tactor; for a simulated one, the number of the simulation."""

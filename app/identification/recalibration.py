@@ -11,12 +11,9 @@ import numpy as np
 from app.config import AmplifierTable, ConfigError, load_bench
 from drivers import LaserSensor
 from model import Array
+from protocols import protocol_of_run
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
-from protocols.resume import protocol_of_run
-from protocols.runfile.open import reads_run
-from protocols.runfile.reader import Run, RunReadError
-from protocols.runfile.record import RunRecord
-from protocols.runfile.schema import ENTRY_COLUMN, point_columns
+from protocols.runfile import ENTRY_COLUMN, Run, RunReadError, RunRecord, point_columns, reads_run
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,14 +6,13 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from app.common import MAX_TOML_BYTES, UnitError, parse_toml, to_number, truncate_text
-from app.common.audit_entries import record_audit
+from app.common import MAX_TOML_BYTES, UnitError, parse_toml, record_audit, to_number, truncate_text
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
 from model.identification import parameter_spec
 from protocols.base import write_atomic
-from protocols.runfile.names import SHEET_SUFFIX, other_specimen_message, sheet_path
+from protocols.runfile import SHEET_SUFFIX, other_specimen_message, sheet_path
 
 TEXTS = ("serial", "batch", "photograph", "notes")
 ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")

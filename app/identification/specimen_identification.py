@@ -32,7 +32,7 @@ from model.identification import (
     uncertainty_budget,
     with_model_error,
 )
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 Method = Literal["joint", "chain"]
 SheetChoice = Path | Literal["none"] | None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocols.base import file_hash
-from protocols.runfile.names import sheet_path
+from protocols.runfile import sheet_path
 
 HASH_DIGITS = 12
 """Digits of the SHA-256 of the sheet: as many as identify a line of the audit trail."""

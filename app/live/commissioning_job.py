@@ -8,7 +8,7 @@ from app.config import BenchConfig
 from drivers import BenchError
 
 if TYPE_CHECKING:
-    from app.session.commissioning import CommissionedSource
+    from app.session import CommissionedSource
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ class CommissioningJob:
         self._confirmed.set()
 
     def _work(self) -> None:
-        from app.session.commissioning import commission
+        from app.session import commission
 
         try:
             self._check_stop(STOPPED_BEFORE)

@@ -74,7 +74,7 @@ class LiveEstimator:
             yield self._update
 
     def _start_fit(self, points: tuple[Any, ...], active_model: ActiveModel) -> "LiveFit":
-        from app.identification.usual_effects import USUAL_EFFECTS
+        from app.identification import USUAL_EFFECTS
         from model.identification import FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)

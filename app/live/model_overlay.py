@@ -14,12 +14,12 @@ from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import CurveCache
 from model import AmplifierMap, Array, Band, ParameterError, replace_variables
 from model.response import PeriodicResponse
+from protocols import aspects_of
 from protocols.base import ModelState, Protocol
-from protocols.registry import aspects_of
 
 if TYPE_CHECKING:
     from model import Specimen
-    from model.studies.uncertainty import EstimateSet
+    from model.studies import EstimateSet
 
 LOWEST_HZ = 5.0
 """Lowest frequency of a curve. Below it the response is quasi-static, but needs ever more harmonics."""
@@ -199,7 +199,7 @@ class Overlay:
     ) -> tuple[Array, Array]:
         """Return half the band of either series; its derivatives are those of the fast curve, within 0.01 % of the full one."""
         from model.response import response_curve
-        from model.studies.uncertainty import linear_band
+        from model.studies import linear_band
 
         def both(values: tuple[float, ...]) -> Array:
             given = dict(zip(estimates.names, values, strict=True))

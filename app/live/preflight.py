@@ -8,8 +8,8 @@ from app.identification import ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from drivers import Bench, BenchError
 from model import ParameterError
+from protocols import rehearse
 from protocols.base import Protocol
-from protocols.rehearsal import rehearse
 
 
 @dataclass(frozen=True, slots=True, eq=False)

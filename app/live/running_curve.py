@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.live.latest_only import LatestOnlyWorker
 from drivers import Block, Drive, LaserSensor, Scale, channel_skew_s
+from protocols import aspects_of
 from protocols.base import (
     Aspects,
     BlockStored,
@@ -24,7 +25,6 @@ from protocols.base import (
     SeriesReady,
     ShutdownStarted,
 )
-from protocols.registry import aspects_of
 
 PAUSE_S = 0.5
 """Shortest time between two computations."""

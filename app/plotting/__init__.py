@@ -1,1 +1,5 @@
 """Charts and pictures drawn with matplotlib: model curves, runs, panels with error bars."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

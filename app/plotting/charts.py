@@ -10,7 +10,7 @@ from typing import Any
 from app.plotting.panels import new_figure
 from model import shown_unit
 from model.response import THRESHOLD_M
-from model.studies.figures_of_the_paper import PaperFigure
+from model.studies import PaperFigure
 
 MAX_LABELS_INSIDE = 6
 """Lines up to which the legend is inside the axes."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from app.common import minmax_decimate
 from app.plotting.panels import new_figure
-from protocols.commissioning.exercise import Trace
+from protocols.commissioning import Trace
 
 COLUMNS, DRAWN_COLUMNS = 3, 2000
 

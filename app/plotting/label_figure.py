@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import segno
 
-from app.identification.specimen_label import SpecimenLabel
+from app.identification import SpecimenLabel
 from app.plotting.panels import new_figure
 
 INCH_MM = 25.4

@@ -13,10 +13,9 @@ from app.plotting.panels import axis_label, draw_measured, draw_reference, new_f
 from app.plotting.perception_threshold import UNCOMFORTABLE, threshold_line
 from model import Array, Specimen, format_estimate, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
+from protocols import aspects_of
 from protocols.base import Figure, ModelState
-from protocols.registry import aspects_of
-from protocols.runfile.reader import Run, translate_read_errors
-from protocols.runfile.schema import ENTRY_COLUMN
+from protocols.runfile import ENTRY_COLUMN, Run, translate_read_errors
 
 POINT_COLORS = ("tab:red", "tab:blue", "tab:green", "tab:orange", "tab:purple")
 

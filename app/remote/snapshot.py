@@ -8,9 +8,9 @@ from app.common import OUTCOME_SYMBOLS, axis_name, typeset
 from app.session import BenchState, WindowState, format_bench_duration, protocol_title
 from drivers import Bench
 from model import format_estimate, shown_unit
+from protocols import PROTOCOLS
 from protocols.base import Quality, RunStatus
-from protocols.registry import PROTOCOLS
-from protocols.runfile.schema import point_columns
+from protocols.runfile import point_columns
 
 MAX_POINTS = 2000
 """Points of a record; of more, the newest."""

@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app.common import NO_PROGRESS, Progress, pluralize
-from app.common.audit_chain import AuditError, read_entries
+from app.common import NO_PROGRESS, AuditError, Progress, pluralize, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
-from app.plotting.panels import PlotPanel, ReportPlot
+from app.plotting import PlotPanel, ReportPlot
 from app.report import report_tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
@@ -18,10 +17,10 @@ from app.report.plots import TITLE, response_figure, specimen_plots, threshold_c
 from app.report.result_cards import result_cards, result_tables
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel, with_damping_by_elongation
-from drivers.watchdog.origin import version
+from drivers.watchdog import version
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from model.studies.figures_of_the_paper import PaperFigure, skin_figures
+from model.studies import PaperFigure, skin_figures
 
 LINE_STYLES = ("-", "--", "-.", ":")
 SHORT_SECTIONS = ("skin", "uncertainties")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from app.common import Table
-from app.plotting.panels import ReportPlot
+from app.plotting import ReportPlot
 
 PAGE_IN = (8.27, 11.69)
 """Width and height of a page (A4)."""

@@ -9,14 +9,12 @@ from functools import partial
 from typing import Any
 
 from app.common import NO_PROGRESS, Progress
-from app.plotting.panels import ReportPlot, draw_plot, legend_height_in, new_figure
-from app.plotting.run_picture import run_figure
-from app.plotting.vector_drawing import VectorDrawing, draw_vectors
+from app.plotting import ReportPlot, VectorDrawing, draw_plot, draw_vectors, legend_height_in, new_figure, run_figure
 from app.report.document import PAGE_IN, WIDTH_IN, Report
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
-from protocols.runfile.reader import Run, translate_read_errors
+from protocols.runfile import Run, translate_read_errors
 
 MAX_HEIGHT_IN = 5.0
 """Of the panels in one drawing: half a page, so that pages are filled."""

@@ -24,7 +24,7 @@ from model.response import (
     step_latency,
     usable_bands,
 )
-from model.studies.uncertainty import UncertaintyBand
+from model.studies import UncertaintyBand
 from protocols.signals import dwell_peak
 
 FULL_DRIVE_TOLERANCE = 0.02

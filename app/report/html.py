@@ -6,8 +6,7 @@ from html import escape
 from pathlib import Path
 
 from app.common import Table
-from app.plotting.panels import ReportPlot
-from app.plotting.vector_drawing import VectorDrawing
+from app.plotting import ReportPlot, VectorDrawing
 from app.report.document import Block, Paragraph, Report
 from app.report.drawings import Drawings
 from protocols.base import write_atomic

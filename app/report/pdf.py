@@ -30,8 +30,7 @@ from reportlab.platypus import Paragraph as TextLines
 from reportlab.platypus import Table as Grid
 
 from app.common import Table
-from app.plotting.panels import ReportPlot, legend_height_in
-from app.plotting.vector_drawing import VectorDrawing, embedded_font
+from app.plotting import ReportPlot, VectorDrawing, embedded_font, legend_height_in
 from app.report.document import MARGIN_IN, PAGE_IN, WIDTH_IN, Block, Paragraph, Report
 from app.report.drawings import Drawings
 from protocols.base import replacing

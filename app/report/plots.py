@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.plotting.panels import PlotPanel, ReportPlot, axis_label
-from app.plotting.perception_threshold import UNCOMFORTABLE, threshold_line
+from app.plotting import UNCOMFORTABLE, PlotPanel, ReportPlot, axis_label, threshold_line
 from app.report.runs import ReportRun
 from app.report.specimen import GRID_HZ, SpecimenModel
 from model import Array, Band, Role, Series, shown_unit
 from model.identification import FrequencyResponseObservation, ObservationSet
 from model.response import ABDOMEN_THRESHOLD, UNCOMFORTABLE_SOURCE, PerceptionThreshold
-from model.studies.uncertainty import UncertaintyBand
+from model.studies import UncertaintyBand
 from protocols.base import Figure, ModelFunction
 
 TITLE = "Fig. 9: frequency response"

@@ -20,7 +20,7 @@ from app.identification import (
     steps_line,
     unstated_errors,
 )
-from app.plotting.panels import PlotPanel, ReportPlot, StackedBar
+from app.plotting import PlotPanel, ReportPlot, StackedBar
 from app.report.document import Block, LimitOutcome, Paragraph, Tone, Verdict
 from app.report.figures_of_merit import PerceptionMargin, SpecimenSummary
 from app.report.limits import Limits
@@ -37,8 +37,8 @@ from app.report.runs import InstrumentRecord, ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel, parameter_description
 from model import QUANTITIES, Membrane, Tactor, quantity_label, shown_unit
 from model.identification import SPECIMEN_PARAMETERS
+from protocols import aspects_of
 from protocols.base import Outcome
-from protocols.registry import aspects_of
 
 EMPTY_CELL = "–"
 BAR_HEIGHT_IN = 0.24

@@ -7,8 +7,8 @@ from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity,
 from app.report.document import Block, Paragraph, Tone
 from app.report.rounding import typeset_measurement, typeset_with_error
 from app.report.runs import ReportRun
+from protocols import aspects_of
 from protocols.base import Outcome, RunFigure
-from protocols.registry import aspects_of
 
 NOISE_NOTE = (
     "± one standard error of this run's noise only; total uncertainties are those of the identified parameters."

@@ -10,11 +10,9 @@ from app.common import NO_PROGRESS, Progress, ResultSummary
 from app.identification import points_of_run, run_observations, shape_count_of_run
 from model import ParameterError
 from model.identification import FitOptions, Observation
-from protocols import Quality
+from protocols import Quality, aspects_of
 from protocols.base import Figure, Outcome, file_hash
-from protocols.registry import aspects_of
-from protocols.runfile.reader import Run, RunReadError, translate_read_errors
-from protocols.runfile.record import RunRecord
+from protocols.runfile import Run, RunReadError, RunRecord, translate_read_errors
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
 """Flags that are reported elsewhere and are not faults."""

@@ -34,7 +34,7 @@ from model.identification import (
     parse_elongation,
 )
 from model.response import driven_amplitudes, lag_factor
-from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
+from model.studies import EstimateSet, UncertaintyBand, linear_band
 from protocols.base import ModelFunction, ModelState
 
 Effects = Mapping[str, float]

@@ -1,5 +1,8 @@
 from .bench_connection import UNATTENDED_BLOCK_S as UNATTENDED_BLOCK_S
 from .bench_connection import connect as connect
+from .commissioning import CommissionedSource as CommissionedSource
+from .commissioning import commission as commission
+from .commissioning_record import make_record as make_record
 from .fault_injection import FaultPlan as FaultPlan
 from .fault_injection import parse_planned_fault as parse_planned_fault
 from .messages import LogLine as LogLine

@@ -37,7 +37,7 @@ from drivers import (
     UnsafeError,
     Watchdog,
 )
-from sim_hardware.operator import BenchControls, SimulatedOperator
+from sim_hardware import BenchControls, SimulatedOperator
 
 if TYPE_CHECKING:
     from drivers import InstrumentLocks
@@ -106,13 +106,12 @@ def connect(
             _gate(config, connection.bench, without_commissioning)
             yield connection
         elif speed is None:
-            from sim_hardware.bench import SimulatedBench
-            from sim_hardware.clock import VirtualClock, keep_freed_memory
+            from sim_hardware import SimulatedBench, VirtualClock, keep_freed_memory
 
             keep_freed_memory()
             virtual = SimulatedBench(config.simulation_parameters, VirtualClock())
             if config.source.kind == "card-output":  # input and output are one card, served in its own time
-                from sim_hardware.service.served_bench import ServedBench
+                from sim_hardware.service import ServedBench
 
                 server = stack.enter_context(ServedBench(virtual)).card.address
                 digitizer = open_digitizer(config, virtual.clock, server, stack)
@@ -135,7 +134,7 @@ def connect(
                 bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual
             )
         else:
-            from sim_hardware.service.process import BenchProcess
+            from sim_hardware.service import BenchProcess
 
             process = stack.enter_context(
                 BenchProcess(config.simulation_parameters, speed, meanwhile=_import_for_a_run)
@@ -158,7 +157,7 @@ def connect(
 
 def _import_for_a_run() -> None:
     """Import what opening served instruments and running a protocol on them need: about as long as the server takes to start."""
-    from protocols.runner.runner import PRELOADED_MODULES
+    from protocols.runner import PRELOADED_MODULES
 
     for name in ("grpc", "nidaqmx.system", "pyvisa_py", *PRELOADED_MODULES):
         importlib.import_module(name)

@@ -9,9 +9,7 @@ from app.config import BenchConfig
 from app.session.bench_connection import UNATTENDED_BLOCK_S, BenchConnection, allows_second_connection, connect
 from app.session.commissioning_record import save_record, simulated_bench_key
 from drivers import AcquisitionError, Bench, Identity, ScpiSession, VisaLink
-from protocols.commissioning.messages import MessageLog
-from protocols.commissioning.procedure import commission_bench
-from protocols.commissioning.sequence import Commissioned
+from protocols.commissioning import Commissioned, MessageLog, commission_bench
 
 RATES_HZ = (100e3, 50e3, 20e3)
 """Scans per second: the first that the card can do."""

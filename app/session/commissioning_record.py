@@ -14,14 +14,13 @@ from platformdirs import user_data_path
 
 from app.config import BenchConfig
 from drivers import Identity
-from drivers.evidence.assumption import OutputCheck
-from drivers.evidence.evidence_files import assumptions_about, assumptions_about_card
-from drivers.watchdog.origin import version
+from drivers.evidence import OutputCheck, assumptions_about, assumptions_about_card
+from drivers.watchdog import version
 from protocols.base import write_atomic
-from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
+from protocols.commissioning import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:
-    from protocols.commissioning.sequence import Commissioned
+    from protocols.commissioning import Commissioned
 
 FORMAT = 1
 MAX_BYTES = 1_000_000

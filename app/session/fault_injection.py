@@ -14,7 +14,7 @@ from protocols.base import InjectedFaultChanged, RunStarted
 from sim_hardware.plant import FAULT_DESCRIPTIONS
 
 if TYPE_CHECKING:
-    from sim_hardware.operator import BenchControls
+    from sim_hardware import BenchControls
 
 Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 

@@ -137,8 +137,8 @@ def open_environment_sensor(table: EnvironmentTable, stack: ExitStack) -> Enviro
 
 
 def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
-    from sim_hardware.sensors.laser_sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
-    from sim_hardware.wires.pty import PtyServer
+    from sim_hardware.sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
+    from sim_hardware.wires import PtyServer
 
     model = (
         SimulatedKeyenceLkg(read_displacement)

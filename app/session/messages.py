@@ -14,6 +14,7 @@ from app.common import (
 )
 from app.session.session import BenchFailed, BenchOpened, MonitorFailed, RunRejected, SessionEvent
 from model import format_estimate, format_with_uncertainty
+from protocols import PROTOCOLS
 from protocols.base import (
     BenchArmed,
     InjectedFaultChanged,
@@ -38,7 +39,6 @@ from protocols.base import (
     StreamStarted,
     Verdict,
 )
-from protocols.registry import PROTOCOLS
 from protocols.signals import MAINS_HZ
 
 MAINS_TOLERANCE = 5e-3

@@ -20,6 +20,7 @@ from app.session.state import (
     WindowEvent,
     WindowState,
 )
+from protocols import PROTOCOLS
 from protocols.base import (
     DISABLE_HIGH_VOLTAGE,
     ENABLE_HIGH_VOLTAGE,
@@ -41,7 +42,6 @@ from protocols.base import (
     ShutdownStarted,
     SpecimenMayBeLive,
 )
-from protocols.registry import PROTOCOLS
 
 MAX_LOG_LINES = 500
 

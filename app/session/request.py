@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from app.common import UnitError, UsageError, read_value, unit_of
 from app.config import MAX_SPEED, BenchConfig, ConfigError, load_bench, validation_messages
+from protocols import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 from protocols.base import Protocol
-from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 
 
 def choose_bench(

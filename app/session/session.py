@@ -15,10 +15,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from app.common.audit_entries import record_audit
-from app.common.people import current_conditions, with_sensor
+from app.common import current_conditions, record_audit, with_sensor
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, Bench, BenchError, Block, Scale, UnsafeError
-from drivers.watchdog.log import take_unreported_lines
+from drivers.watchdog import take_unreported_lines
 from protocols.base import (
     Event,
     EventBus,
@@ -32,10 +31,10 @@ from protocols.base import (
     RunStatus,
     Verdict,
 )
-from protocols.runner.request import RunControl, RunRequest
+from protocols.runner import RunControl, RunRequest
 
 if TYPE_CHECKING:
-    from sim_hardware.operator import BenchControls
+    from sim_hardware import BenchControls
 
 
 log = logging.getLogger(__name__)
@@ -193,7 +192,7 @@ class Session:
         """Queue a run that measures some entries of the run `path` again; the file is read in the session's thread."""
 
         def load() -> RunRequest:
-            from protocols.runfile.open import RunReadError
+            from protocols.runfile import RunReadError
 
             request = RunRequest.resuming(path, folder, entries)
             if self._control.cancel.is_set():
@@ -316,7 +315,7 @@ class Session:
     @staticmethod
     def _with_conditions(request: RunRequest, bench: Bench) -> RunRequest:
         """Return the request with operator, temperature, humidity, and warnings of calibrations that are due."""
-        from app.config.certificate import bench_warnings
+        from app.config import bench_warnings
 
         conditions = with_sensor(request.conditions or current_conditions(), bench.environment)
         expired, notes = bench_warnings(request.folder, bench.configuration, request.protocol.name)
@@ -325,11 +324,8 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulated_sheet import provide_sheet
-        from protocols.runfile.errors import StorageError
-        from protocols.runfile.open import RunReadError
-        from protocols.runfile.repair import repair_folder
-        from protocols.runfile.sidecar import notes_path
-        from protocols.runner.runner import Runner
+        from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
+        from protocols.runner import Runner
 
         self.state = SessionState.RUNNING
         self._forward_injected()
@@ -425,6 +421,6 @@ def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
 
 def _complete_results(path: Path) -> str:
     """Store the results of a run that had ended without them; return a sentence."""
-    from protocols.rejudgement import complete_results
+    from protocols import complete_results
 
     return complete_results(path)

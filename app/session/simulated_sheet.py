@@ -8,7 +8,7 @@ from typing import Any
 
 from app.common import parse_toml
 from protocols.base import write_atomic
-from protocols.runfile.names import sheet_path
+from protocols.runfile import sheet_path
 
 HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.
 # Uncertainties are standard uncertainties (k = 1). What is not here is the paper's Table I, with the uncertainty of ruler, caliper or scale.

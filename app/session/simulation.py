@@ -12,7 +12,7 @@ from protocols.base import Operator, Prompt
 
 if TYPE_CHECKING:
     from drivers import Bench
-    from sim_hardware.operator import SimulatedOperator
+    from sim_hardware import SimulatedOperator
 
 Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
@@ -91,7 +91,7 @@ def practise(connect: Connect, user: Operator, settings: SimulationSettings) -> 
     @contextmanager
     def connected() -> Iterator[ConnectedBench]:
         from app.session.bench_connection import BenchConnection
-        from sim_hardware.operator import SimulatedOperator
+        from sim_hardware import SimulatedOperator
 
         with connect() as connection:
             if isinstance(connection.operator, SimulatedOperator):

@@ -24,7 +24,7 @@ from drivers.interfaces import (
     UnattendedEnd,
 )
 from drivers.level_pulse import LevelPulse
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 
 LEVEL_ROUNDING_V = 1e-9
 

@@ -34,8 +34,7 @@ from drivers.errors import (
     UnsafeError,
 )
 from drivers.interfaces import Block, Digitizer, InputChannel, Meter, ScanLister, Stream
-from drivers.sensors.environment import EnvironmentSensor
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers.sensors import EnvironmentSensor, LaserSensor
 
 RATE_TOLERANCE = 0.01
 """Largest relative deviation of the card's sample rate from the requested one: its divider makes the nearest rate."""

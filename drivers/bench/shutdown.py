@@ -12,7 +12,7 @@ from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock
 from drivers.interfaces import Block, Scale, Stream
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 
 DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
 """Rows of a block."""

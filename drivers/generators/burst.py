@@ -30,7 +30,7 @@ from drivers.generators.unsuitable import reason_unsuitable
 from drivers.generators.waveform import SINE_CYCLE, render_waveform, repetition
 from drivers.interfaces import Identity
 from drivers.level_pulse import LevelPulse
-from drivers.transport.scpi import Link, ScpiSession
+from drivers.transport import Link, ScpiSession
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 """Slope at which a level that an earlier program left is ramped to rest before the instrument is configured."""

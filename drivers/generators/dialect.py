@@ -8,7 +8,7 @@ from drivers.clock import Clock
 from drivers.generators.capabilities import Capabilities
 from drivers.generators.settings import ExpectedSetting
 from drivers.generators.waveform import Points
-from drivers.transport.scpi import ScpiSession
+from drivers.transport import ScpiSession
 
 
 @dataclass(frozen=True, slots=True)

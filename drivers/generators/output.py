@@ -12,8 +12,7 @@ from drivers.generators.dialect import Dialect
 from drivers.generators.settings import LEVEL_TOLERANCE_V, check_readback
 from drivers.generators.waveform import SINE_CYCLE, Points
 from drivers.level_pulse import LevelPulse
-from drivers.transport.safe_ramp_down import RampDown
-from drivers.transport.scpi import ScpiSession, join_commands
+from drivers.transport import RampDown, ScpiSession, join_commands
 
 SLOW_WIRE_ROUND_TRIPS = 7
 """Replies that the way from a held level to rest waits for when its steps are pipelined."""

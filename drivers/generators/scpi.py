@@ -18,7 +18,7 @@ from drivers.generators.settings import (
     expect_range,
     expect_value,
 )
-from drivers.transport.scpi import ScpiSession
+from drivers.transport import ScpiSession
 
 
 class ScpiDialect:

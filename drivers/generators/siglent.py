@@ -37,7 +37,7 @@ from drivers.generators.settings import (
     expect_value,
 )
 from drivers.generators.waveform import Points
-from drivers.transport.scpi import ScpiSession
+from drivers.transport import ScpiSession
 
 T = TypeVar("T")
 

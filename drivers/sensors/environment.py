@@ -15,7 +15,7 @@ from drivers.errors import LinkError
 from drivers.interfaces import Identity
 
 if TYPE_CHECKING:
-    from drivers.transport.serial_port import SerialPort
+    from drivers.transport import SerialPort
 
 NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 TEMPERATURE = re.compile(rf"{NUMBER}\s*'?\s*(C|F|K)\b")

@@ -11,7 +11,7 @@ import re
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity, Reading
-from drivers.transport.serial_port import SerialPort
+from drivers.transport import SerialPort
 
 ERROR_REASONS = {
     "00": "unknown command",

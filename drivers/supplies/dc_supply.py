@@ -21,8 +21,7 @@ from drivers.clock import Clock
 from drivers.drive_shapes import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, SquareWave, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dialects import SupplyChannel
-from drivers.transport.safe_ramp_down import RampDown
-from drivers.transport.scpi import Link, join_commands
+from drivers.transport import Link, RampDown, join_commands
 
 STEP_PERIOD_S = 2e-3
 SLOW_WIRE_ROUND_TRIPS = 7

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
-from drivers.transport.scpi import Link, ScpiSession
+from drivers.transport import Link, ScpiSession
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from drivers.bench.watchdog_interface import HEARTBEAT_PERIOD_S
+from drivers.bench import HEARTBEAT_PERIOD_S
 from drivers.errors import BenchError
 from drivers.level_pulse import LevelPulse
 from drivers.watchdog.activity import ProcessActivity

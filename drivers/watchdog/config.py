@@ -4,8 +4,8 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from drivers.bench.amplifier import DriveLimits
-from model.amplifier_map import AmplifierMap
+from drivers.bench import DriveLimits
+from model import AmplifierMap
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,12 +19,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from drivers.bench.amplifier import HvAmplifier
+from drivers.bench import HvAmplifier
 from drivers.clock import SharedTime, WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
 from drivers.level_pulse import LevelPulse
-from drivers.transport.lock import lock_as_watchdog
+from drivers.transport import lock_as_watchdog
 from drivers.watchdog.activity import ProcessActivity, raise_own_priority
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import append_line
@@ -223,7 +223,7 @@ class WatchdogLoop:
         if not config.resource:
             source = driver(clock=self._clock, **config.options)
         else:
-            from drivers.transport.visa import VisaLink
+            from drivers.transport import VisaLink
 
             link = VisaLink(config.resource, config.timeout_s, config.backend, baud=config.baud)
             try:

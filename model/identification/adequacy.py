@@ -12,11 +12,17 @@ import numpy as np
 from scipy.special import chdtrc, gammaln, ndtr
 
 from model import Array, Mask
-from model.identification.attribution.causes import Cause
-from model.identification.attribution.diagnosis import diagnose, effects, fit_subspace
-from model.identification.attribution.explanation import Diagnosis
-from model.identification.attribution.significance import Pattern, chance_of_smallest
-from model.identification.attribution.undecidable import UndecidableError, undecidable_errors
+from model.identification.attribution import (
+    Cause,
+    Diagnosis,
+    Pattern,
+    UndecidableError,
+    chance_of_smallest,
+    diagnose,
+    effects,
+    fit_subspace,
+    undecidable_errors,
+)
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,

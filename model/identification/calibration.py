@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from model import EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs, variable_specs
-from model.studies.uncertainty import EstimateSet
+from model.studies import EstimateSet
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.response import fourier_series, lag
+from model.response import DIFFERENT_DRIVES, REFERENCE_S, crept_response, fourier_series, loop_harmonics
+from model.response import specimen_harmonic as harmonic_of_sine
 from model.specimen import flexible_clamp_lengths
 
 Values = Mapping[str, Any]
@@ -61,20 +62,20 @@ def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([lag.specimen_harmonic(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
+    return np.array([harmonic_of_sine(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
 
 
 def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([lag.loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
+    return np.array([loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
 
 
 def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
     """Return the slope over omega of the logarithm of |`crept_response`|, s/rad, and the slope of that slope."""
     share = creep / np.log(10)
-    real = 1 - share * (np.log(omega * lag.REFERENCE_S) + np.euler_gamma)
+    real = 1 - share * (np.log(omega * REFERENCE_S) + np.euler_gamma)
     square = real**2 + (share * np.pi / 2) ** 2
     return -share * real / (omega * square), share * (share + real - 2 * real**2 * share / square) / (omega**2 * square)
 
@@ -127,13 +128,13 @@ class NonidealResponse:
             case FrequencyResponseObservation():
                 return self._dwell_factor(run, v)
             case StaticLoadingObservation():
-                decades = np.log10(np.full(1, LOADING_TIME_S) / lag.REFERENCE_S)
+                decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
                 if run.history is not None:  # what earlier loads left is part of it
                     loads = run.history.drive
-                    decades = (run.history.crept(loads, lag.REFERENCE_S) / run.history.steps(loads))[run.usable]
+                    decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
             case VoltageStepsObservation():
-                decades = self._histories[run.label].decades(lag.REFERENCE_S)[run.usable]
+                decades = self._histories[run.label].decades(REFERENCE_S)[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
         return 1.0
 
@@ -149,7 +150,7 @@ class NonidealResponse:
         f = run.frequency_hz[run.usable]
         factor: Any = 1.0
         if np.any(v["creep"]):
-            factor = factor * lag.crept_response(_column(v["creep"]), 2 * np.pi * f)
+            factor = factor * crept_response(_column(v["creep"]), 2 * np.pi * f)
         if np.any(v["hysteresis"]):
             if run.loop_share is not None:
                 late = run.loop_share[run.usable]
@@ -181,7 +182,7 @@ class NonidealResponse:
             return volts
         history = self._histories[run.label]
         creep, hysteresis = _column(v["creep"]), _column(v["hysteresis"])
-        decades = history.decades(lag.REFERENCE_S)
+        decades = history.decades(REFERENCE_S)
         loop, left, late = _memory(history, self._amplifier)
         volts = volts + hysteresis * loop[run.usable]
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
@@ -206,7 +207,7 @@ class NonidealResponse:
         )
 
 
-@lru_cache(maxsize=lag.DIFFERENT_DRIVES)
+@lru_cache(maxsize=DIFFERENT_DRIVES)
 def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> float:
     """Return the share of the fundamental of the volts under a sine that the slope below rest makes."""
     low = AmplifierMap(amplifier.rest_v, amplifier.low_v, amplifier.high_v, amplifier.slope_below, 1e-9)
@@ -229,9 +230,9 @@ def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Arra
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     driven = amplifier.specimen_v(history.drive)
     loop = rayleigh_response(driven, low, high) / ((high - low) / 2)
-    steps, decades = history.steps(loop), history.decades(lag.REFERENCE_S)
-    left = history.crept(driven, lag.REFERENCE_S) - decades * history.steps(driven)
-    return steps, left, history.crept(loop, lag.REFERENCE_S) - decades * steps
+    steps, decades = history.steps(loop), history.decades(REFERENCE_S)
+    left = history.crept(driven, REFERENCE_S) - decades * history.steps(driven)
+    return steps, left, history.crept(loop, REFERENCE_S) - decades * steps
 
 
 def _column(value: Any) -> Any:

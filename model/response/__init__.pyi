@@ -15,8 +15,13 @@ from .harmonic_response import poles as poles
 from .harmonic_response import samples_per_period as samples_per_period
 from .harmonic_response import system_matrices as system_matrices
 from .harmonic_response import tactor_modal_form as tactor_modal_form
+from .lag import DIFFERENT_DRIVES as DIFFERENT_DRIVES
 from .lag import REFERENCE_S as REFERENCE_S
+from .lag import crept_response as crept_response
 from .lag import lag_factor as lag_factor
+from .lag import loop_harmonics as loop_harmonics
+from .lag import loop_share as loop_share
+from .lag import specimen_harmonic as specimen_harmonic
 from .lag import with_lag as with_lag
 from .latency import PUBLISHED_LATENCIES as PUBLISHED_LATENCIES
 from .latency import TOLERANCE_SPEC as TOLERANCE_SPEC

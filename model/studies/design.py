@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model import AmplifierMap, Array, ParameterError, Specimen, replace_variables
-from model.response import natural_frequencies
-from model.response.fast_response import response_curve
+from model.response import natural_frequencies, response_curve
 from model.studies.uncertainty import EstimateSet, linear_band
 
 LIGHTEST_KG, HEAVIEST_KG, TRIED_MASSES = 1e-4, 0.2, 40

@@ -1,1 +1,5 @@
 """Aspects of the built-in protocols: a module for each, of the same name as in `protocols.measurements`."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from model import SeriesAxis, quantity_label
 from protocols.aspects.run_points import RunPoints
 from protocols.base import Aspects, Figure, ReferenceSpan, ResultTable, RunFigure
-from protocols.runfile.record import RunRecord
+from protocols.runfile import RunRecord
 
 FELT = "latency"
 """How the names of times to the threshold begin."""

@@ -7,7 +7,7 @@ import numpy as np
 from model.identification import MembraneSagObservation, Observation
 from protocols.aspects.run_points import RunPoints
 from protocols.base import REPEAT_ALIASES, Aspects, ImportColumn, ImportedTable, ImportForm
-from protocols.measurements.membrane_sag import MembraneSag
+from protocols.measurements import MembraneSag
 
 
 class MembraneSagAspects(Aspects):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from protocols.base import Series
-from protocols.signals.interference import MAINS_HZ
+from protocols.signals import MAINS_HZ
 
 BLOCK_HZ = 1.0
 """Lines that lie closer are averaged over this width; at a damping of 0.2 that blunts the resonance by less than 1e-4."""

@@ -13,7 +13,7 @@ import numpy as np
 from model import Array, Mask, ParameterError, Series, SeriesAxis
 from model.identification import ErrorTarget, SharedError
 from protocols.base import Protocol
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 MAX_INPUT_ERRORS = 100
 """Errors of single inputs, such as masses or levels, that a fit takes from one run."""

@@ -9,10 +9,13 @@ import numpy as np
 
 from drivers import LinearSweep, PeriodicSweep
 from protocols.base import Aspects, Recording, Series
-from protocols.measurements.response_series import frequency_response_series
-from protocols.measurements.sweep_pieces import SETTLED_S
-from protocols.signals import FrequencyResponse, estimate_periodic_response, estimate_swept_response
-from protocols.signals.response import concatenate_responses
+from protocols.measurements import SETTLED_S, frequency_response_series
+from protocols.signals import (
+    FrequencyResponse,
+    concatenate_responses,
+    estimate_periodic_response,
+    estimate_swept_response,
+)
 
 
 class RunningSweepAspects(Aspects):

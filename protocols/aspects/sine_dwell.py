@@ -26,9 +26,8 @@ from protocols.base import (
     RunFigure,
     RunOfSamples,
 )
-from protocols.measurements.membrane_series import MembraneSeries
-from protocols.measurements.sine_dwell import SinePoint, sine_point
-from protocols.runfile.record import RunRecord
+from protocols.measurements import MembraneSeries, SinePoint, sine_point
+from protocols.runfile import RunRecord
 from protocols.signals import fit_frequency, fit_sine
 
 CARD_READBACK_MARGIN_V = 0.02

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model import GRAVITY, Array, Mask, SeriesAxis
-from model.drive_history import DriveHistory
+from model import GRAVITY, Array, DriveHistory, Mask, SeriesAxis
 from model.identification import LOADING_TIME_S, Observation, SharedError, Side, StaticLoadingObservation
 from protocols.aspects.run_points import RunPoints
 from protocols.base import (
@@ -19,7 +18,7 @@ from protocols.base import (
     ImportForm,
     ModelState,
 )
-from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements import StaticLoading
 
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
 SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}

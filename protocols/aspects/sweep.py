@@ -7,13 +7,12 @@ import numpy as np
 
 from model import Array, Complex
 from model.identification import FrequencyResponseObservation, Observation
-from model.response.lag import loop_share
+from model.response import loop_share
 from protocols.aspects.response_lines import response_lines
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import ImportedSamples, Quality, RunOfSamples
-from protocols.measurements.response_series import check_response_present, frequency_response_series
-from protocols.measurements.sweep import Sweep, sweep_point
+from protocols.measurements import Sweep, check_response_present, frequency_response_series, sweep_point
 from protocols.signals import estimate_swept_response
 
 MAX_SWEPT_CYCLES = 2000

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model import Array, Mask, SeriesAxis
-from model.drive_history import DriveHistory
+from model import Array, DriveHistory, Mask, SeriesAxis
 from model.identification import STEP_TIME_S, Observation, SharedError, VoltageStepsObservation
 from protocols.aspects.run_points import RunPoints
 from protocols.base import (
@@ -19,7 +18,7 @@ from protocols.base import (
     ImportForm,
     ModelState,
 )
-from protocols.measurements.voltage_steps import ZERO_GUARD_S, VoltageSteps
+from protocols.measurements import ZERO_GUARD_S, VoltageSteps
 
 EARLIER_CREEP_AGES_S = (1.0, 10.0, 100.0)
 """Before the beginning of a run, when something was driven or laid on that still creeps: any time from seconds to minutes."""

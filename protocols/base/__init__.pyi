@@ -3,6 +3,7 @@ from .channels import ChannelCalibration as ChannelCalibration
 from .conditions import RunConditions as RunConditions
 from .event_bus import EventBus as EventBus
 from .events import EVENTS as EVENTS
+from .events import INTERFERENCE_AT_REST as INTERFERENCE_AT_REST
 from .events import BenchArmed as BenchArmed
 from .events import BlockDiscarded as BlockDiscarded
 from .events import BlockStored as BlockStored
@@ -88,6 +89,7 @@ from .text import parse_json_object as parse_json_object
 from .text import read_json_file as read_json_file
 from .text import visible_text as visible_text
 from .text import visible_values as visible_values
+from .verdict import ALL_MEASURED as ALL_MEASURED
 from .verdict import CheckResult as CheckResult
 from .verdict import Outcome as Outcome
 from .verdict import RunStatus as RunStatus

@@ -17,9 +17,9 @@ from protocols.base.run_figures import ResultTable, RunFigure
 
 if TYPE_CHECKING:
     from model.identification import Observation
-    from protocols.aspects.run_points import RunPoints
+    from protocols.aspects import RunPoints
     from protocols.base.protocol import Protocol
-    from protocols.runfile.record import RunRecord
+    from protocols.runfile import RunRecord
 
 MEASUREMENTS_PACKAGE, ASPECTS_PACKAGE = "protocols.measurements", "protocols.aspects"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers import DRIVE_CHANNEL, ArmedBench, Clock, DriveRejectedError, InstrumentError, Sine
-from drivers.evidence.assumption import OutputCheck
+from drivers.evidence import OutputCheck
 from model import Array
 from protocols.commissioning.exercise import TAIL_S, Trace
 from protocols.commissioning.verdict import CheckedOutput

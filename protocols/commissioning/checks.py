@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from drivers.evidence.assumption import OutputCheck
+from drivers.evidence import OutputCheck
 from protocols.commissioning.evaluation import TRANSIENT_V, Evaluation, Transient
 from protocols.commissioning.messages import MessageKind
 from protocols.commissioning.verdict import CheckedOutput

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drivers.evidence.assumption import OutputCheck
+from drivers.evidence import OutputCheck
 from model import Array
 from protocols.commissioning.exercise import Trace
 from protocols.commissioning.verdict import CheckedOutput

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from drivers import Clock, Link
-from drivers.transport.observed_link import ObservedLink
+from drivers.transport import ObservedLink
 from protocols.commissioning.verdict import CommandTime
 
 

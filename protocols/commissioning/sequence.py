@@ -16,7 +16,7 @@ from drivers import (
     Sine,
     Steps,
 )
-from drivers.evidence.assumption import OutputCheck
+from drivers.evidence import OutputCheck
 from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
 from protocols.commissioning.checks import (
     HELD_V,

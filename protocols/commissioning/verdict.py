@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.evidence.assumption import Assumption, OutputCheck
+from drivers.evidence import Assumption, OutputCheck
 
 DANGEROUS_V = 0.1
 """A level or a transient of this size at the amplifier's input is up to 20 V (towards rest) or more on the specimen."""

@@ -40,7 +40,7 @@ from protocols.measurements.fields import (
 )
 from protocols.measurements.fit_lines import mean_line
 from protocols.measurements.result_checks import repeatability_check, signal_to_noise_check, usable_points
-from protocols.signals.decay import DecayFit
+from protocols.signals import DecayFit
 
 SOURCE = "free decay after a step"
 

@@ -37,13 +37,14 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import fit_frequency, fit_sine
-from protocols.signals.onset import (
+from protocols.signals import (
     EDGE_FLOOR,
     Crossing,
     edge_average,
     find_edge,
     first_crossing,
+    fit_frequency,
+    fit_sine,
     last_crossing,
     smooth,
 )

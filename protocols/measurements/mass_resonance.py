@@ -44,8 +44,7 @@ from protocols.measurements.result_checks import (
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse
-from protocols.signals.modal_fit import ModalFit
+from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse, ModalFit
 
 RINGDOWN_S = 0.3
 """Recorded after a sweep, until the free vibration has decayed."""

@@ -59,8 +59,7 @@ from protocols.measurements.sweep_pieces import (
     merge_pieces,
     piece_bands,
 )
-from protocols.signals import FrequencyResponse
-from protocols.signals.modal_fit import ModalFit
+from protocols.signals import FrequencyResponse, ModalFit
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from model import Array, Complex
-from protocols.signals import FrequencyResponse
-from protocols.signals.response import concatenate_responses
+from protocols.signals import FrequencyResponse, concatenate_responses
 
 PIECES_PER_OCTAVE = 3
 """How closely the tops of adapted pieces lie: so many pieces cover a frequency in mid-band."""
@@ -50,7 +49,7 @@ def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     a filter folds back from the steps between a generator's points falls on some lines of one piece only: such a line departs from those of
     the other pieces around it, and has its departure as error.
     """
-    from protocols.signals.periodic_response import repeating_error_share
+    from protocols.signals import repeating_error_share
 
     joined = concatenate_responses(parts)
     order = np.argsort(joined.frequency_hz, kind="stable")
@@ -73,7 +72,7 @@ def _with_departures(frequency_hz: Array, response: Complex, standard_error: Arr
     """
     from numpy.polynomial.legendre import legvander
 
-    from protocols.signals.periodic_response import POLYNOMIAL_DEGREE, WINDOW_LINES
+    from protocols.signals import POLYNOMIAL_DEGREE, WINDOW_LINES
 
     errors, size = standard_error.copy(), frequency_hz.size
     if size < WINDOW_LINES:

@@ -1,1 +1,5 @@
 """Run files: schema, writer, reader, traces and studies in HDF5."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

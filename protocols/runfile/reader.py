@@ -13,6 +13,7 @@ import numpy as np
 from drivers import Closeable
 from model import Array, current_column, current_name
 from protocols.base import (
+    INTERFERENCE_AT_REST,
     EntryStarted,
     EstimatedQuantity,
     InterferenceMeasured,
@@ -25,7 +26,6 @@ from protocols.base import (
     usable_mask,
     visible_text,
 )
-from protocols.base.events import INTERFERENCE_AT_REST
 from protocols.runfile.fields import (
     ROWS_PER_READ,
     attribute_integer,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from model.series import COHERENCE, ERRORS, FIT, PHASE, TOTAL_ERRORS, USABLE
+from model import COHERENCE, ERRORS, FIT, PHASE, TOTAL_ERRORS, USABLE
 from protocols.base import Role, Series, SeriesAxis
 from protocols.runfile.fields import attribute_integer, attribute_text, quantity_columns
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import variable_specs
-from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
+from model.studies import MEASURE_UNITS, Axis, Study
 from protocols.runfile.creation import create_group, software_versions
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.foreign_file_check import StructureError, check_structure

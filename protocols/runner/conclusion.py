@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS, ArmedBench, BenchError, UnsafeError
 from protocols.base import (
+    INTERFERENCE_AT_REST,
     EstimatedQuantity,
     InterferenceMeasured,
     LogMessage,
@@ -19,9 +20,7 @@ from protocols.base import (
     Verdict,
     judge_ended,
 )
-from protocols.base.events import INTERFERENCE_AT_REST
-from protocols.runfile.errors import StorageError
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import RunFileWriter, StorageError
 from protocols.runner.computer_clock import ComputerClockCheck
 from protocols.runner.interrupts import RunCancelled
 from protocols.runner.plan_progress import PlanProgress

@@ -43,7 +43,7 @@ from protocols.base import (
     WaitForDetection,
     recording_too_long_message,
 )
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import RunFileWriter
 from protocols.runner.acquisition import ANALYSIS_TIMEOUT_S, RunAcquisition
 from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.publisher import RunRecorder

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from protocols.base import (
+    ALL_MEASURED,
     PlanEntry,
     PointMeasured,
     ProgressUpdated,
@@ -15,8 +16,7 @@ from protocols.base import (
     extend_plan,
     point_quality,
 )
-from protocols.base.verdict import ALL_MEASURED
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import RunFileWriter
 
 
 class PlanProgress:

@@ -4,8 +4,7 @@ from queue import SimpleQueue
 
 from drivers import Block, Clock
 from protocols.base import BlockStored, Event, EventBus
-from protocols.runfile.errors import FileLostError, StorageError
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import FileLostError, RunFileWriter, StorageError
 
 
 class RunRecorder:

@@ -46,7 +46,7 @@ class RunRequest:
             RunReadError: `path` is not a run that can be resumed.
         """
         from protocols.resume import load_resumable  # h5py is slow to import
-        from protocols.runfile.open import translate_read_errors
+        from protocols.runfile import translate_read_errors
 
         earlier = load_resumable(path, repeat_entries)
         with translate_read_errors(path):

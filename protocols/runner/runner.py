@@ -27,9 +27,7 @@ from protocols.base import (
 )
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState
-from protocols.runfile.errors import StorageError
-from protocols.runfile.record import RunRecord
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition
 from protocols.runner.aliased_interference import tell_folded_lines
 from protocols.runner.conclusion import RunConclusion, describe_end

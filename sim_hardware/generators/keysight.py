@@ -23,7 +23,7 @@ from model import Array
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, accept_keywords, decode_block
 from sim_hardware.generators.traits import UNKNOWN_HEADER, deviations
-from sim_hardware.wires.scpi_engine import (
+from sim_hardware.wires import (
     Arguments,
     ScpiCommand,
     ScpiError,

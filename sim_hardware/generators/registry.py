@@ -9,7 +9,7 @@ from drivers import GeneratorFamily, generator_families
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.traits import Trait, draw_options
 from sim_hardware.plant import GeneratorParameters
-from sim_hardware.wires.scpi_engine import ScpiInstrument
+from sim_hardware.wires import ScpiInstrument
 
 
 def make_generator(

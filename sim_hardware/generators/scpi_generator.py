@@ -14,7 +14,7 @@ from model import Array
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLevels
 from sim_hardware.plant import ArbitraryWaveform
-from sim_hardware.wires.scpi_engine import (
+from sim_hardware.wires import (
     Arguments,
     ScpiCommand,
     ScpiError,

@@ -10,7 +10,7 @@ from functools import partial
 from typing import ClassVar
 
 from sim_hardware.generators.generator import RANGES_VPP, SimulatedGenerator
-from sim_hardware.wires.scpi_engine import (
+from sim_hardware.wires import (
     Arguments,
     ScpiCommand,
     ScpiError,

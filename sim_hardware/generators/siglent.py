@@ -25,7 +25,7 @@ from sim_hardware.generators.scpi_generator import OTHER_CHANNEL_V
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP
 from sim_hardware.generators.traits import RETIME, Trait, deviations
 from sim_hardware.plant import ArbitraryWaveform
-from sim_hardware.wires.scpi_engine import Arguments, ScpiCommand, ScpiError
+from sim_hardware.wires import Arguments, ScpiCommand, ScpiError
 
 FULL_SCALE = 32767
 MAX_BURST_CYCLES = 1e6

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import Array
-from sim_hardware.generators.generator import SegmentFactory
+from sim_hardware.generators import SegmentFactory
 from sim_hardware.plant import ConstantSegment, Segment, VoltageHistory
 
 RANGE_V = 10.0

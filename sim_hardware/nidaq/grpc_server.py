@@ -28,7 +28,7 @@ from sim_hardware.nidaq.properties import (
     task_property,
 )
 from sim_hardware.nidaq.task import SimulatedNiDevice
-from sim_hardware.wires.port import HOST
+from sim_hardware.wires import HOST
 
 _BY_CHANNEL = 0
 _INITIALIZE_NEW, _ATTACH_TO_EXISTING = 1, 2

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import SharedTime
+from drivers import SharedTime
 from sim_hardware.nidaq.card import TIMEBASE_HZ, SampleRateError, actual_rate
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.task import CONTINUOUS, FINITE, NiTask, SimulatedNiDevice, TaskChannel

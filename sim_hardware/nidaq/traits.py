@@ -1,6 +1,6 @@
 """Traits of the simulated card: behaviour that no source settles, drawn from the run's seed, and deviations for commissioning."""
 
-from sim_hardware.generators.traits import Trait, draw_options
+from sim_hardware.generators import Trait, draw_options
 
 SETTLING_SHARE = 0.02
 """Share of the volts converted before it that an input shows which settles too slowly."""

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any, TextIO
 
-from drivers.clock import SharedTime, WallClock
+from drivers import SharedTime, WallClock
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.plant import SimulationParameters
 

@@ -11,11 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivers import BenchError, Closeable
-from drivers.clock import SharedTime
-from drivers.watchdog.subprocesses import python_command, python_environment, terminate
+from drivers import BenchError, Closeable, SharedTime
+from drivers.watchdog import python_command, python_environment, terminate
 from sim_hardware.plant import SimulationParameters, VoltageReport
-from sim_hardware.wires.port import HOST
+from sim_hardware.wires import HOST
 
 
 class BenchProcess(Closeable):

@@ -5,10 +5,9 @@ from typing import Any
 
 from drivers import Closeable
 from sim_hardware.bench import SimulatedBench
-from sim_hardware.nidaq.grpc_server import NiGrpcServer
-from sim_hardware.nidaq.task import SimulatedNiDevice
+from sim_hardware.nidaq import NiGrpcServer, SimulatedNiDevice
 from sim_hardware.operator import BenchControls
-from sim_hardware.wires.tcp_server import ScpiTcpServer
+from sim_hardware.wires import ScpiTcpServer
 
 DEVICE_NAME = "Dev1"
 

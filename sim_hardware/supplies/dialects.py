@@ -5,9 +5,9 @@ Limits, error codes and the format of replies follow the guides named in `driver
 
 from collections.abc import Callable, Sequence
 
-from sim_hardware.generators.scpi_generator import accept_keywords
+from sim_hardware.generators import accept_keywords
 from sim_hardware.supplies.supply import SimulatedSupply
-from sim_hardware.wires.scpi_engine import (
+from sim_hardware.wires import (
     ScpiCommand,
     ScpiEngine,
     ScpiError,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model import Array
-from sim_hardware.generators.generator import SegmentFactory
+from sim_hardware.generators import SegmentFactory
 from sim_hardware.plant import RelayGlitchSegment, Segment, SupplyParameters
 from sim_hardware.supplies.traits import GLITCH_S, LOW_RATIO, OVERSHOOT_V, SLOW_FALL_TAU_S, draw_supply_traits
 

@@ -2,7 +2,7 @@
 
 import re
 
-from sim_hardware.generators.traits import Trait, draw_options
+from sim_hardware.generators import Trait, draw_options
 
 SUPPLY_DEVIATIONS = (
     Trait(

@@ -1,1 +1,5 @@
 """Simulated wires: SCPI engine, TCP server, serial pseudo-terminal."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

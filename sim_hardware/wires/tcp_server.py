@@ -7,8 +7,7 @@ import socket
 import threading
 import time
 
-from drivers import Closeable
-from drivers.clock import Clock, WallClock
+from drivers import Clock, Closeable, WallClock
 from sim_hardware.wires.port import HOST, MessagePort
 from sim_hardware.wires.scpi_engine import split_received
 

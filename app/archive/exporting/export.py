@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from app.archive.exporting.parts import PARTS, ExportError, Part, part_tables
 from app.common import NO_PROGRESS, OperationCancelled, Progress, Table
 from protocols.base import replacing
-from protocols.runfile.reader import Run, translate_read_errors
+from protocols.runfile import Run, translate_read_errors
 
 Format = Literal["csv", "json", "mat", "mat73", "parquet", "xlsx", "uff"]
 FORMATS: tuple[Format, ...] = get_args(Format)

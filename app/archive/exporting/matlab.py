@@ -21,7 +21,7 @@ from app.archive.exporting.parts import (
 )
 from app.common import Progress
 from protocols.base import Series
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 MAX_COMPRESSED_SCANS = 1_000_000
 """Most raw scans that are compressed in version 5: the library holds them in memory for that, twice."""

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from app.archive.exporting.parts import raw_chunks, raw_columns
 from app.common import Progress, Table
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 COMPRESSION = "zstd"
 

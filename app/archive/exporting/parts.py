@@ -11,7 +11,7 @@ import numpy as np
 from app.common import Column, Progress, Table
 from model import Array
 from protocols.base import Quality, Series, SeriesAxis, usable_mask
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 Part = Literal["about", "points", "series", "estimates", "events", "raw"]
 PARTS: tuple[Part, ...] = get_args(Part)

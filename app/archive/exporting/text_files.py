@@ -12,7 +12,7 @@ from app.archive.exporting.parts import Part, event_records, raw_chunks, raw_col
 from app.common import Progress, Table
 from model import Array
 from protocols.base import to_jsonable
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 
 def write_csv(run: Run, table: Table | None, path: Path, progress: Progress) -> None:

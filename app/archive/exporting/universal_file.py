@@ -15,10 +15,10 @@ import pyuff
 
 from app.archive.exporting.parts import POINTS, ExportError, Part, points_series
 from app.common import Progress
-from drivers.watchdog.origin import version
+from drivers.watchdog import version
 from model import Array
 from protocols.base import Series, SeriesAxis, visible_text
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 ID_CHARACTERS = 80
 """Length of each of the five lines that identify a function."""

@@ -8,7 +8,7 @@ import xlsxwriter
 
 from app.archive.exporting.parts import Part, part_tables, raw_chunks, raw_columns
 from app.common import Column, Progress, Table
-from protocols.runfile.reader import Run
+from protocols.runfile import Run
 
 MAX_WIDTH = 60
 """Of a column, in characters."""

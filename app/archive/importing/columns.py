@@ -11,9 +11,9 @@ import numpy as np
 
 from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import UnitError, to_number
+from protocols import PROTOCOLS
 from protocols.base import ImportColumn, TableImportError
-from protocols.registry import PROTOCOLS
-from protocols.runfile.schema import ENTRY_COLUMN, point_columns
+from protocols.runfile import ENTRY_COLUMN, point_columns
 
 TIME_SERIES = "raw"
 """A time series, which becomes points of the protocol whose drive it has."""

@@ -26,11 +26,9 @@ from app.archive.importing.si_columns import (
 from app.common import NO_PROGRESS, Progress
 from drivers import LaserSensor
 from model import Array
+from protocols import PROTOCOLS
 from protocols.base import ImportedTable, Protocol, Quality, RunStatus, Series
-from protocols.registry import PROTOCOLS
-from protocols.runfile.record import RunRecord
-from protocols.runfile.schema import ENTRY_COLUMN, point_columns
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile import ENTRY_COLUMN, RunFileWriter, RunRecord, point_columns
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,15 +27,12 @@ from app.archive.importing.imported_run import ImportedPoints, build_points, wri
 from app.archive.importing.si_columns import ImportOptions
 from app.archive.importing.time_series import build_series_runs
 from app.archive.importing.universal_file import is_universal_file, read_universal_file
-from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, usage_errors
-from app.common.audit_entries import record_audit
+from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value, record_audit, usage_errors
 from app.config import AmplifierTable, validation_messages
 from app.session import load_protocol_class
+from protocols import PROTOCOLS
 from protocols.base import TableImportError
-from protocols.registry import PROTOCOLS
-from protocols.runfile.errors import StorageError
-from protocols.runfile.schema import HDF5_SIGNATURE
-from protocols.runfile.sidecar import notes_path
+from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""

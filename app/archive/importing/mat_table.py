@@ -11,7 +11,7 @@ import numpy as np
 
 from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import truncate_text
-from drivers.watchdog.subprocesses import python_command, python_environment
+from drivers.watchdog import python_command, python_environment
 from protocols.base import TableImportError
 
 

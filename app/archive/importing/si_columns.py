@@ -14,9 +14,9 @@ from app.archive.importing.import_table import ImportTable, TableColumn
 from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
 from app.config import AmplifierTable
 from model import Array, Mask
+from protocols import PROTOCOLS
 from protocols.base import ImportColumn, TableImportError
-from protocols.registry import PROTOCOLS
-from protocols.runfile.schema import ENTRY_COLUMN
+from protocols.runfile import ENTRY_COLUMN
 
 
 @dataclass(frozen=True, slots=True)

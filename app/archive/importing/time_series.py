@@ -12,8 +12,8 @@ from app.archive.importing.imported_run import ImportedPoints
 from app.archive.importing.si_columns import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from model import Array
+from protocols import PROTOCOLS
 from protocols.base import ImportedSamples, Protocol, RunOfSamples, TableImportError
-from protocols.registry import PROTOCOLS
 
 SAMPLING_TOLERANCE = 0.01
 """Tolerated unevenness of the times, in sample intervals."""

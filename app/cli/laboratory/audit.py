@@ -3,12 +3,11 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from app.archive.audit_trail import begin_audit, verify_audit
+from app.archive import begin_audit, verify_audit
 from app.cli.options import JSON_OBJECT, CommandGroup, argument, option, options
 from app.cli.output import print_answer
 from app.cli.runs import check_folder
-from app.common import ExitCode, terminal_progress, usage_errors
-from app.common.audit_chain import AuditEntry, AuditError, read_entries
+from app.common import AuditEntry, AuditError, ExitCode, read_entries, terminal_progress, usage_errors
 from protocols.base import visible_text
 
 SHOWN_LINES = 40

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from app.archive.backup import back_up
+from app.archive import back_up
 from app.cli.options import FOLDER, JSON_OBJECT, argument, command, option
 from app.cli.output import print_answer
 from app.common import ExitCode, terminal_progress

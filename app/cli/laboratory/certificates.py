@@ -8,7 +8,7 @@ from pathlib import Path
 from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
 from app.cli.output import CommandResult, print_answer, render
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message, usage_errors
-from app.config.certificate import (
+from app.config import (
     ROLES,
     Certificate,
     CertificateColumn,
@@ -38,7 +38,7 @@ class AddCertificateCommand:
 
     @usage_errors(CertificateError)
     def execute(self) -> int:
-        from app.config.dcc import read_dcc
+        from app.config import read_dcc
 
         base = read_dcc(self.dcc) if self.dcc else Certificate("", "", "")
         given = {

@@ -12,10 +12,8 @@ from app.common import ExitCode, UsageError, usage_errors
 from model import Series
 
 if TYPE_CHECKING:
-    from app.fleet.catalogue_values import Fleet, FleetSelection
-    from app.fleet.drift import GoldenChart
-    from app.fleet.summary_tables import Bounds
-    from model.studies.figures_of_the_paper import PaperFigure
+    from app.fleet import Bounds, Fleet, FleetSelection, GoldenChart
+    from model.studies import PaperFigure
 
 MAX_QUANTITIES = 5
 """Quantities in the table of the specimens where none is named."""
@@ -37,7 +35,7 @@ class _FleetOptions:
         """Return the values that the options select."""
         from app.archive import read_since
         from app.cli.runs import check_folder, scanned_catalogue
-        from app.fleet.catalogue_values import FleetError, read_fleet
+        from app.fleet import FleetError, read_fleet
         from app.identification import chosen_threshold
         from model import ParameterError
 
@@ -71,8 +69,7 @@ class FleetCommand(_FleetOptions):
     files: FileOptions = group(FileOptions, "the specimens")
 
     def execute(self) -> int:
-        from app.fleet.catalogue_values import GROUPS, FleetError
-        from app.fleet.summary_tables import fleet_notes, group_table, quantity_table, specimen_table
+        from app.fleet import GROUPS, FleetError, fleet_notes, group_table, quantity_table, specimen_table
 
         if self.group_by not in GROUPS:
             raise UsageError(f"--group-by {self.group_by}: there are {', '.join(GROUPS)}")
@@ -113,10 +110,15 @@ class ControlChartCommand(_FleetOptions):
     files: FileOptions = group(FileOptions, "the chart")
 
     def execute(self) -> int:
-        from app.fleet.catalogue_values import FleetError
-        from app.fleet.control_chart import MIN_BASELINE, TooFewValuesError
-        from app.fleet.drift import golden_charts
-        from app.fleet.summary_tables import chart_notes, chart_table, verdict_table
+        from app.fleet import (
+            MIN_BASELINE,
+            FleetError,
+            TooFewValuesError,
+            chart_notes,
+            chart_table,
+            golden_charts,
+            verdict_table,
+        )
 
         if self.baseline < MIN_BASELINE:
             raise UsageError(f"--baseline {self.baseline}: at least {MIN_BASELINE} values")
@@ -144,7 +146,7 @@ class ControlChartCommand(_FleetOptions):
 
 
 def _read_limits(path: Path | None, folder: Path) -> "Mapping[str, Bounds]":
-    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits
+    from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
 
     chosen = path or folder / LIMITS_FILE_NAME
     if path is None and not chosen.exists():
@@ -154,7 +156,7 @@ def _read_limits(path: Path | None, folder: Path) -> "Mapping[str, Bounds]":
 
 
 def _golden_of_limits(folder: Path) -> str:
-    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits
+    from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
 
     path = folder / LIMITS_FILE_NAME
     with usage_errors(LimitsError):
@@ -162,8 +164,8 @@ def _golden_of_limits(folder: Path) -> str:
 
 
 def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
-    from app.fleet.summary_tables import times_of
-    from model.studies.figures_of_the_paper import PaperFigure
+    from app.fleet import times_of
+    from model.studies import PaperFigure
 
     days = (times_of(selection) - times_of(selection).min()) / 86400
     curves = []
@@ -183,7 +185,7 @@ def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
 
 
 def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart") -> "PaperFigure":
-    from model.studies.figures_of_the_paper import PaperFigure
+    from model.studies import PaperFigure
 
     times = np.array([v.time_s for v in each.values])
     days, chart = (times - times[0]) / 86400, each.chart

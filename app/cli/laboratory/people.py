@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from app.archive.notes import check_run
+from app.archive import check_run
 from app.cli.options import JSON_OBJECT, RUN_FILES, argument, command, option
 from app.cli.output import print_answer
 from app.common import (
@@ -17,8 +17,7 @@ from app.common import (
     remember_typed_conditions,
     usage_errors,
 )
-from protocols.runfile.reader import RunReadError
-from protocols.runfile.sidecar import NotesError
+from protocols.runfile import NotesError, RunReadError
 
 
 @command("example: tactor-bench operator 'Anna Muster' --temperature '23.4 °C' --humidity '45 %'")

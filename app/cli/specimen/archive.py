@@ -3,8 +3,7 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from app.archive import Catalogue, RunSummary
-from app.archive.specimen_archive import SUFFIX, ArchiveError, restore_archive, write_archive
+from app.archive import SUFFIX, ArchiveError, Catalogue, RunSummary, restore_archive, write_archive
 from app.campaign import campaign_path
 from app.cli.options import FOLDER, argument, command, option
 from app.cli.runs import check_folder
@@ -20,8 +19,7 @@ from app.common import (
     usage_errors,
 )
 from app.identification import calibrations_path
-from protocols.runfile.names import safe_name, sheet_path
-from protocols.runfile.verify import FileState, verify_run
+from protocols.runfile import FileState, safe_name, sheet_path, verify_run
 
 RUNS_SHARE = 0.7
 """Of the work; the rest is the report."""
@@ -67,7 +65,7 @@ class ArchiveCommand:
 def _write_report(folder: Path, specimen: str, scratch: Path, progress: Progress) -> tuple[Path, ...]:
     """Write the report into a folder; a specimen that has none is archived without it."""
     from app.cli.report import write_report
-    from app.report.content import ReportError, build_report
+    from app.report import ReportError, build_report
 
     try:
         content, model, runs = build_report(folder, specimen, None, progress)

@@ -29,7 +29,7 @@ from app.identification import (
 )
 from model import ParameterError, format_with_uncertainty
 from model.identification import parameter_spec
-from protocols.runfile.names import sheet_path
+from protocols.runfile import sheet_path
 
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 

@@ -10,12 +10,11 @@ from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_s
 from app.cli.options import FOLDER, group, option, options
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
-from app.explore.design import describe_reach, divided, share_that_moves
+from app.explore import describe_reach, divided, share_that_moves
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model
 from model import COVERAGE_FACTOR_95, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
 from model.response import PERIODIC_FREQUENCY_SPEC
-from model.studies.design import FULL_AMPLITUDE_V, DesignAnswer, required_drive, required_mass
-from model.studies.uncertainty import EstimateSet
+from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_drive, required_mass
 
 AMPLITUDE = ParameterSpec("amplitude", "m", Interval(gt=0), "max - min of the displacement", None)
 MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}

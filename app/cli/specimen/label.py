@@ -6,9 +6,8 @@ from pathlib import Path
 
 from app.cli.options import FOLDER, argument, command, option
 from app.common import ExitCode, UsageError, print_line, print_message, specimen_argument, usage_errors
-from app.identification import SheetError
-from app.identification.specimen_label import make_label
-from protocols.runfile.names import safe_name
+from app.identification import SheetError, make_label
+from protocols.runfile import safe_name
 
 SUFFIXES = (".pdf", ".png", ".svg")
 SMALLEST_MM, LARGEST_MM = 10.0, 300.0
@@ -39,7 +38,7 @@ class LabelCommand:
 
     @usage_errors(SheetError)
     def execute(self) -> int:
-        from app.plotting.label_figure import draw_label_sheets, draw_labels
+        from app.plotting import draw_label_sheets, draw_labels
 
         specimens = [*self.specimens, *_read_names(self.names)]
         if not specimens:

@@ -23,7 +23,7 @@ from app.gui.widgets import (
 )
 from app.live import CommissioningJob
 from protocols.base import DISABLE_HIGH_VOLTAGE
-from protocols.commissioning.verdict import CheckedOutput, OutputVerdict, worst_verdict
+from protocols.commissioning import CheckedOutput, OutputVerdict, worst_verdict
 
 ABOUT_TEXT = (
     "With high voltage off, the source plays what the driver assumes of it, and the card measures it at the amplifier's input: levels, "
@@ -156,7 +156,7 @@ class CommissioningPanel(QWidget):
         picture = done.path.with_suffix(".png")
 
         def draw() -> Path:
-            from app.plotting.commissioning_figure import draw_commissioning
+            from app.plotting import draw_commissioning
 
             draw_commissioning(title, done.result.traces, job.rest_v, job.simulated, picture)
             return picture

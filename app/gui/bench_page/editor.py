@@ -13,7 +13,7 @@ from app.gui.bench_page.simulation_panel import SimulationPanel
 from app.gui.bench_page.table_form import TableForm
 from app.gui.bench_page.tile_grid import TileGrid
 from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile
-from app.gui.status.simulation_controls import SimulationControls
+from app.gui.status import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
     StatusLine,

@@ -23,7 +23,7 @@ from app.gui.widgets import (
 from app.live import LiveFeed, LiveValues
 from app.session import build_protocol
 from model import AmplifierMap
-from protocols.registry import HELD_LEVELS, PROTOCOLS, TONES
+from protocols import HELD_LEVELS, PROTOCOLS, TONES
 
 BAR_STEPS = 1000
 ABOUT_TEXT = (

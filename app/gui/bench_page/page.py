@@ -15,7 +15,7 @@ from app.gui.bench_page.commissioning_panel import CommissioningPanel
 from app.gui.bench_page.editor import BenchEditor
 from app.gui.bench_page.live_panel import LivePanel
 from app.gui.bench_page.wiring_panel import WiringPanel
-from app.gui.status.simulation_controls import SimulationControls
+from app.gui.status import SimulationControls
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
@@ -30,7 +30,7 @@ from app.gui.widgets import (
 )
 from app.live import CommissioningJob, SessionAdapter
 from app.session import WindowState, build_protocol
-from protocols.registry import PROTOCOLS, WIRING_CHECK
+from protocols import PROTOCOLS, WIRING_CHECK
 
 STALE_S = 1.0
 """A reading older than this is not shown as a live value."""

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 from app.gui.plots import CheckTable
 from app.gui.widgets import WindowTheme, column, make_button, make_label, make_panel, row
 from app.session import WindowState
-from protocols.registry import WIRING_CHECK
+from protocols import WIRING_CHECK
 
 ABOUT_TEXT = (
     "Rest, a tenth of a volt to either side and a small sine, with the prompts for high voltage: polarity, gain, latency, noise and the "

@@ -25,8 +25,8 @@ from app.gui.widgets import (
     row,
 )
 from app.services import field_error, format_parameter
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol
-from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.campaign import CampaignItem

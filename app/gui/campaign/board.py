@@ -32,7 +32,7 @@ from app.gui.widgets import (
     update_actions,
 )
 from app.session import WindowState
-from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.campaign import CampaignEstimates, CampaignSummary, ItemSummary, NextStep

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the 
     from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary, ResultReview
     from drivers import Bench
     from model import AmplifierMap
-    from protocols.runner.request import RunRequest
+    from protocols.runner import RunRequest
 
 MAX_RECENT = 8
 

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.common import format_duration
-from app.gui.status.symbols import SYMBOLS
+from app.gui.status import SYMBOLS
 from app.gui.widgets import WindowTheme, configure
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from app.session import WindowState
 
 if TYPE_CHECKING:
     from app.campaign import CampaignItem, CampaignRunner, ResultReview
-    from protocols.runner.request import RunRequest
+    from protocols.runner import RunRequest
 
 
 class CampaignPage(QStackedWidget):

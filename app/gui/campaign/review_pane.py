@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
 
 from app.common import SEVERITY_SYMBOLS
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard
+from app.gui.results import ResultCard
 from app.gui.widgets import (
     STRETCH,
     WindowTheme,
@@ -23,8 +23,8 @@ from app.gui.widgets import (
     row,
 )
 from app.live import OverlayCurve
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import RunEnded, RunStatus, Series
-from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
     from app.archive import RunSummary

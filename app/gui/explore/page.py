@@ -22,7 +22,7 @@ from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
-from app.gui.results.card import ResultCard
+from app.gui.results import ResultCard
 from app.gui.widgets import (
     RUN_SUFFIXES,
     STRETCH,

@@ -8,8 +8,8 @@ from pathlib import Path
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
-from app.archive.problem_report import CONTENTS, NOT_IN, ProblemFacts, write_problem_report
-from app.common.recent_errors import RecentErrors
+from app.archive import CONTENTS, NOT_IN, ProblemFacts, write_problem_report
+from app.common import RecentErrors
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,

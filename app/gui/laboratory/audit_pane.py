@@ -5,9 +5,8 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.archive.audit_trail import AuditResult, begin_audit, verify_audit
-from app.common import Column, OperationCancelled, Table, pluralize
-from app.common.audit_chain import AuditEntry
+from app.archive import AuditResult, begin_audit, verify_audit
+from app.common import AuditEntry, Column, OperationCancelled, Table, pluralize
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
     STRETCH,

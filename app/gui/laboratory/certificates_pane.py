@@ -6,7 +6,7 @@ from datetime import date
 from PySide6.QtWidgets import QWidget
 
 from app.common import Column, Severity, Table, pluralize
-from app.config.certificate import WARNING_DAYS, Certificate
+from app.config import WARNING_DAYS, Certificate
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import WindowTheme, column, make_label, set_style_kind
 

@@ -7,10 +7,7 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QSpinBox
 
 from app.common import Table, typeset
-from app.fleet.catalogue_values import Fleet
-from app.fleet.control_chart import BASELINE, MIN_BASELINE
-from app.fleet.drift import DriftCause
-from app.fleet.view import ChartView, golden_candidates, view_charts
+from app.fleet import BASELINE, MIN_BASELINE, ChartView, DriftCause, Fleet, golden_candidates, view_charts
 from app.gui.laboratory.chart_plot import ControlChartPlot
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo

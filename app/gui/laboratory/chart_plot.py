@@ -8,10 +8,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
-from app.fleet.drift import GoldenChart
-from app.gui.plots import CurveItem, PlotBase, ZoomBox
-from app.gui.plots.items import ScatterItem
-from app.gui.plots.response_plot import hover_text
+from app.fleet import GoldenChart
+from app.gui.plots import CurveItem, PlotBase, ScatterItem, ZoomBox, hover_text
 from app.gui.widgets import Theme, WindowTheme
 from model import Series, format_quantity, shown_unit
 

@@ -7,9 +7,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QLineEdit
 
 from app.common import Table, typeset
-from app.fleet.catalogue_values import CALIBRATION, GROUPS, Fleet
-from app.fleet.summary_tables import Bounds
-from app.fleet.view import FleetQuery, FleetView, view_fleet
+from app.fleet import CALIBRATION, GROUPS, Bounds, Fleet, FleetQuery, FleetView, view_fleet
 from app.gui.laboratory.fleet_plot import FleetPlot
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.laboratory.view_pane import ViewPane, make_filter_combo

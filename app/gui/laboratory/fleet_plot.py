@@ -9,10 +9,17 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
 from app.common import typeset
-from app.fleet.catalogue_values import FleetValue
-from app.fleet.view import FleetView
-from app.gui.plots import MAX_LEGEND_ENTRIES, PlotBase, ZoomBox, curve_color, curve_symbol, legend_share
-from app.gui.plots.items import BarsItem, ScatterItem
+from app.fleet import FleetValue, FleetView
+from app.gui.plots import (
+    MAX_LEGEND_ENTRIES,
+    BarsItem,
+    PlotBase,
+    ScatterItem,
+    ZoomBox,
+    curve_color,
+    curve_symbol,
+    legend_share,
+)
 from app.gui.widgets import Theme, WindowTheme
 from model import Series, format_quantity, shown_unit
 

@@ -12,11 +12,9 @@ from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
 
 from app.archive import Catalogue
-from app.common import Progress, UsageError
-from app.common.audit_chain import AuditEntry, AuditError, read_entries
-from app.config.certificate import Certificate, read_certificates
-from app.fleet.catalogue_values import Fleet, FleetError, read_fleet
-from app.fleet.summary_tables import Bounds
+from app.common import AuditEntry, AuditError, Progress, UsageError, read_entries
+from app.config import Certificate, read_certificates
+from app.fleet import Bounds, Fleet, FleetError, read_fleet
 from app.gui.laboratory.audit_pane import AuditPane
 from app.gui.laboratory.certificates_pane import CertificatesPane
 from app.gui.laboratory.chart_pane import ChartPane
@@ -77,7 +75,7 @@ def read_records(
         excluded: files that are not read, because a run writes them.
     """
     from app.identification import chosen_threshold  # these imports take half a second
-    from app.report.limits import LIMITS_FILE_NAME, LimitsError, read_limits
+    from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
     from model.response import ABDOMEN_THRESHOLD
 
     fleet, limits, problem = None, None, ""

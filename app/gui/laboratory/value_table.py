@@ -8,8 +8,7 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelInd
 from PySide6.QtGui import QColor, QFont, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
-from app.common import Column, Severity, Table, typeset
-from app.common.text_table import CellValue
+from app.common import CellValue, Column, Severity, Table, typeset
 from app.gui.widgets import WindowTheme, configure
 
 Index = QModelIndex | QPersistentModelIndex

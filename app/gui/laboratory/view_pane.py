@@ -8,7 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from app.common import Table
-from app.fleet.catalogue_values import Fleet
+from app.fleet import Fleet
 from app.gui.widgets import BackgroundWorker, Mode, choose_files, make_button, make_combo
 
 

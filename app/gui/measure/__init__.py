@@ -1,1 +1,5 @@
 """The Measure page: form, presets, run panel and estimates."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

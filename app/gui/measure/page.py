@@ -16,8 +16,8 @@ from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
 from model import AmplifierMap
+from protocols import PROTOCOLS
 from protocols.base import Protocol
-from protocols.registry import PROTOCOLS
 
 CALIBRATION_POLL_S = 1.0
 """Interval at which the specimen's calibration is checked."""

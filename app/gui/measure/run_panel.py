@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QLineEdit, QToolButton, QW
 from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
-from app.gui.results.card import ResultCard
+from app.gui.results import ResultCard
 from app.gui.widgets import (
     ACTIONS,
     STRETCH,
@@ -26,12 +26,11 @@ from app.gui.widgets import (
     set_style_kind,
     tooltip,
 )
-from app.identification.specimen_label import read_label
+from app.identification import read_label
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
+from protocols import PROTOCOLS, rehearse
 from protocols.base import Protocol
-from protocols.registry import PROTOCOLS
-from protocols.rehearsal import rehearse
 
 BenchGetter = Callable[[], Bench | None]
 

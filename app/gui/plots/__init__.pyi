@@ -11,11 +11,14 @@ from .base import legend_share as legend_share
 from .base import limit_ticks as limit_ticks
 from .base import round_step as round_step
 from .check_table import CheckTable as CheckTable
+from .items import BarsItem as BarsItem
 from .items import CurveItem as CurveItem
+from .items import ScatterItem as ScatterItem
 from .items import place as place
 from .live_pane import LivePane as LivePane
 from .points_plot import PointsPlot as PointsPlot
 from .response_plot import ResponsePlot as ResponsePlot
+from .response_plot import hover_text as hover_text
 from .result_plots import ResultPlots as ResultPlots
 from .series import SERIES as SERIES
 from .series import series_of as series_of

@@ -12,8 +12,8 @@ from app.gui.widgets import WindowTheme, column
 from app.live import LiveFeed, OverlayCurve
 from app.session import WindowState
 from model import AmplifierMap
+from protocols import PROTOCOLS
 from protocols.base import Protocol, Series
-from protocols.registry import PROTOCOLS
 
 MIN_PLOT_HEIGHT = 56
 

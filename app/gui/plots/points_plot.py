@@ -24,7 +24,7 @@ from app.live import OverlayCurve
 from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
-from protocols.runfile.schema import point_columns
+from protocols.runfile import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"

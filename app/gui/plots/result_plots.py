@@ -16,7 +16,7 @@ from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import WindowTheme
 from app.live import OverlayCurve
 from protocols.base import Protocol, RunEnded, Series
-from protocols.runfile.schema import point_columns
+from protocols.runfile import point_columns
 
 if TYPE_CHECKING:
     from app.gui.plots.check_table import CheckTable

@@ -11,7 +11,7 @@ from app.live import SessionAdapter
 from app.session import WindowState
 
 if TYPE_CHECKING:
-    from app.remote.server import RemoteView
+    from app.remote import RemoteView
 
 OFF, THIS_COMPUTER, NETWORK = "off", "this computer", "network"
 MODES = {OFF: "off", THIS_COMPUTER: "for this computer only", NETWORK: "for the network, with a token"}
@@ -83,7 +83,7 @@ class RemoteController(QObject):
         port = int(str(self._settings.value(PORT_KEY, DEFAULT_PORT)))
 
         def work() -> str:
-            from app.remote.server import RemoteView
+            from app.remote import RemoteView
 
             self.server = self.server or RemoteView(self._read)
             self.server.stop()
@@ -103,7 +103,7 @@ class RemoteController(QObject):
 
     def _read(self) -> dict[str, Any]:
         """Return the state; called in threads of the server."""
-        from app.remote.snapshot import Snapshot, snapshot_record
+        from app.remote import Snapshot, snapshot_record
 
         if self._shown is None:
             raise RuntimeError("the window has not been shown yet")

@@ -1,1 +1,5 @@
 """Result card of a run, and the report of its specimen."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

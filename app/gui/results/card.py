@@ -21,9 +21,8 @@ from app.gui.widgets import (
     tooltip,
 )
 from app.session import WindowState
-from protocols.base import RunEnded
-from protocols.base.verdict import Outcome
-from protocols.registry import PROTOCOLS
+from protocols import PROTOCOLS
+from protocols.base import Outcome, RunEnded
 
 MAX_LARGE = 3
 """Quantities in large type; the others follow in small type."""

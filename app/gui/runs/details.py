@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
 from app.common import typeset
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard
+from app.gui.results import ResultCard
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -30,8 +30,8 @@ from app.gui.widgets import (
     shortcut_label,
     tooltip,
 )
+from protocols import PROTOCOLS
 from protocols.base import RunEnded, RunStatus
-from protocols.registry import PROTOCOLS
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MIN_PLOT_HEIGHT = 160

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 from app.archive import LoadedRun
 from app.common import format_duration, format_outcome
 from app.gui.plots import ResultPlots
-from app.gui.results.card import ResultCard
+from app.gui.results import ResultCard
 from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets import (
     SELECTABLE,
@@ -21,8 +21,8 @@ from app.gui.widgets import (
     row,
 )
 from app.live import OverlayCurve
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
-from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 CARD_WIDTH = 270
 MIN_PLOT_WIDTH = 400

@@ -9,20 +9,15 @@ from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
-from app.common.recent_errors import RecentErrors
+from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
-from app.gui.remote.controller import RemoteController
+from app.gui.remote import RemoteController
 from app.gui.shell.menus import MainMenus
 from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE
 from app.gui.shell.page_stack import CentralStack
 from app.gui.shell.tabs import MainTabs
 from app.gui.shell.window_settings import make_settings
-from app.gui.status.fault_panel import FaultPanel
-from app.gui.status.notices import NoticeArea
-from app.gui.status.notifier import Notifier
-from app.gui.status.session_controller import SessionController
-from app.gui.status.simulation_controls import SimulationControls
-from app.gui.status.status_bar import BenchStatusBar
+from app.gui.status import BenchStatusBar, FaultPanel, NoticeArea, Notifier, SessionController, SimulationControls
 from app.gui.widgets import (
     Item,
     KeyBurstFilter,
@@ -37,12 +32,12 @@ from app.gui.widgets import (
 )
 from app.live import SessionAdapter
 from app.session import BenchState, WindowState, build_protocol, initial_window_state, unreported_watchdog_messages
+from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol
-from protocols.registry import DEFAULT_PROTOCOL, PROTOCOLS
 
 if TYPE_CHECKING:
-    from app.archive.problem_report import ProblemFacts
-    from app.gui.help.settings_page import Setting
+    from app.archive import ProblemFacts
+    from app.gui.help import Setting
 
 FRAME_MS = 16
 LEAST_SIZE = QSize(640, 330)
@@ -249,7 +244,7 @@ class MainWindow(QMainWindow):
         )
 
     def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
-        from app.archive.problem_report import ProblemFacts  # imports HDF5, which a background thread has loaded
+        from app.archive import ProblemFacts  # imports HDF5, which a background thread has loaded
 
         settings, outcome = self._settings, self.state.outcome
         values = {key: settings.value(key) for key in settings.allKeys()}

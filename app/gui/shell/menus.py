@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
-from app.gui.help.tutorial import TUTORIALS
+from app.gui.help import TUTORIALS
 from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.shell.tabs import MainTabs
 from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
-from protocols.registry import PROTOCOLS
+from protocols import PROTOCOLS
 
 if TYPE_CHECKING:
-    from app.gui.help.palette import PaletteEntry
+    from app.gui.help import PaletteEntry
 
 MENUS = {
     "&File": ("runs.import", "campaign.add", "campaign.new", "campaign.open", "", "settings"),
@@ -95,7 +95,7 @@ class MainMenus:
 
     def palette_entries(self) -> Iterator[PaletteEntry]:
         """Return what the command palette offers now."""
-        from app.gui.help.palette import PaletteEntry
+        from app.gui.help import PaletteEntry
 
         listed = set[str]()
         for info, action in [*actions_of([self._window, *self._window.findChildren(QWidget)])]:

@@ -11,22 +11,16 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
 from shiboken6 import isValid
 
-from app.gui.help.hint import FirstRunHint
-from app.gui.help.shortcut_sheet import ShortcutSheet
-from app.gui.help.tutorial import TutorialBand
-from app.gui.help.welcome import WelcomePage
+from app.gui.help import FirstRunHint, ShortcutSheet, TutorialBand, WelcomePage
 from app.gui.shell.page_host import BENCH, TITLES
 from app.gui.shell.tabs import MainTabs
 from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_group
 
 if TYPE_CHECKING:
-    from app.archive.problem_report import ProblemFacts
-    from app.common.recent_errors import RecentErrors
-    from app.gui.help.palette import CommandPalette, PaletteEntry
-    from app.gui.help.problem_page import ProblemPage
-    from app.gui.help.settings_page import Setting, SettingsPage
-    from app.gui.specimen.identification_page import IdentificationPage, IdentificationSubject
-    from app.gui.specimen.page import SpecimenPage
+    from app.archive import ProblemFacts
+    from app.common import RecentErrors
+    from app.gui.help import CommandPalette, PaletteEntry, ProblemPage, Setting, SettingsPage
+    from app.gui.specimen import IdentificationPage, IdentificationSubject, SpecimenPage
     from app.gui.widgets import WindowTheme
     from app.session import WindowState
 
@@ -86,21 +80,21 @@ class CentralStack(QWidget):
     @cached_property
     def command_palette(self) -> CommandPalette:
         """The command palette; created when first used."""
-        from app.gui.help.palette import CommandPalette
+        from app.gui.help import CommandPalette
 
         return self._add_cover(CommandPalette())
 
     @cached_property
     def settings_page(self) -> SettingsPage:
         """The settings page; created when first used."""
-        from app.gui.help.settings_page import SettingsPage
+        from app.gui.help import SettingsPage
 
         return self._add_cover(SettingsPage(self.settings()))
 
     @cached_property
     def specimen_page(self) -> SpecimenPage:
         """The page with the sheet of a specimen; created when first used."""
-        from app.gui.specimen.page import SpecimenPage
+        from app.gui.specimen import SpecimenPage
 
         page = self._add_cover(SpecimenPage())
         page.saved.connect(self._on_sheet_saved)
@@ -109,7 +103,7 @@ class CentralStack(QWidget):
     @cached_property
     def problem_page(self) -> ProblemPage:
         """The page that saves a problem report; created when first used."""
-        from app.gui.help.problem_page import ProblemPage
+        from app.gui.help import ProblemPage
 
         return self._add_cover(ProblemPage(self.problem_facts))
 
@@ -133,7 +127,7 @@ class CentralStack(QWidget):
     @cached_property
     def identification_page(self) -> IdentificationPage:
         """The page that identifies a specimen; created when first used."""
-        from app.gui.specimen.identification_page import IdentificationPage
+        from app.gui.specimen import IdentificationPage
 
         return self._add_cover(IdentificationPage(self._theme))
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.gui.results.report_job import ReportJob
+from app.gui.results import ReportJob
 from app.gui.shell.page_host import CAMPAIGN, EXPLORE, RUNS
 
 if TYPE_CHECKING:

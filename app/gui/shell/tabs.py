@@ -9,29 +9,26 @@ from typing import TYPE_CHECKING, cast
 from PySide6.QtCore import QSettings, Signal
 
 from app.config import BenchConfig
-from app.gui.campaign.controller import CampaignController
-from app.gui.laboratory.folder_threshold import FolderThreshold
-from app.gui.measure.operator import OperatorOfToday
-from app.gui.measure.page import MeasurePage
-from app.gui.measure.presets import PresetStore, presets_path
+from app.gui.campaign import CampaignController
+from app.gui.laboratory import FolderThreshold
+from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_path
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
 from app.gui.shell.result_actions import ResultActions
 from app.gui.shell.visible_subject import VisibleSubject
-from app.gui.status.session_controller import SessionController
-from app.gui.widgets import Toast, WindowTheme
-from app.gui.widgets.sheet_button import SheetIndicators
-from app.identification.specimen_label import SpecimenLabel, compare_label
+from app.gui.status import SessionController
+from app.gui.widgets import SheetIndicators, Toast, WindowTheme
+from app.identification import SpecimenLabel, compare_label
 from app.live import Overlay
 from app.session import WindowState
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
-    from app.gui.bench_page.page import BenchPage
-    from app.gui.campaign.page import CampaignPage
-    from app.gui.explore.page import ExplorePage
-    from app.gui.laboratory.page import LaboratoryPage
-    from app.gui.runs.page import RunsPage
-    from protocols.runner.request import RunRequest
+    from app.gui.bench_page import BenchPage
+    from app.gui.campaign import CampaignPage
+    from app.gui.explore import ExplorePage
+    from app.gui.laboratory import LaboratoryPage
+    from app.gui.runs import RunsPage
+    from protocols.runner import RunRequest
 
 
 class MainTabs(PageHost):
@@ -174,7 +171,7 @@ class MainTabs(PageHost):
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _make_campaign(self) -> CampaignPage:
-        from app.gui.campaign.page import CampaignPage
+        from app.gui.campaign import CampaignPage
 
         controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
         self._adapter.events.subscribe(controller.observe)
@@ -194,7 +191,7 @@ class MainTabs(PageHost):
 
     def _make_explore(self) -> ExplorePage:
         from app.explore import fit_runs  # slow to import, and not visible when the window opens
-        from app.gui.explore.page import ExplorePage
+        from app.gui.explore import ExplorePage
 
         page = ExplorePage(self._theme, fit_runs)
         page.runs_wanted.connect(self.results.choose_runs)
@@ -206,7 +203,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_runs(self) -> RunsPage:
-        from app.gui.runs.page import RunsPage
+        from app.gui.runs import RunsPage
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._config.amplifier, self.overlay, self._theme)
         page.explore_requested.connect(self.results.overlay_runs)
@@ -216,7 +213,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_bench(self) -> BenchPage:
-        from app.gui.bench_page.page import BenchPage
+        from app.gui.bench_page import BenchPage
 
         page = BenchPage(self._adapter, self._config, self._open_bench, self._theme)
         page.restore_state(self._settings)
@@ -228,7 +225,7 @@ class MainTabs(PageHost):
         return page
 
     def _make_laboratory(self) -> LaboratoryPage:
-        from app.gui.laboratory.page import LaboratoryPage
+        from app.gui.laboratory import LaboratoryPage
 
         page = LaboratoryPage(lambda: self.folder, self._theme)
         page.run_open_requested.connect(self.results.open_run)

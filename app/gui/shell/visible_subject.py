@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from app.gui.shell.page_host import CAMPAIGN, EXPLORE
 
 if TYPE_CHECKING:
-    from app.gui.campaign.controller import CampaignController
+    from app.gui.campaign import CampaignController
     from app.gui.shell.tabs import MainTabs
-    from app.gui.specimen.identification_page import IdentificationSubject
+    from app.gui.specimen import IdentificationSubject
 
 
 class VisibleSubject:
@@ -36,7 +36,7 @@ class VisibleSubject:
     @property
     def identification(self) -> IdentificationSubject:
         """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
-        from app.gui.specimen.identification_page import IdentificationSubject
+        from app.gui.specimen import IdentificationSubject
 
         folder, specimen = self.specimen
         runs: tuple[Path, ...] = ()

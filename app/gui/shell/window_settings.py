@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QCheckBox, QLineEdit
 
-from app.gui.remote.controller import RemoteController
-from app.gui.status.notifier import NOTICE_KEY, SOUND_KEY, Notifier
+from app.gui.remote import RemoteController
+from app.gui.status import NOTICE_KEY, SOUND_KEY, Notifier
 from app.gui.widgets import APPEARANCES, configure, make_combo
 
 if TYPE_CHECKING:
-    from app.gui.help.settings_page import Setting
-    from app.gui.measure.run_panel import RunPanel
+    from app.gui.help import Setting
+    from app.gui.measure import RunPanel
 
 NOTIFICATIONS = (
     (SOUND_KEY, "Sound", "When the operator is needed, a run has ended, or the bench is unsafe"),
@@ -39,8 +39,8 @@ def make_settings(
         notifier: plays sounds and shows notices.
         remote: serves the web page.
     """
-    from app.gui.help.settings_page import Setting
-    from app.gui.remote.setting import DESCRIPTION, RemoteSetting
+    from app.gui.help import Setting
+    from app.gui.remote import DESCRIPTION, RemoteSetting
 
     choices = ((text, name) for name, text in APPEARANCES.items())
     appearance = make_combo("settings.appearance", "", choices)

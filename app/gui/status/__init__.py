@@ -1,1 +1,5 @@
 """Status of the session and commands to it: status bar, notices, prompts, injected faults."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

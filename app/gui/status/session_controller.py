@@ -21,7 +21,7 @@ from app.session import (
     reduce,
 )
 from protocols.base import Protocol
-from protocols.runner.request import RunRequest
+from protocols.runner import RunRequest
 
 if TYPE_CHECKING:
     from app.campaign import CampaignRunner
@@ -75,7 +75,7 @@ class SessionController(QObject):
             if job.result is None:
                 message, passed = f"Commissioning: {job.error}", False
             else:
-                from protocols.commissioning.verdict import OutputVerdict, worst_verdict  # the job has imported it
+                from protocols.commissioning import OutputVerdict, worst_verdict  # the job has imported it
 
                 verdict = worst_verdict(job.result.result.checks)
                 message, passed = f"Commissioning of {job.result.identity}: {verdict}", verdict is OutputVerdict.PASS

@@ -1,0 +1,2 @@
+from .export import Format as Format
+from .export import export_run as export_run

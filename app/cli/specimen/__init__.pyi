@@ -1,0 +1,2 @@
+from .design import AddedMassTopic as AddedMassTopic
+from .design import DriveTopic as DriveTopic

@@ -1,0 +1,2 @@
+from .controller import CampaignController as CampaignController
+from .page import CampaignPage as CampaignPage

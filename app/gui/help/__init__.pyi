@@ -1,0 +1,10 @@
+from .hint import FirstRunHint as FirstRunHint
+from .palette import CommandPalette as CommandPalette
+from .palette import PaletteEntry as PaletteEntry
+from .problem_page import ProblemPage as ProblemPage
+from .settings_page import Setting as Setting
+from .settings_page import SettingsPage as SettingsPage
+from .shortcut_sheet import ShortcutSheet as ShortcutSheet
+from .tutorial import TUTORIALS as TUTORIALS
+from .tutorial import TutorialBand as TutorialBand
+from .welcome import WelcomePage as WelcomePage

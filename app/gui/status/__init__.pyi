@@ -1,0 +1,9 @@
+from .fault_panel import FaultPanel as FaultPanel
+from .notices import NoticeArea as NoticeArea
+from .notifier import NOTICE_KEY as NOTICE_KEY
+from .notifier import SOUND_KEY as SOUND_KEY
+from .notifier import Notifier as Notifier
+from .session_controller import SessionController as SessionController
+from .simulation_controls import SimulationControls as SimulationControls
+from .status_bar import BenchStatusBar as BenchStatusBar
+from .symbols import SYMBOLS as SYMBOLS

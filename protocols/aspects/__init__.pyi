@@ -1,0 +1,1 @@
+from .run_points import RunPoints as RunPoints

@@ -1,0 +1,12 @@
+from .membrane_sag import MembraneSag as MembraneSag
+from .membrane_series import MembraneSeries as MembraneSeries
+from .response_series import check_response_present as check_response_present
+from .response_series import frequency_response_series as frequency_response_series
+from .sine_dwell import SinePoint as SinePoint
+from .sine_dwell import sine_point as sine_point
+from .static_loading import StaticLoading as StaticLoading
+from .sweep import Sweep as Sweep
+from .sweep import sweep_point as sweep_point
+from .sweep_pieces import SETTLED_S as SETTLED_S
+from .voltage_steps import ZERO_GUARD_S as ZERO_GUARD_S
+from .voltage_steps import VoltageSteps as VoltageSteps

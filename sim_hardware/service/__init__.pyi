@@ -1,0 +1,2 @@
+from .process import BenchProcess as BenchProcess
+from .served_bench import ServedBench as ServedBench
