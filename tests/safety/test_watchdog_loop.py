@@ -478,7 +478,7 @@ class Link:
 @pytest.fixture
 def links(monkeypatch: pytest.MonkeyPatch) -> list[Link]:
     Link.made = []
-    monkeypatch.setattr("drivers.transport.visa.VisaLink", Link)
+    monkeypatch.setattr("drivers.transport.VisaLink", Link)
     return Link.made
 
 
