@@ -9,7 +9,6 @@ import importlib
 import os
 import sys
 from collections.abc import Iterator, Mapping, MutableMapping
-from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -87,20 +86,24 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 def aspects_of(name: str) -> Aspects:
-    """Return the aspects of a protocol by name, of installed packages too; the defaults where it is not registered."""
+    """Return the aspects of a protocol by name, of installed packages too; the defaults where it is not registered.
+
+    A method of a laboratory's aspects that fails raises AspectsError, which readers of runs and imports report.
+    """
     if name not in PROTOCOLS:
-        _load_plug_ins_once()
+        PROTOCOLS.load_others()
     kind = PROTOCOLS.get(name)
-    return kind.aspects if kind is not None else Aspects()
+    if kind is None:
+        return Aspects()
+    if name in BUILT_IN_PROTOCOLS:
+        return kind.aspects
+    from protocols.aspects.guarded import guarded_aspects  # reads run files, which a start needs not
+
+    return guarded_aspects(kind.aspects, name)
 
 
 class ProtocolFileError(Exception):
     """A file defines no protocol; the message names the file and the reason."""
-
-
-@cache
-def _load_plug_ins_once() -> None:
-    load_plug_ins()
 
 
 def load_plug_ins() -> list[str]:

@@ -12,7 +12,7 @@ from app.archive.figures import run_figures
 from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
 from model import format_estimate
 from protocols import PROTOCOLS, measured_points
-from protocols.base import Outcome, RunStatus, Verdict
+from protocols.base import Outcome, RunFigure, RunStatus, Verdict
 from protocols.runfile import (
     NewerFormatError,
     NotARunError,
@@ -190,6 +190,11 @@ def summarize_run(
 ) -> RunSummary:
     """Return the row of a run; `state` is that of its file where it is not that of the record, `record_json` its JSON form if known."""
     notes, is_read = notes or Notes(), bool(record.title)
+    figures: tuple[RunFigure, ...] = ()
+    try:
+        figures = tuple(run_figures(record)) if is_read else ()
+    except RunReadError as error:  # of the aspects of a laboratory's protocol
+        record, record_json = replace(record, caution=f"{record.caution} {error}".strip()), ""
     row = RunSummary(
         path,
         state or record.state,
@@ -207,7 +212,7 @@ def summarize_run(
         instruments_text(record) if is_read else "",
         record.bench_name,
         record.sensor_text,
-        json.dumps(tuple(run_figures(record)) if is_read else ()),
+        json.dumps(figures),
         ", ".join(notes.tags),
         notes.note,
         ", ".join(dict.fromkeys(check.name for check in notes.checks)),

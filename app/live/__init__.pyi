@@ -1,4 +1,5 @@
 from .commissioning_job import CommissioningJob as CommissioningJob
+from .curve_cache import CurveCache as CurveCache
 from .estimates import EstimateUpdate as EstimateUpdate
 from .estimates import LiveEstimator as LiveEstimator
 from .feed import SPANS as SPANS
@@ -6,7 +7,6 @@ from .feed import LiveFeed as LiveFeed
 from .feed import LiveValues as LiveValues
 from .feed import TimeSpan as TimeSpan
 from .latest_only import LatestOnlyWorker as LatestOnlyWorker
-from .model_curve import CurveCache as CurveCache
 from .model_overlay import COVERAGE as COVERAGE
 from .model_overlay import CurveRequest as CurveRequest
 from .model_overlay import Overlay as Overlay

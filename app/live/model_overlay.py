@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model, same_elongation
+from app.live.curve_cache import CurveCache
 from app.live.latest_only import LatestOnlyWorker
-from app.live.model_curve import CurveCache
 from model import AmplifierMap, Array, Band, ParameterError, replace_variables
 from model.response import PeriodicResponse
 from protocols import aspects_of

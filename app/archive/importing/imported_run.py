@@ -26,7 +26,7 @@ from app.archive.importing.si_columns import (
 from app.common import NO_PROGRESS, Progress
 from drivers import LaserSensor
 from model import Array
-from protocols import PROTOCOLS
+from protocols import PROTOCOLS, aspects_of
 from protocols.base import ImportedTable, Protocol, Quality, RunStatus, Series
 from protocols.runfile import ENTRY_COLUMN, RunFileWriter, RunRecord, point_columns
 
@@ -74,7 +74,7 @@ def build_points(
     headings = {name: cells.heading for name, cells in mapping.columns.items()}
     amplifier = options.amplifier.amplifier_map
     whole = ImportedTable(values, dict(options.settings), amplifier, options.elongation_m, headings, place, cautions)
-    protocol = protocol.aspects.complete_table(whole) or protocol
+    protocol = aspects_of(protocol.name).complete_table(whole) or protocol
     rows = whole.rows
     cautions += check_repeats(table, mapping, values, rows)
     add_stated_uncertainties(kind, values, completed)

@@ -12,7 +12,7 @@ from app.archive.importing.imported_run import ImportedPoints
 from app.archive.importing.si_columns import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from model import Array
-from protocols import PROTOCOLS
+from protocols import PROTOCOLS, aspects_of
 from protocols.base import ImportedSamples, Protocol, RunOfSamples, TableImportError
 
 SAMPLING_TOLERANCE = 0.01
@@ -51,15 +51,15 @@ def build_series_runs(
         _imported_run(PROTOCOLS[name], run, sources, options)
         for name, taken in by_protocol.items()
         if taken
-        for run in PROTOCOLS[name].aspects.series_runs(taken)
+        for run in aspects_of(name).series_runs(taken)
     ]
 
 
 def _protocol_of(series: ImportedSamples) -> str:
     """Return the name of the first protocol that takes a time series."""
     faults = []
-    for name, protocol in PROTOCOLS.items():
-        fault = protocol.aspects.series_fault(series)
+    for name in PROTOCOLS:
+        fault = aspects_of(name).series_fault(series)
         if fault == "":
             return name
         if fault:

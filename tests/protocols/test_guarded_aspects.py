@@ -1,0 +1,67 @@
+"""Errors of the aspects of a laboratory's protocol are sentences, and end no list of runs."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.archive.catalogue import Catalogue
+from model import ParameterError
+from protocols.aspects.guarded import guarded_aspects
+from protocols.base import Aspects, RunStatus
+from protocols.measurements.sine_dwell import SineDwell, SinePoint
+from protocols.registry import PROTOCOLS
+from protocols.runfile import RunFileWriter, RunReadError
+from tests.helpers.run_files import initial_record, sine_point
+
+
+class Broken(Aspects):
+    short_name = "mine"
+
+    def figures(self, points: Any) -> Iterable[Any]:
+        yield 1
+        raise ZeroDivisionError("division by zero")
+
+    def run_figures(self, run: Any, estimates: Any) -> Iterator[Any]:
+        raise KeyError("resonance")
+
+    def complete_table(self, table: Any) -> None:
+        raise ParameterError("a mass is negative")
+
+
+class Held(SineDwell):
+    name = "held-dwell"
+    aspects = Broken()
+
+
+def test_a_failing_aspect_names_protocol_method_and_error() -> None:
+    guarded = guarded_aspects(Broken(), "held-dwell")
+    assert guarded.short_name == "mine"
+    figures = iter(guarded.figures(None))
+    assert next(figures) == 1
+    with pytest.raises(RunReadError, match=r"figures\(\) .*'held-dwell' failed: ZeroDivisionError"):
+        next(figures)
+    with pytest.raises(ParameterError):
+        guarded.complete_table(None)
+
+
+@pytest.fixture
+def held_run(tmp_path: Path) -> Iterator[Path]:
+    PROTOCOLS["held-dwell"] = Held
+    record = replace(initial_record("T7", (100.0,), 5000.0), protocol="held-dwell")
+    file = RunFileWriter.new(tmp_path, record, SinePoint)
+    file.append_point(sine_point(100.0))
+    file.finish(RunStatus.COMPLETED, "all points measured")
+    yield file.path
+    del PROTOCOLS["held-dwell"]
+
+
+def test_a_list_of_runs_has_the_run_whose_figures_fail(held_run: Path) -> None:
+    catalogue = Catalogue(held_run.parent, held_run.parent / "index.sqlite")
+    catalogue.scan()
+    (entry,) = catalogue.entries()
+    assert entry.specimen == "T7"
+    assert "run_figures()" in entry.record.caution
+    assert "KeyError" in entry.record.caution
