@@ -88,7 +88,7 @@ def test_the_total_uncertainties_hold_against_the_plant(bench: str, tmp_path: Pa
             ran = run(OnsetLatency(repeats=2, frequencies_hz=(250.0,)), tmp_path, lab)
         with Run(ran.path) as file:
             for figure in run_figures(file.record):
-                name, _, what = figure.name.partition(", ")
+                name, _, what = figure.name.rpartition(", ")
                 if name in COLUMNS:
                     true = getattr(truth[what], COLUMNS[name])
                     pulls.setdefault(figure.name, []).append((figure.value - true) / figure.total)

@@ -139,7 +139,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     )
     assert main([*report, "strict.toml"]) == 1
     captured = capsys.readouterr()
-    assert "fail: resonance is" in captured.err
+    assert "fail: peak_frequency is" in captured.err
     assert "at least 160 Hz" in captured.err
     record = json.loads(captured.out)
     assert record["passed"] is False
