@@ -115,7 +115,11 @@ class AcceptCommand:
 
     @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, SheetError, ValueError)
     def execute(self) -> int:
+        from app.session import load_protocol_class
+
         self._check()
+        for file in self.protocols:
+            load_protocol_class(file)
         setting, corrected = self._fit_options(), _correction(self)
         notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         amplifier = corrected.amplifier if corrected else None
