@@ -57,7 +57,7 @@ class SineDwellAspects(Aspects):
             ImportColumn("receptance", "m/V", "peak amplitude of the fundamental over that of the drive", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
             ImportColumn("receptance_errors", "m/V", "standard uncertainty of the receptance"),
             ImportColumn("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),
-            ImportColumn("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.5)),
+            ImportColumn("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.6)),
             ImportColumn("drive_peak_to_peak", "V", "drive at the amplifier's input, max - min", ("drivepp", "vpp", "drivemaxmin"), (0.02, 5.0)),
             ImportColumn("elongation", "m", "elongation of the membrane; empty for the free tactor", ("stretch", "membraneelongation"), (0.0, 0.05)),
         ),
