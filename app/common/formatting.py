@@ -11,13 +11,16 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def typeset_unit(unit: str) -> str:
     """`N m^2` as `N m²`; the unit `1` is omitted."""
-    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), unit)
+    return "" if unit == "1" else _raise_exponents(unit)
 
 
 def typeset(text: str) -> str:
     """Return a line as a window shows it: `N m²`, `peak-to-peak displacement` for `N m^2`, `max - min`."""
-    named = re.sub(r"max ?- ?min", "peak-to-peak displacement", text)
-    return typeset_unit(named)
+    return _raise_exponents(re.sub(r"max ?- ?min", "peak-to-peak displacement", text))
+
+
+def _raise_exponents(text: str) -> str:
+    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), text)
 
 
 def format_duration(seconds: float) -> str:

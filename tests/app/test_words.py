@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.common.formatting import format_bytes, format_duration, format_outcome, format_series
+from app.common.formatting import format_bytes, format_duration, format_outcome, format_series, typeset, typeset_unit
 from model import format_with_uncertainty
 from protocols.base import Series, SeriesAxis
 
@@ -16,6 +16,11 @@ from protocols.base import Series, SeriesAxis
 )
 def test_durations(seconds: float, message: str) -> None:
     assert format_duration(seconds) == message
+
+
+def test_a_value_of_one_is_no_unit() -> None:
+    assert (typeset_unit("1"), typeset_unit("N m^2")) == ("", "N m²")
+    assert (typeset("1"), typeset("7 N m^2")) == ("1", "7 N m²")
 
 
 @pytest.mark.parametrize(("count", "message"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
