@@ -92,7 +92,6 @@ class MeasuredRun:
     reason = _Fact(lambda record: record.reason)
     verdict = _Fact(lambda record: record.verdict)
     simulated = _Fact(lambda record: record.simulated)
-    start_time = _Fact(lambda record: datetime.fromisoformat(record.start_time))
     parameters = _Fact(lambda record: record.parameters)
     configuration = _Fact(lambda record: record.configuration)
     software = _Fact(lambda record: record.software)
@@ -102,6 +101,7 @@ class MeasuredRun:
         self.path = Path(path)
         with Run(self.path) as run, translate_read_errors(self.path):
             self.record = run.record
+            self.start_time = datetime.fromisoformat(self.record.start_time)
             self.sample_rate_hz, self._recordings = run.trace.rate_hz, run.trace.recording_count
 
     def __repr__(self) -> str:

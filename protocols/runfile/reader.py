@@ -296,7 +296,8 @@ class Run(Closeable):
 
 
 def _read_conditions(entry: "h5py.Group") -> RunConditions:
-    user = subgroup(entry, "operator") if "operator" in entry else None
+    # A newer version may have something else of this name.
+    user = subgroup(entry, "operator") if hasattr(entry.get("operator"), "keys") else None
     air = subgroup(entry, "instrument") if "instrument" in entry else {}
     temperature_c, humidity = (
         read_number(subgroup(air, name), "value") if name in air else None

@@ -164,7 +164,7 @@ def test_a_series_is_added_by_a_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["levels", "--vary", "peak_to_peak_v"], "write NAME=VALUES"),
+        (["levels", "--vary", "peak_to_peak_v"], "NAME=VALUE"),
         (["levels", "--vary", "volume=1,2"], "no parameter 'volume'"),
         (["levels", "--vary", "frequencies_hz=1,2"], "not a single number"),
         (["levels", "--vary", "peak_to_peak_v=1,1"], "each once"),

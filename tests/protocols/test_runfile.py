@@ -116,7 +116,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
         for k in range(2):
             file.append_block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
             file.append_point(Spot(k, k))
-            code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.sample_count, len(r.points()['height']))"
+            code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.record.state, r.trace.sample_count, len(r.points()['height']))"
             seen = subprocess.run(
                 [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
             )

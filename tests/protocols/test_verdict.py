@@ -122,8 +122,8 @@ def test_the_check_of_the_points_names_causes_missing_points_and_the_remedy_of_t
     [
         (2.0, "1", 3.0, "it: 2, limit at least 3"),
         (0.061, "kg", 0.05, "it: 61 g, limit at least 50 g"),
-        (0.02, "V", 0.05, "it: 20 mV, limit at least 50 mV"),
-        (2e-3, "m", 5e-3, "it: 2 mm, limit at least 5 mm"),
+        (0.02, "V", 0.05, "it: 0.02 V, limit at least 0.05 V"),
+        (2e-3, "m", 5e-3, "it: 2000 µm, limit at least 5000 µm"),
         (155.0, "Hz", 20.0, "it: 155 Hz, limit at least 20 Hz"),
         (1.0, "", 3.0, "it"),
     ],

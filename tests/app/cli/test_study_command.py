@@ -201,7 +201,7 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
         (["fig10", "--pre-stretch", "0"], "fig10 has its own pre-stretch"),
         (["--vary", "delta=0,1", "--elongation", "1 mm"], '--elongation'),
         (["--vary", "cheese=1,2"], "'cheese'"),
-        (["--vary", "k2"], "--vary k2: write NAME=START:STOP:COUNT"),
+        (["--vary", "k2"], "--vary k2: write NAME=VALUE"),
         (["--vary", "k2=-1:1:3"], '-1 N m^2'),
         (["--vary", "L1=1 mm:16 mm:3"], 'L1 is 0.016 m'),
         (["--vary", "delta=-0.1,0"], '-0.1'),

@@ -165,7 +165,7 @@ def test_a_laboratory_day_is_on_record(tmp_path: Path, capsys: pytest.CaptureFix
     assert actions == ["start", "run", "specimen sheet", "notes"]
     assert entries[1]["by"].startswith("Anna (")
     assert entries[1]["details"]["verdict"] == "good"
-    assert list(entries[1]["files"]) == [path.name]
+    assert set(entries[1]["files"]) == {path.name, notes_path(path).name}
     assert entries[3]["details"]["checked_by"] == ["Ben"]
     assert main(["audit", "head", str(runs)]) == ExitCode.DONE
     head = capsys.readouterr().out.strip()
