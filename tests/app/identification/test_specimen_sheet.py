@@ -227,7 +227,7 @@ def test_the_report_has_dimensions_sources_and_both_uncertainties(static: Path, 
     page = (tmp_path / "T7_report.html").read_text("utf-8")
     for text in ("steel rule", "MFC-042", "Sources of the uncertainties", "statistical", "directly measured (ruler)",
                  "identified from static deflection under a voltage", "Exact for want of a stated uncertainty",
-                 "Uncertainty budget", "share of the squared total", "Held, as if exact: mu -1.33e-05 N m/V"):  # fmt: skip
+                 "Uncertainty budget", "share of the squared total", "Held, as if exact: mu -13.3 N mm/kV"):  # fmt: skip
         assert text in page, text
 
 
