@@ -137,7 +137,8 @@ def read_limits(path: Path) -> Limits:
         raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
     try:
         given = parse_toml(text)
-        if "resonance" in given.get("limits", {}):
+        named = given.get("limits")
+        if isinstance(named, dict) and "resonance" in named:
             raise LimitsError(f"{path}: {AMBIGUOUS_RESONANCE}")
         read = _File.model_validate(given).model_dump()
     except ValidationError as error:

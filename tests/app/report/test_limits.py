@@ -52,7 +52,13 @@ def test_an_ambiguous_limit_is_refused_with_the_choice(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [("[limits", "not valid TOML"), ("", "sets no limit"), ("\0\udc80", "cannot be read")]
+    ("text", "says"),
+    [
+        ("[limits", "not valid TOML"),
+        ("", "sets no limit"),
+        ("limits = 3", "line 1: limits"),
+        ("\0\udc80", "cannot be read"),
+    ],
 )
 def test_what_is_no_file_of_limits_is_a_sentence(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "limits.toml"
