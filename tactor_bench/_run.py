@@ -127,7 +127,8 @@ class MeasuredRun:
         same folder is what a free tactor is compared with.
 
         Args:
-            store: whether to store the verdict in `RUN.notes.json` beside the file, in place of an earlier one.
+            store: whether to store the verdict in `RUN.notes.json` beside the file, in place of an earlier one; the audit
+                trail of the folder, if there is one, has an entry of it.
 
         Raises:
             RunReadError: the run is still being written, is damaged, or of a protocol that is not known here.
@@ -137,15 +138,19 @@ class MeasuredRun:
             >>> open_run("old.h5").judge().outcome  # doctest: +SKIP
             <Outcome.GOOD: 'good'>
         """
+        from app.common import record_audit
         from app.identification import reference_model
         from protocols import judge_file
-        from protocols.runfile import NotesError
+        from protocols.runfile import NotesError, notes_path
 
         try:
             verdict = judge_file(self.path, reference_model(self.path.parent, self.specimen), store)
         except NotesError as error:
             raise OSError(str(error)) from error
         self.record = replace(self.record, verdict=verdict)
+        if store:
+            record_audit("judge", notes_path(self.path), subject=self.specimen, verdict=str(verdict.outcome))
+            self.record = replace(self.record, caution="")
         return verdict
 
     def close(self) -> None:

@@ -15,6 +15,7 @@ from app.cli.main import main
 from app.common import ExitCode
 from app.common.audit_chain import LOG_NAME, AuditError, append_entry, audited_folder, read_entries
 from protocols.runfile.sidecar import notes_path
+from tactor_bench import open_run
 from tests.helpers.run_files import finished_run
 
 
@@ -91,7 +92,8 @@ def test_files_that_were_changed_by_other_programs_are_named(tmp_path: Path) -> 
     write_notes(run, tags=("good",), note="glued")
     assert verify_audit(tmp_path).problems == ()
     assert main(["judge", str(run), "--store"]) is not None
-    assert verify_audit(tmp_path).problems == (), "a later verdict is recorded, and the run file as it was"
+    open_run(run).judge(store=True)
+    assert verify_audit(tmp_path).problems == (), "later verdicts are recorded, and the run file as it was"
     with h5py.File(other, "r+") as file:
         file["entry/trace/displacement"][3] += 1
     with h5py.File(run, "r+") as file:
