@@ -33,8 +33,8 @@ from .base import WaitForDetection as WaitForDetection
 from .base import usable_mask as usable_mask
 from .paper_campaign import FIX_PAPER_MASS as FIX_PAPER_MASS
 from .paper_campaign import PAPER_CAMPAIGN as PAPER_CAMPAIGN
+from .registry import BUILT_IN_PROTOCOLS as BUILT_IN_PROTOCOLS
 from .registry import DEFAULT_PROTOCOL as DEFAULT_PROTOCOL
-from .registry import FILES_VARIABLE as FILES_VARIABLE
 from .registry import HELD_LEVELS as HELD_LEVELS
 from .registry import PROTOCOLS as PROTOCOLS
 from .registry import TONES as TONES

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name
 from app.common import NO_PROGRESS, Progress
-from protocols import FILES_VARIABLE
+from protocols import BUILT_IN_PROTOCOLS
 from protocols.runfile import NOTES_SUFFIX
 
 SCHEMA = 10 * 13 + marshal.version
@@ -105,8 +105,8 @@ class Catalogue:
         return sorted(self._summaries(), key=attrgetter("start_time", "path"), reverse=True)
 
     def figure_entries(self) -> list[RunSummary]:
-        """Return the indexed runs that have figures, oldest first."""
-        found = (each for each in self._summaries() if each.figures_json != "[]")
+        """Return the indexed runs that have figures, and all of laboratories' protocols, oldest first."""
+        found = (e for e in self._summaries() if e.figures_json != "[]" or e.protocol not in BUILT_IN_PROTOCOLS)
         return sorted(found, key=attrgetter("start_time", "path"))
 
     def _summaries(self) -> list[RunSummary]:
@@ -227,17 +227,10 @@ class Catalogue:
 
 
 def index_path(folder: Path) -> Path:
-    """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable.
-
-    A laboratory's protocol files make figures that the index holds: with other files it is another index.
-    """
+    """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable."""
     from platformdirs import user_cache_path
 
-    digest = hashlib.sha256(str(folder.resolve()).encode())
-    for path in filter(None, os.environ.get(FILES_VARIABLE, "").split(os.pathsep)):
-        with suppress(OSError):
-            digest.update(Path(path).read_bytes())
-    name = f"runs-{digest.hexdigest()[:16]}.sqlite"
+    name = f"runs-{hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]}.sqlite"
     place = user_cache_path("tactor-bench", appauthor=False)
     with suppress(OSError):
         place.mkdir(parents=True, exist_ok=True)

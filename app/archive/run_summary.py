@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 from app.archive.figures import run_figures
 from app.common import OUTCOME_SYMBOLS, Severity, outcome_severity
 from model import format_estimate
-from protocols import PROTOCOLS, measured_points
+from protocols import BUILT_IN_PROTOCOLS, PROTOCOLS, measured_points
 from protocols.base import Outcome, RunFigure, RunStatus, Verdict
 from protocols.runfile import (
     NewerFormatError,
@@ -88,7 +89,7 @@ class RunSummary(NamedTuple):
     bench: str = ""
     sensor: str = ""
     figures_json: str = "[]"
-    """Figures for comparisons with other runs and specimens, see `app.archive.figures`."""
+    """Figures of a built-in protocol as they were read; use `figures`."""
     tags: str = ""
     note: str = ""
     checked_by: str = ""
@@ -103,6 +104,17 @@ class RunSummary(NamedTuple):
     def record(self) -> RunRecord:
         """The record of the run; of a file that cannot be read, what its name and the error state."""
         return decode_record(self.record_json)
+
+    @property
+    def figures(self) -> tuple[RunFigure, ...]:
+        """Figures for comparisons with other runs and specimens, see `app.archive.figures`.
+
+        Those of a laboratory's protocol are made anew: its file may be another one than when the run was indexed, or was not loaded.
+        """
+        if self.protocol not in BUILT_IN_PROTOCOLS and (record := self.record).title:
+            with suppress(RunReadError):
+                return tuple(run_figures(record))
+        return tuple(RunFigure(*figure) for figure in json.loads(self.figures_json))
 
     @property
     def name(self) -> str:

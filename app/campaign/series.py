@@ -1,6 +1,5 @@
 """Series of a campaign: one item that repeats a protocol for each value of one of its parameters, with its results as curves."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -96,8 +95,7 @@ def series_curves(state: ItemState) -> tuple[Series, ...]:
     for step in state.steps:
         summary = next((run for run in step.results if step.run is not None and run.name == step.run.name), None)
         if step.status in HAS_VALID_RUN and summary is not None:
-            for record in json.loads(summary.figures_json):
-                figure = RunFigure(*record)
+            for figure in summary.figures:
                 found.setdefault((figure.name, figure.unit), []).append((_value_of(item, step), figure))
     curves = []
     for (name, unit), pairs in found.items():

@@ -1,6 +1,5 @@
 """Values of many specimens: figures of their runs and parameters of their calibrations, with total uncertainty."""
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -195,8 +194,8 @@ def _run_values(
         return THRESHOLD_M / float(threshold.amplitude_at(frequency_hz))
 
     for entry in entries:
-        for record in json.loads(entry.figures_json):
-            figure = RunFigure(*record)
+        for each in entry.figures:
+            figure = each
             if figure.frequency_hz:
                 figure = _over(figure, threshold.marked_label, scale(figure.frequency_hz))
             yield FleetValue(

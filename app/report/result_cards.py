@@ -1,6 +1,5 @@
 """Result cards of a report: verdict, quantities or points, and hints of every run, as the window shows them; tables of results."""
 
-import json
 from collections.abc import Sequence
 
 from app.common import MAX_POINT_ROWS, OUTCOME_SYMBOLS, ResultSummary, Severity, Table, outcome_severity
@@ -32,9 +31,7 @@ def result_tables(runs: Sequence[ReportRun], section: str) -> list[Block]:
     tables = (
         table
         for protocol, run in newest.items()
-        for table in aspects_of(protocol).result_tables(
-            run.name, [RunFigure(*record) for record in json.loads(run.summary.figures_json)]
-        )
+        for table in aspects_of(protocol).result_tables(run.name, run.summary.figures)
     )
     return [
         Table.of_rows(table.title, table.columns, [tuple(map(_typeset, row)) for row in table.rows], table.note)

@@ -475,14 +475,3 @@ def test_one_strange_file_never_empties_the_list(catalogue: Catalogue, folder: P
     assert "nested too deeply" in entries["wrong"].note
     assert entries["halves"].state == "damaged"
     assert entries["halves"].tags == "?"
-
-
-def test_other_protocol_files_have_another_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures of a laboratory's protocol are in the index: they are those of the file as it is."""
-    protocol = tmp_path / "holds.py"
-    names = {index_path(tmp_path).name}
-    for text in ("a = 1", "a = 2"):
-        protocol.write_text(text)
-        monkeypatch.setenv("TACTOR_BENCH_PROTOCOLS", str(protocol))
-        names.add(index_path(tmp_path).name)
-    assert len(names) == 3

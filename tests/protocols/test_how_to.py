@@ -117,7 +117,10 @@ def test_its_runs_are_reported_and_charted(kind: type[Protocol], tmp_path: Path)
     tables = [block for block in report.blocks if isinstance(block, Table) and block.title.startswith("Held levels")]
     assert [row[0] for row in tables[0].rows] == ["displacement per volt", "stroke to 5 V"]
     catalogue = Catalogue(runs)
+    del registry.PROTOCOLS[kind.name]
     catalogue.scan()
+    assert read_fleet(runs, catalogue).names == ("displacement per volt",)
+    registry.PROTOCOLS[kind.name] = kind  # the protocol's file is loaded after the runs were indexed
     stroke = read_fleet(runs, catalogue).of("stroke to 5 V")
     assert stroke.newest[0].value == pytest.approx(2.5 * 87e-6, rel=0.05)
 
