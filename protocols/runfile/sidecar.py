@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ NOTES_SUFFIX = ".notes.json"
 MAX_HASHED_BYTES = 16_000_000
 """Files up to this length are hashed at the end of a run and where a list finds a copy; reading longer ones by HDF5 is faster."""
 _DIGEST_BYTES = 16
+_FIELDS = " ".join(field.name for field in fields(RunRecord))
 
 
 class NotesError(Exception):
@@ -194,7 +195,8 @@ def _later_verdict(record: Mapping[str, Any]) -> LaterVerdict:
 
 
 def _digest(text: str) -> str:
-    return hashlib.blake2b(text.encode("utf-8", "replace"), digest_size=_DIGEST_BYTES).hexdigest()
+    """Return the digest of a record's JSON form and of the fields that this version has: a new field is read from the run file."""
+    return hashlib.blake2b((_FIELDS + text).encode("utf-8", "replace"), digest_size=_DIGEST_BYTES).hexdigest()
 
 
 def _storable(text: str) -> str:

@@ -248,6 +248,13 @@ def is_listed(path: Path) -> bool:
     return listed_record(path, read_notes(notes_path(path))) is not None
 
 
+def test_a_record_listed_by_a_version_with_other_fields_is_read_from_the_run_file(folder: Path) -> None:
+    path = next(folder.glob("*_T7_*.h5"))
+    assert is_listed(path)
+    with mock.patch("protocols.runfile.sidecar._FIELDS", "protocol title humidity_sensor"):
+        assert not is_listed(path)
+
+
 @pytest.mark.parametrize("place", ["file", "sidecar", "end"])
 def test_a_changed_run_is_read_and_not_its_sidecar(place: str, folder: Path) -> None:
     path = next(folder.glob("*_T7_*.h5"))
