@@ -24,7 +24,7 @@ from app.live import OverlayCurve
 from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
-from protocols.runfile import point_columns
+from protocols.runfile import RunReadError, point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"
 EMPTY_TEXT = "Points appear here as they are measured"
@@ -129,7 +129,7 @@ class PointsPlot(PlotBase):
             known = point_columns(kind.point_type)
             x_factor, y_factor = (shown_unit(known[name][0])[0] for name in kind.axes)
             grid = np.linspace(x.min(), x.max(), MODEL_PLACES)
-            with suppress(ParameterError):  # outside the range of the model
+            with suppress(ParameterError, RunReadError):  # outside the range of the model, or failed aspects
                 y = over_axes(grid / x_factor)
             if y is not None:
                 self.model.setData(grid, y_factor * y)
