@@ -91,7 +91,7 @@ def estimate_periodic_response(
     """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
 
     The spread over the periods gives the noise, with two degrees of freedom a period less one, pooled over neighbouring lines;
-    the scatter of the lines beyond it gives what repeats with every period (see `repeating`). A clock of the source that runs
+    the scatter of the lines beyond it gives what repeats with every period (see `repeating_error_share`). A clock of the source that runs
     away from the card's turns drive and displacement alike, and drops out.
 
     Args:
