@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.archive.figures import run_figures
+from app.archive.figures import figures_and_fault, run_figures
 from app.archive.notes import describe_check
 from app.archive.run_summary import instruments_text
 from app.common import (
@@ -26,7 +26,7 @@ from protocols.base import (
     RunStatus,
     to_jsonable,
 )
-from protocols.runfile import NotesError, Run, RunRecord, notes_path, read_notes
+from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
 
 
 def run_record(run: Run) -> dict[str, Any]:
@@ -121,10 +121,21 @@ def run_text(run: Run) -> str:
             lines.append(f"{curve.title}: {curve.x.size} {rows}, {low:.4g} to {high:.4g} {unit}")
     for estimate in record.estimates:
         lines.append(f"{quantity_label(estimate.name)}: {format_value(estimate)}   ({estimate.source})")
-    for remark, figure in aspects_of(record.protocol).remarks(run_figures(record)):
-        value = "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit, figure.name)}"
-        lines.append(remark + value)
-    return "\n".join(lines)
+    return "\n".join([*lines, *_remark_lines(record)])
+
+
+def _remark_lines(record: RunRecord) -> Iterator[str]:
+    """Yield the protocol's remarks, or why a laboratory's protocol has none."""
+    if fault := figures_and_fault(record)[1]:
+        yield fault
+    try:
+        for remark, figure in aspects_of(record.protocol).remarks(run_figures(record)):
+            value = (
+                "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit, figure.name)}"
+            )
+            yield remark + value
+    except RunReadError as error:
+        yield str(error)
 
 
 def _people_lines(run: Run) -> Iterator[str]:

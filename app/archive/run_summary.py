@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -112,8 +111,7 @@ class RunSummary(NamedTuple):
         Those of a laboratory's protocol are made anew: its file may be another one than when the run was indexed, or was not loaded.
         """
         if self.protocol not in BUILT_IN_PROTOCOLS and (record := self.record).title:
-            with suppress(RunReadError):
-                return tuple(run_figures(record))
+            return tuple(run_figures(record))
         return tuple(RunFigure(*figure) for figure in json.loads(self.figures_json))
 
     @property
@@ -202,11 +200,6 @@ def summarize_run(
 ) -> RunSummary:
     """Return the row of a run; `state` is that of its file where it is not that of the record, `record_json` its JSON form if known."""
     notes, is_read = notes or Notes(), bool(record.title)
-    figures: tuple[RunFigure, ...] = ()
-    try:
-        figures = tuple(run_figures(record)) if is_read else ()
-    except RunReadError as error:  # of the aspects of a laboratory's protocol
-        record, record_json = replace(record, caution=f"{record.caution} {error}".strip()), ""
     row = RunSummary(
         path,
         state or record.state,
@@ -224,7 +217,7 @@ def summarize_run(
         instruments_text(record) if is_read else "",
         record.bench_name,
         record.sensor_text,
-        json.dumps(figures),
+        json.dumps(tuple(run_figures(record)) if is_read else ()),
         ", ".join(notes.tags),
         notes.note,
         ", ".join(dict.fromkeys(check.name for check in notes.checks)),

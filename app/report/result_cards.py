@@ -8,6 +8,7 @@ from app.report.rounding import typeset_measurement, typeset_with_error
 from app.report.runs import ReportRun
 from protocols import aspects_of
 from protocols.base import Outcome, RunFigure
+from protocols.runfile import RunReadError
 
 NOISE_NOTE = (
     "± one standard error of this run's noise only; total uncertainties are those of the identified parameters."
@@ -28,16 +29,19 @@ def result_cards(runs: Sequence[ReportRun]) -> list[Block]:
 def result_tables(runs: Sequence[ReportRun], section: str) -> list[Block]:
     """Return the tables of a section that protocols make of their newest run with a result."""
     newest = {run.summary.protocol: run for run in runs if run.result is not None and not run.without_result}
-    tables = (
-        table
-        for protocol, run in newest.items()
-        for table in aspects_of(protocol).result_tables(run.name, run.summary.figures)
-    )
-    return [
-        Table.of_rows(table.title, table.columns, [tuple(map(_typeset, row)) for row in table.rows], table.note)
-        for table in tables
-        if table.section == section
-    ]
+    blocks: list[Block] = []
+    for protocol, run in newest.items():
+        try:
+            tables = tuple(aspects_of(protocol).result_tables(run.name, run.summary.figures))
+        except RunReadError as error:  # of a laboratory's protocol
+            blocks.append(Paragraph(f"{error}.", "bad"))
+            continue
+        blocks += [
+            Table.of_rows(table.title, table.columns, [tuple(map(_typeset, row)) for row in table.rows], table.note)
+            for table in tables
+            if table.section == section
+        ]
+    return blocks
 
 
 def _typeset(cell: str | RunFigure) -> str:

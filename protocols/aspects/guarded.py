@@ -1,11 +1,13 @@
 """Guard around the aspects of a laboratory's protocol: an error of its code is a sentence, and does not end a list of runs."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import wraps
 from typing import Any, cast
 
 from model import ParameterError
 from protocols.base.aspects import Aspects
+from protocols.base.figures import Figure
 from protocols.base.importing import TableImportError
 from protocols.runfile import RunReadError
 
@@ -40,11 +42,16 @@ class _GuardedAspects:
 
     def _iterated(self, results: Iterator[Any], name: str) -> Iterator[Any]:
         try:
-            yield from results
+            for result in results:
+                yield self._guarded_curves(result) if isinstance(result, Figure) else result
         except STATED:
             raise
         except Exception as error:
             raise self._failed(name, error) from error
+
+    def _guarded_curves(self, figure: Figure) -> Figure:
+        models = {label: self._guarded(curve, "model_curve") for label, curve in figure.models.items()}
+        return replace(figure, model=figure.model and self._guarded(figure.model, "model_curve"), models=models)
 
     def _failed(self, name: str, error: Exception) -> AspectsError:
         return AspectsError(

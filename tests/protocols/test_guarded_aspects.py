@@ -8,12 +8,14 @@ from typing import Any
 import pytest
 
 from app.archive.catalogue import Catalogue
+from app.archive.description import run_text
 from model import ParameterError
 from protocols.aspects.guarded import guarded_aspects
 from protocols.base import Aspects, RunStatus
+from protocols.base.figures import Figure
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.registry import PROTOCOLS
-from protocols.runfile import RunFileWriter, RunReadError
+from protocols.runfile import Run, RunFileWriter, RunReadError
 from tests.helpers.run_files import initial_record, sine_point
 
 
@@ -63,5 +65,20 @@ def test_a_list_of_runs_has_the_run_whose_figures_fail(held_run: Path) -> None:
     catalogue.scan()
     (entry,) = catalogue.entries()
     assert entry.specimen == "T7"
-    assert "run_figures()" in entry.record.caution
-    assert "KeyError" in entry.record.caution
+    with Run(held_run) as run:
+        assert "run_figures() in the aspects of the protocol 'held-dwell' failed: KeyError" in run_text(run)
+
+
+def test_the_curves_of_a_figure_are_guarded() -> None:
+    class Curved(Aspects):
+        def figures(self, points: Any) -> Iterable[Figure]:
+            yield Figure(model=self.model_curve, models={"5 V": self.model_curve})
+
+        def model_curve(self, state: Any, x: Any) -> Any:
+            raise IndexError("no such row")
+
+    (figure,) = guarded_aspects(Curved(), "held-dwell").figures(None)
+    for curve in (figure.model, figure.models["5 V"]):
+        assert curve is not None
+        with pytest.raises(RunReadError, match="IndexError"):
+            curve(None, None)
