@@ -32,7 +32,7 @@ class SliderRow:
         self.slider_widget.setRange(0, SLIDER_STEPS)
         self.slider_widget.setSingleStep(5)
         self.slider_widget.setPageStep(50)
-        self.slider_widget.setMinimumWidth(70)
+        self.slider_widget.setMinimumWidth(40)
         self.field = QLineEdit()
         self.field.setFixedWidth(78)
         self.unit = QLabel(spec.unit.replace("^2", "²"))
@@ -123,7 +123,7 @@ class SliderPanel(QWidget):
 
     def _group_layout(self, sliders: Iterable[tuple[SliderSpec, ParameterSpec]]) -> QGridLayout:
         grid = QGridLayout()
-        grid.setHorizontalSpacing(6)
+        grid.setHorizontalSpacing(4)
         grid.setVerticalSpacing(1)
         grid.setColumnStretch(1, 1)
         for column, width in ((0, 150), (3, 56), (4, 24)):
