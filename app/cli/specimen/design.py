@@ -12,7 +12,16 @@ from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.explore import describe_reach, divided, share_that_moves
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model
-from model import COVERAGE_FACTOR_95, Membrane, ParameterSpec, Specimen, parameter_specs, specimen_record
+from model import (
+    COVERAGE_FACTOR_95,
+    SCALES,
+    Membrane,
+    ParameterSpec,
+    Specimen,
+    format_with_uncertainty,
+    parameter_specs,
+    specimen_record,
+)
 from model.response import PERIODIC_FREQUENCY_SPEC
 from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_drive, required_mass
 
@@ -118,12 +127,18 @@ def _answer_table(
 ) -> Table:
     shown, si = unit
     values = [answer.value for answer in answers]
-    columns = [Column("question", "", list(names), "for"), Column("value", si, values, "needed", shown, ".4g")]
+    columns = [Column("question", "", list(names), "for")]
     errors = [answer.standard_error for answer in answers]
-    if all(error is not None for error in errors):
+    if not all(error is not None for error in errors):
+        columns.append(Column("value", si, values, "needed", shown, ".4g"))
+    else:
         known = [float(error or 0.0) for error in errors]
+        factor = SCALES.get(shown, 1)
+        pairs = zip(values, known, strict=True)
         columns += [
-            Column("standard_error", si, known, "total standard uncertainty", shown, ".2g"),
+            Column("needed", "", [format_with_uncertainty(factor * v, factor * e, shown) for v, e in pairs]),
+            Column("value", si, values, displayed=False),
+            Column("standard_error", si, known, displayed=False),
             Column(
                 "low",
                 si,
