@@ -136,7 +136,7 @@ def test_a_response_has_coherence_phase_and_the_residual_of_its_fit(qt: QApplica
     left = layer_series(fitted, RESIDUAL)
     assert left is not None
     np.testing.assert_allclose(left.y, 1e4 * curve.plotted)
-    plot = CurvesPlot(LIGHT)
+    plot = CurvesPlot(WindowTheme())
     plot.resize(900, 500)
     plot.show()
     plot.show_curves((fitted,), bare_tactor=False)

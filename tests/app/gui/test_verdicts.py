@@ -89,13 +89,13 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
         finished_run(tmp_path, outcome.replace(" ", "-"), verdict=Verdict(outcome, reasons))
     stage.window.tabs.setCurrentIndex(RUNS)
     page = stage.window.tabs.runs
-    until(lambda: page.model.rowCount() == 4, "for the runs")
+    until(lambda: page.list.model.rowCount() == 4, "for the runs")
     at = COLUMNS.index("verdict")
-    shown = {page.model.index(r, at).data() for r in range(4)}
+    shown = {page.list.model.index(r, at).data() for r in range(4)}
     assert shown == {f"{w}, SIMULATED" for w in ("✓ good", "○ no result", "⊘ did not pass", "– not judged")}
     combo = find(page, "runs.verdict")
     combo.setCurrentIndex(combo.findData("no result"))
-    assert [run.specimen for run in page.model.summaries] == ["no-result"]
+    assert [run.specimen for run in page.list.model.summaries] == ["no-result"]
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run")
     assert find(page, "run.card.verdict").text() == "○ NO RESULT"
