@@ -121,7 +121,7 @@ def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     page.list.table.setFocus()
     QTest.keyClick(page.list.table, Qt.Key.Key_Slash)
     assert find(page, "runs.search").hasFocus()
-    QTest.keyClicks(find(page, "runs.search"), "t8 resonance")
+    QTest.keyClicks(find(page, "runs.search"), "t8 natural")
     assert names(page) == ["T8"]
     QTest.keyClick(find(page, "runs.search"), Qt.Key.Key_Down)
     assert page.list.table.hasFocus()
@@ -337,7 +337,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     until(lambda: len(page.list.model.summaries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
     page.transfers.import_tables([table])
-    until(lambda: "--as raw or --as voltage-steps" in find(page, "runs.message").text(), "for the sentence")
+    until(lambda: "--as voltage-steps or --as raw" in find(page, "runs.message").text(), "for the sentence")
     assert "tactor-bench import --help" in find(page, "runs.message").text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     progress = page.details.progress_row.progress
