@@ -475,5 +475,6 @@ def test_a_window_is_never_larger_than_its_screen(
     open_stage: OpenStage, settings: QSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A laptop's screen of 1366 x 768 has 910 x 512 points at 150 %."""
-    monkeypatch.setattr(MainWindow, "_largest_size", lambda _: QSize(906, 480))
+    screen = SimpleNamespace(availableSize=lambda: QSize(910, 512))
+    monkeypatch.setattr(MainWindow, "screen", lambda _: screen)
     assert open_stage().window.size() == QSize(906, 480)
