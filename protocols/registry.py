@@ -97,7 +97,7 @@ def aspects_of(name: str) -> Aspects:
         return Aspects()
     if name in BUILT_IN_PROTOCOLS:
         return kind.aspects
-    from protocols.aspects.guarded import guarded_aspects  # reads run files, which a start needs not
+    from protocols.aspects import guarded_aspects  # reads run files, which a start needs not
 
     return guarded_aspects(kind.aspects, name)
 

@@ -6,9 +6,7 @@ from functools import wraps
 from typing import Any, cast
 
 from model import ParameterError
-from protocols.base.aspects import Aspects
-from protocols.base.figures import Figure
-from protocols.base.importing import TableImportError
+from protocols.base import Aspects, Figure, TableImportError
 from protocols.runfile import RunReadError
 
 STATED = (RunReadError, ParameterError, TableImportError)
