@@ -1,10 +1,10 @@
 from .bench.abort_level_settings import LevelAction as LevelAction
 from .bench.abort_level_settings import LevelSettings as LevelSettings
+from .bench.amplifier import DriveLimits as DriveLimits
+from .bench.amplifier import HvAmplifier as HvAmplifier
 from .bench.armed_bench import ArmedBench as ArmedBench
 from .bench.armed_bench import HighVoltageSwitch as HighVoltageSwitch
 from .bench.bench import Bench as Bench
-from .bench.drive_limits import DriveLimits as DriveLimits
-from .bench.drive_limits import HvAmplifier as HvAmplifier
 from .bench.rest import REST_REPEATABILITY_V as REST_REPEATABILITY_V
 from .bench.rest import REST_TOLERANCE_V as REST_TOLERANCE_V
 from .bench.safety_statement import safety_statement as safety_statement

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.bench.drive_limits import HvAmplifier
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.rest import RestMeasurement
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.drive_shapes import Drive

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.bench.abort_level_settings import LevelSettings
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.armed_bench import ArmedBench, HighVoltageSwitch
-from drivers.bench.drive_limits import HvAmplifier
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.bench.shutdown import (
     REST_TIMEOUT_S,

@@ -2,7 +2,7 @@
 
 import math
 
-from drivers.bench.drive_limits import HvAmplifier
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.watchdog_interface import Watchdog
 
 

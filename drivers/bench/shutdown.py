@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.drive_limits import HvAmplifier
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.rest import RestMeasurement, verify_rest
 from drivers.bench.watchdog_interface import Watchdog
 from drivers.clock import Clock

@@ -11,8 +11,8 @@ from .reader import LoggedEvent as LoggedEvent
 from .reader import NewerFormatError as NewerFormatError
 from .reader import NotARunError as NotARunError
 from .reader import Run as Run
-from .reader import RunReadError as RunReadError
-from .reader import translate_read_errors as translate_read_errors
+from .open import RunReadError as RunReadError
+from .open import translate_read_errors as translate_read_errors
 from .record import RunRecord as RunRecord
 from .record import decode_record as decode_record
 from .repair import repair_folder as repair_folder

@@ -11,7 +11,7 @@ import pytest
 from app.session.bench_connection import BenchConnection, connect
 from app.session.commissioning_gate import commissioning_state
 from drivers import Identity, Sine
-from drivers.bench.drive_limits import HvAmplifier
+from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.safety_statement import safety_statement
 from drivers.drive_shapes import Hold
 from drivers.errors import DriveRejectedError, InstrumentError
