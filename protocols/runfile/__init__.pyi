@@ -6,13 +6,13 @@ from .names import other_specimen_message as other_specimen_message
 from .names import safe_name as safe_name
 from .names import sheet_path as sheet_path
 from .names import truncate_utf8 as truncate_utf8
+from .open import RunReadError as RunReadError
 from .open import reads_run as reads_run
+from .open import translate_read_errors as translate_read_errors
 from .reader import LoggedEvent as LoggedEvent
 from .reader import NewerFormatError as NewerFormatError
 from .reader import NotARunError as NotARunError
 from .reader import Run as Run
-from .open import RunReadError as RunReadError
-from .open import translate_read_errors as translate_read_errors
 from .record import RunRecord as RunRecord
 from .record import decode_record as decode_record
 from .repair import repair_folder as repair_folder
