@@ -47,7 +47,8 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
     def __init__(self, locations: Mapping[str, tuple[str, str]]) -> None:
         self._classes: dict[str, type[Protocol] | str] = {name: place for name, (_, place) in locations.items()}
         self._titles = {name: title for name, (title, _) in locations.items()}
-        self._searched = False
+        self.has_searched = False
+        """Whether installed packages and the files in the environment have been loaded."""
 
     def title(self, name: str) -> str:
         """Return the title of a protocol without importing it."""
@@ -56,8 +57,7 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
 
     def load_others(self) -> None:
         """Load the protocols of installed packages and of the files in the environment, once; broken ones are left out."""
-        if not self._searched:
-            self._searched = True
+        if not self.has_searched:
             load_plug_ins()
 
     def __getitem__(self, name: str) -> type[Protocol]:
@@ -90,8 +90,6 @@ def aspects_of(name: str) -> Aspects:
 
     A method of a laboratory's aspects that fails raises AspectsError, which readers of runs and imports report.
     """
-    if name not in PROTOCOLS:
-        PROTOCOLS.load_others()
     kind = PROTOCOLS.get(name)
     if kind is None:
         return Aspects()
@@ -108,6 +106,7 @@ class ProtocolFileError(Exception):
 
 def load_plug_ins() -> list[str]:
     """Register the protocols of installed packages and of the files in the environment; return a message for each broken one."""
+    PROTOCOLS.has_searched = True
     troubles = []
     for point in entry_points(group=ENTRY_POINT_GROUP):
         try:
