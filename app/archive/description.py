@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.archive.figures import figures_and_fault, run_figures
+from app.archive.figures import figures_and_fault
 from app.archive.notes import describe_check
 from app.archive.run_summary import instruments_text
 from app.common import (
@@ -126,10 +126,11 @@ def run_text(run: Run) -> str:
 
 def _remark_lines(record: RunRecord) -> Iterator[str]:
     """Yield the protocol's remarks, or why a laboratory's protocol has none."""
-    if fault := figures_and_fault(record)[1]:
+    figures, fault = figures_and_fault(record)
+    if fault:
         yield fault
     try:
-        for remark, figure in aspects_of(record.protocol).remarks(run_figures(record)):
+        for remark, figure in aspects_of(record.protocol).remarks(iter(figures)):
             value = (
                 "" if figure is None else f": {format_quantity(figure.value, figure.total, figure.unit, figure.name)}"
             )

@@ -111,7 +111,7 @@ class RunSummary(NamedTuple):
         Those of a laboratory's protocol are made anew: its file may be another one than when the run was indexed, or was not loaded.
         """
         if self.protocol not in BUILT_IN_PROTOCOLS and (record := self.record).title:
-            return tuple(run_figures(record))
+            return run_figures(record)
         return tuple(RunFigure(*figure) for figure in json.loads(self.figures_json))
 
     @property
@@ -217,7 +217,7 @@ def summarize_run(
         instruments_text(record) if is_read else "",
         record.bench_name,
         record.sensor_text,
-        json.dumps(tuple(run_figures(record)) if is_read else ()),
+        json.dumps(run_figures(record) if is_read else ()),
         ", ".join(notes.tags),
         notes.note,
         ", ".join(dict.fromkeys(check.name for check in notes.checks)),
