@@ -11,7 +11,8 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
 from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
@@ -20,10 +21,8 @@ import grimp
 import tomlkit
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from tests.helpers.code_figures import figures, growth
+from tests.helpers.code_figures import PACKAGES, ROOT, SourceTree, figures, growth
 
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
 PLUS_MINUS_AT_END = re.compile(r"(±|(?<![\w\[])\+-|\+/-)\s*$")
 PLUS_MINUS_IN_TEMPLATE = re.compile(r"(±|\+-) ?\{")
 FORMATTER = Path("model/value_text.py")
@@ -32,18 +31,15 @@ FIGURES = Path(__file__).with_name("structure.toml")
 """Figures of the code, which this program compares with those of the checkout."""
 
 
-def modules(*tops: str) -> Iterator[tuple[Path, ast.Module]]:
+@cache
+def source_tree(*folders: str) -> SourceTree:
+    """The files below the given top-level folders, parsed once."""
+    return SourceTree(ROOT, folders)
+
+
+def modules(*folders: str) -> Iterable[tuple[Path, ast.Module]]:
     """Tracked and new Python files below the given top-level folders, parsed."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", *(f"{top}/*.py" for top in tops)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for name in listed.stdout.split():
-        if (ROOT / name).is_file():
-            yield Path(name), ast.parse((ROOT / name).read_text(encoding="utf-8"), name)
+    return source_tree(*folders).modules.items()
 
 
 def files_per_folder(*tops: str) -> Counter[str]:

@@ -40,7 +40,7 @@ def test_a_protocol_file_carries_its_own_aspects(tmp_path: Path) -> None:
 def test_a_protocol_file_of_the_environment_is_found_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.py").write_text(OWN)
     monkeypatch.setenv("TACTOR_BENCH_PROTOCOLS", str(tmp_path / "mine.py"))
-    monkeypatch.setattr(PROTOCOLS, "_searched", False)
+    monkeypatch.setattr(PROTOCOLS, "has_searched", False)
     try:
         assert aspects_of("mine").colour == "red"
     finally:
