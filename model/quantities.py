@@ -115,7 +115,7 @@ PARAMETERS: Mapping[str, Quantity] = _listed(
 """Parameters of the model, of its extensions and of the instruments' errors."""
 
 RESULTS: Mapping[str, Quantity] = _listed(
-    ("natural_frequency", "natural frequency", "f₀", "Hz", "Hz", "undamped natural frequency: of the mode fitted to the response, as if it had no damping", ("resonance frequency",)),
+    ("natural_frequency", "natural frequency", "f₀", "Hz", "Hz", "undamped natural frequency: of the mode fitted to the response, without its damping", ("resonance frequency",)),
     ("damped_frequency", "damped frequency", "f_d", "Hz", "Hz", "frequency of the free decay of the fitted mode: natural frequency × √(1 − damping ratio²)"),
     ("peak_frequency", "peak frequency", "f_p", "Hz", "Hz", "frequency of the largest response to a sine of constant voltage", ("peak",)),
     ("damping_ratio", "damping ratio", "ζ", "1", "1", "damping of the fitted mode over its critical damping"),

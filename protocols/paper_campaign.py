@@ -8,7 +8,7 @@ TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MF
 REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
 FIX_PAPER_MASS = Prompt(
     "fix-mass",
-    "Fix the mass in the cylinder of which 7.73 g moves with the centre (the paper put in 11 g).",
+    "Fix in the cylinder the mass that moves as 7.73 g with the centre (11 g in the paper).",
     {"mass_kg": 7.73e-3, "moving": 1.0},
     hands_on=True,
 )

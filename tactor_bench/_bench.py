@@ -157,7 +157,7 @@ class BenchSession(Closeable):
             raise error
         if self._front.stopped_by is not None:
             self._pass_on(self._front.stopped_by)
-            kept = f"; what was measured is in {path}" if path else ""
+            kept = f"; the measured data are in {path}" if path else ""
             raise KeyboardInterrupt(f"{reason}{'; the bench is at rest' * self._at_rest}{kept}")
         if ended is None:
             raise BenchError(reason)

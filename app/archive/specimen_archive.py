@@ -192,7 +192,7 @@ def _entries(archive: Path, file: zipfile.ZipFile) -> Iterator[tuple[zipfile.Zip
             raise ArchiveError(f"{archive}: {identifier} is listed and missing; take another copy")
         # The name alone is used, so that no path leaves the folder; the rest is what Windows and terminals stumble over.
         if name in ("", ".", "..") or name in names or "\\" in name or ":" in name or name != visible_text(name):
-            raise ArchiveError(f"{archive}: {visible_text(identifier)} has no usable name, or that of another file")
+            raise ArchiveError(f"{archive}: {visible_text(identifier)} has no usable name, or the name of another file")
         if info.file_size > MAX_PACKING_RATIO * max(info.compress_size, 1):
             raise ArchiveError(f"{archive}: {identifier} declares {info.file_size} bytes, which cannot be packed in it")
         names.add(name)

@@ -66,7 +66,9 @@ class Campaign:
         path = campaign_path(folder, specimen)
         if path.exists():
             cls.open_file(path, specimen)  # raises if it is another specimen's
-            raise CampaignError(f"there is a campaign of {specimen} already: {path}; go on with it, or take it away")
+            raise CampaignError(
+                f"there is a campaign of {specimen} already: {path}; continue it, or move its file away"
+            )
         created = datetime.now(UTC).isoformat(timespec="milliseconds")
         kept = [item.as_record() for item in drop_unknown_protocols(items, PROTOCOLS)]
         record = {"specimen": specimen, "simulated": simulated, "created": created, "items": kept, "based_on": {}}

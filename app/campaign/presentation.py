@@ -106,7 +106,7 @@ def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, q
     if (found := summary.awaiting_acceptance) is not None:
         return _acceptance_step(summary, found)
     if summary.refusal:
-        return NextStep("The bench cannot do what is left", summary.refusal)
+        return NextStep("The bench cannot run the remaining items", summary.refusal)
     if (row := summary.next_item) is not None:
         return _run_step(summary, row)
     return _idle_step(summary)

@@ -79,7 +79,7 @@ class AcceptCommand:
     )
     sheet: str = option(
         "the specimen sheet with dimensions and masses (default: the one beside the runs, else Table I with the uncertainties of "
-        "ruler and caliper); 'none' holds them at Table I as if exact, as --plain does with nonidealities",
+        "ruler and caliper); 'none' holds them at Table I as exact values, as --plain does with nonidealities",
         metavar="FILE|none",
     )
     profile: Sequence[str] = option(

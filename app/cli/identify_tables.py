@@ -82,9 +82,7 @@ def also_hint(likeliest: Sequence[Explanation]) -> str:
     first = likeliest[0].cause
     if first.kind != "parameter":
         return ""
-    return (
-        f"the fit with it: identify --also {first.name}; with what is known of it: --prior '{first.name}=VALUE+-ERROR'"
-    )
+    return f"the fit with it: identify --also {first.name}; with a prior value: --prior '{first.name}=VALUE+-ERROR'"
 
 
 def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:

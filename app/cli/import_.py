@@ -51,7 +51,7 @@ class ImportCommand:
         metavar="QUANTITY=SIZE",
     )
     settings: Sequence[str] = option(
-        "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'; may be repeated",
+        "value of a parameter of the protocol, e.g. 'peak_to_peak_v=5 V'; may be repeated",
         flag="--set",
         metavar="NAME=VALUE",
     )

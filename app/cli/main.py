@@ -34,7 +34,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "check": ("app.cli.bench:CheckCommand", "check the wiring with small voltages: a table of pass and fail"),
     "commission": (
         "app.cli.bench:CommissionCommand",
-        "measure what the driver assumes of the source, with high voltage off",
+        "measure the properties that the driver assumes of the source, with high voltage off",
     ),
     "devices": ("app.cli.bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
     "bench": ("app.cli.bench:BENCH_COMMANDS", "write a first bench file"),

@@ -72,7 +72,7 @@ class ParametersTopic(Topic):
             listed(
                 "skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]
             ),
-            listed("nonideal", "What the paper's beam model leaves out", list(NONIDEAL_NAMES)),
+            listed("nonideal", "Effects outside the paper's beam model", list(NONIDEAL_NAMES)),
             Table("derived", "What follows", derived, vertical=True),
             Table(
                 "sources",

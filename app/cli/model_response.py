@@ -283,7 +283,7 @@ class MembraneTopic(Topic):
         )
         note = (
             "Sag: bending with the tension that the deflection itself makes (von Karman) and the pre-stretch; linear theory leaves "
-            "the former out. k_s and c_s are those of the weightless membrane at its pre-stretch."
+            "the former out. k_s and c_s belong to the weightless membrane at its pre-stretch."
         )
         question = plausibility_note("delta", float(delta.max()))
         notes = (note, question) if question else (note,)

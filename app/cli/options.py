@@ -202,7 +202,7 @@ FAULTS = option(
 )
 THRESHOLD = option(
     "of perception, max - min: abdomen, thenar or forearm, an amplitude such as '20 um', or a CSV file with a frequency in Hz "
-    "and a threshold in µm per line (default: that of laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
+    "and a threshold in µm per line (default: from laboratory.toml beside the runs, or abdomen, the paper's 50 um)",
     metavar="SITE",
 )
 

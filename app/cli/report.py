@@ -59,10 +59,10 @@ class ReportCommand:
     threshold: str | None = THRESHOLD
     full: bool = option("with the appendix: every figure, table, hash and run, a page each")
     laboratory: str = option(
-        "name of the laboratory, on the first page (default: that of laboratory.toml beside the runs)", metavar="NAME"
+        "name of the laboratory, on the first page (default: from laboratory.toml beside the runs)", metavar="NAME"
     )
     logo: Path | None = option(
-        "picture of the laboratory (PNG), at the top of the first page (default: that of laboratory.toml)",
+        "picture of the laboratory (PNG), at the top of the first page (default: from laboratory.toml)",
         metavar="FILE",
     )
     sign: Path | None = option(

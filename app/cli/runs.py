@@ -112,7 +112,7 @@ class ExportCommand:
 
     runs: Sequence[Path] = RUN_FILES
     format: Format = option("(default: csv); mat73 is MATLAB 7.3, uff has the series", "csv")
-    out: Path | None = option("folder for the files (default: that of the run)", metavar="FOLDER")
+    out: Path | None = option("folder for the files (default: the run's folder)", metavar="FOLDER")
     parts: Sequence[str] = option(
         "only this part: about, points, series, estimates, events or raw; may be repeated (default: all)",
         flag="--part",

@@ -219,7 +219,7 @@ def read_study(options: StudyCommand) -> tuple[Study, ShapeChoice]:
             f"name the study: a preset ({', '.join(STUDY_PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
         )
     if options.preset is not None and vary:
-        raise UsageError(f"{options.preset} defines what is varied; leave out --vary, or the preset")
+        raise UsageError(f"{options.preset} defines the varied parameters; leave out --vary, or the preset")
     if options.preset is None:
         values = {name: v[0] for name, v in vary.items()}
         on_membrane = replace_variables(read_specimen(options.specimen), values).membrane is not None

@@ -6,7 +6,7 @@ from model import Membrane, Tactor, format_with_uncertainty, parameter_specs
 from model.identification import MembraneSagObservation
 
 ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
-HELD_TEXT = "held, as if exact"
+HELD_TEXT = "held as exact"
 USED_PARAMETERS = tuple(q.name for q in parameter_specs(Tactor))
 SKIN_PARAMETERS = tuple(q.name for q in parameter_specs(Membrane))
 

@@ -118,7 +118,7 @@ def save_draft(folder: Path, base: SpecimenSheet, draft: SheetDraft) -> Specimen
     now = load_sheet(folder, base.specimen)
     if now != base:
         raise SheetChangedError(
-            f"{now.path or base.path} was changed by another program: the form shows what is in it now; enter the last value again"
+            f"{now.path or base.path} was changed by another program: the form shows its present values; enter the last value again"
         )
     before, checked = SheetDraft.of(base), check_draft(draft, base.specimen)
     changed = {

@@ -16,7 +16,7 @@ from protocols.runfile import SHEET_SUFFIX, other_specimen_message, sheet_path
 
 TEXTS = ("serial", "batch", "photograph", "notes")
 ENTRY_KEYS = ("value", "uncertainty", "mass", "mass_uncertainty", "length", "length_uncertainty", "instrument", "date")
-HEAD = """# Specimen sheet: what is known of it beforehand. Every value enters the fits of its runs with its uncertainty.
+HEAD = """# Specimen sheet: prior values. Every value enters the fits of its runs with its uncertainty.
 # Uncertainties are standard uncertainties (k = 1): half a graduation, or limits of error, divided by the root of 3.
 # A line that begins with # is not used: the fits take the paper's Table I there, with the uncertainty of ruler, caliper or scale.
 # Set a value here, or by 'tactor-bench specimen set SPECIMEN L="22.1 mm +- 0.05 mm" --instrument caliper'.

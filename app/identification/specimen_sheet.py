@@ -94,7 +94,7 @@ class SpecimenSheet:
         """Return what the dimensions are from, as text."""
         table = "the paper's Table I with the uncertainties of ruler, caliper and scale"
         if self.path is None:
-            return f"no specimen sheet: dimensions are those of {table}"
+            return f"no specimen sheet: dimensions are from {table}"
         simulated = ", SIMULATED" if self.simulated else ""
         measured = f"specimen sheet {self.path.name}{simulated}: {pluralize(len(self.entries), 'measured value')}"
         return f"{measured}; {', '.join(self.missing)} from {table}" if self.missing else measured

@@ -130,7 +130,7 @@ def nonideality_tables(identification: IdentificationResult) -> Iterator[Table]:
     if found:
         yield Table(
             "nonidealities",
-            "What the beam model leaves out, fitted with it",
+            "Effects outside the beam model, fitted with it",
             (
                 Column("name", "", [e.name for e in found], "parameter"),
                 Column("expected", "", [format_size(*known[e.name], e.unit) for e in found]),

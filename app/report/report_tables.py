@@ -181,7 +181,7 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
     )
     note = (
         "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses. "
-        "What is held (full report) counts as exact."
+        "Held values (full report) count as exact."
     )
     fit = None if specimen.identification is None else specimen.identification.joint_fit
     if fit is not None and fit.error_scale > 1:
@@ -313,7 +313,7 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
         and name not in free
         and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
     ]
-    note = "As if they were exact: their errors are in none of the errors given here."
+    note = "They count as exact: none of the errors given here includes their errors."
     heads = ("parameter", "meaning", "value", "source in the paper's Table I")
     return [Table.of_rows("Held, not identified", heads, rows, note)] if rows else []
 

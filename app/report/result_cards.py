@@ -11,7 +11,7 @@ from protocols.base import Outcome, RunFigure
 from protocols.runfile import RunReadError
 
 NOISE_NOTE = (
-    "± one standard error of this run's noise only; total uncertainties are those of the identified parameters."
+    "± one standard error of this run's noise only; total uncertainties are given for the identified parameters."
 )
 HEADINGS = ("quantity", "value")
 TONES: dict[Severity, Tone] = {Severity.ERROR: "bad"}

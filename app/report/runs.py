@@ -114,7 +114,7 @@ def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
         if run.without_result:
             return f"{run.summary.verdict_text}: {run.summary.explanation}"
         if run.record.amplifier_map != maps[-1]:
-            return "its amplifier was configured differently from that of the newest run"
+            return "its amplifier was configured differently from the amplifier of the newest run"
         return ""
 
     reasons = [exclusion_reason(run) for run in runs]

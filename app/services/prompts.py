@@ -127,7 +127,7 @@ class ConsoleOperator:
             _print("the run goes to rest and pauses there; Enter resumes it, Ctrl-C stops it")
             run.pause()
         elif typed:
-            _print(f"nothing is asked now; {KEY_HELP}")
+            _print(f"no prompt is open; {KEY_HELP}")
 
     def _read_answer(self, ask_id: int, prompt: Prompt) -> None:
         while line := sys.stdin.readline():

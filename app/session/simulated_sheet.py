@@ -11,7 +11,7 @@ from protocols.base import write_atomic
 from protocols.runfile import sheet_path
 
 HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.
-# Uncertainties are standard uncertainties (k = 1). What is not here is the paper's Table I, with the uncertainty of ruler, caliper or scale.
+# Uncertainties are standard uncertainties (k = 1). Values not listed here are the paper's Table I, with the uncertainty of ruler, caliper or scale.
 # Another bench's specimen needs another name.
 
 """

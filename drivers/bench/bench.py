@@ -189,7 +189,7 @@ class Bench:
                     self.watchdog.disarm()  # not if the shutdown itself was interrupted: then the watchdog must act
                     if not armed.final_rest.confirmed:
                         raise UnsafeError(
-                            f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {armed.final_rest.message}"
+                            f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {armed.final_rest.message}"
                         ) from failure
                 if failure is None and lost is not None:
                     raise lost
@@ -249,7 +249,7 @@ class Bench:
         trouble = shutdown.command_rest(self.amplifier.force_rest)
         message = f"the card cannot see the drive: {error}.{trouble}"
         self.watchdog.log(f"the program could not confirm rest: {message}")
-        raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {message}") from error
+        raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. Measured: {message}") from error
 
     def _bring_earlier_drive_to_rest(self, armed: ArmedBench, warn: Callable[[object], None]) -> None:
         """Bring a source that an earlier program left live to rest immediately; the operator is prompted afterwards."""

@@ -9,9 +9,9 @@ from drivers.errors import AcquisitionError, CardInUseError, InstrumentError, Sc
 
 REMEDIES = {
     -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
-    -200621: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
-    -200018: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
-    -200016: "the output ran out of samples and stays where it was; give the card a USB port of its own, or lower the load on this computer",
+    -200621: "the output ran out of samples and stays where it was; connect the card to a separate USB port, or lower the load on this computer",
+    -200018: "the output ran out of samples and stays where it was; connect the card to a separate USB port, or lower the load on this computer",
+    -200016: "the output ran out of samples and stays where it was; connect the card to a separate USB port, or lower the load on this computer",
     -200290: "the output ran out of samples and stays where it was; lower the load on this computer",
     -200361: "scans were lost on the USB bus; connect the card to a port without other devices, or lower the rate",
     -200284: "the card gave no samples in time; check that it is powered and its sample clock runs",
@@ -25,7 +25,7 @@ REMEDIES = {
     -200088: "the card's task is gone, as after a pulled USB cable; run again",
     -200022: "the card's lines are in use by another task or program; close that first",
     -89137: "the route of the start signal is in use by another task; leave start_trigger empty in the bench file",
-    -200278: "more scans were asked of the card than its task takes; run again, and report it if it recurs",
+    -200278: "more scans were requested from the card than its task takes; run again, and report it if it recurs",
     -50103: "the card is in use by another task or program; close that first",
     -200077: "the card cannot do this setting; correct rate, range or channel",
     -200081: "the card cannot sample that fast; lower the rate",

@@ -93,7 +93,7 @@ class WatchdogClient:
             how = (
                 f"has ended (code {self._child.poll()})"
                 if self._ended
-                else f"has said nothing for {silence.elapsed_s:.1f} s"
+                else f"has sent nothing for {silence.elapsed_s:.1f} s"
             )
             raise BenchError(
                 f"the watchdog {how}, and the bench does not stay live without it. Find out what ended it (too little "

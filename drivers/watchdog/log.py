@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 LOG_NAME = "watchdog.log"
-REPORTED_MARK = "the lines above were told at the next start"
+REPORTED_MARK = "the lines above were shown at the next start"
 
 
 def append_line(folder: Path, message: str) -> None:

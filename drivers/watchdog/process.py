@@ -139,15 +139,15 @@ class WatchdogLoop:
                     to_stderr=False,
                 )
             case "help":
-                send_line("could-not the watchdog has no connection of its own while the program runs")
+                send_line("could-not the watchdog has no separate connection while the program runs")
 
     def _silence_reason(self) -> str:
         silence = self._program.since(self._last_pulse)
         if silence.exceeds(self._config.silence_s):
-            return f"the program was frozen: it said nothing for {silence.elapsed_s:.2f} s"
+            return f"the program was frozen: it sent nothing for {silence.elapsed_s:.2f} s"
         silence = self._program.since(self._last_heartbeat)
         if silence.exceeds(self._allowed_silence_s):
-            return f"the thread that reads the card said nothing for {silence.elapsed_s:.2f} s"
+            return f"the thread that reads the card sent nothing for {silence.elapsed_s:.2f} s"
         return ""
 
     def _bring_to_rest(self, reason: str, timeout_s: float, to_stderr: bool = True) -> None:

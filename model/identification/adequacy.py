@@ -177,8 +177,8 @@ def _verdict_message(
             f"looked for: the errors are too small, or points are wrong, most of all in {worst.label}. {chi}"
         )
     return (
-        f"the misfit is more than noise ({format_p_value(chance, 2)} for the least likely of {tests} tests), but none of them by itself "
-        f"tells the cause: measure again what is doubtful. {chi}"
+        f"the misfit is more than noise ({format_p_value(chance, 2)} for the least likely of {tests} tests), but no single one "
+        f"shows the cause: repeat the doubtful measurements. {chi}"
     )
 
 

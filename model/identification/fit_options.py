@@ -103,7 +103,7 @@ class FitOptions:
                 raise ParameterError(f"{name} is tied to {factor:g} times {other}, which is tied itself or not finite")
         for name, (value, error) in self.priors.items():
             if name not in free:
-                raise ParameterError(f"{name} is known beforehand but not free: free it, or fix it at {value:g}")
+                raise ParameterError(f"{name} has a prior value but is not free: free it, or fix it at {value:g}")
             known.parameter_spec(name).check(value)
             if not (np.isfinite(error) and error > 0):
                 raise ParameterError(f"{name} has a standard error of {error:g} beforehand: it must be positive")

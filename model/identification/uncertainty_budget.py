@@ -18,7 +18,7 @@ INPUT_SOURCES: dict[ErrorTarget, str] = {
     "level": "voltage levels",
     "elongation": "elongations",
     "frequency": "frequencies",
-    "rest": "what was driven before the runs",
+    "rest": "drive before the runs",
 }
 """Source of errors of single inputs, which are many: each weight, mass or level; and of drifts at rest."""
 

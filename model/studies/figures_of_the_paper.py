@@ -127,7 +127,7 @@ def _panel(letter: str, elongation_m: float | None, t: Tactor, m: Membrane) -> P
 
 
 HARMONICS_CAPTION = (
-    "The amplifier's two slopes add even harmonics, so that max - min, which is what was measured, exceeds the fundamental "
+    "The amplifier's two slopes add even harmonics, so that the measured max - min exceeds the fundamental "
     "near half the resonance."
 )
 PANEL_CAPTIONS = {

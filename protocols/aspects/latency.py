@@ -14,7 +14,7 @@ BETWEEN = "rise_time, after a step"
 """How the names of times between two moments of a response begin, which the sensor's delay does not shift."""
 
 TIMES_NOTE = (
-    "± total standard uncertainty, that of the sensor's gain and delay included. A step's times count from the centroid of its "
+    "± total standard uncertainty, with the sensor's gain and delay. A step's times count from the centroid of its "
     "edge in the recorded drive, a sine's from its begin; the amplifier's own delay is part of them. Rise: 10 to 90 % of a step, "
     "from the begin to 90 % of the peak of a sine."
 )

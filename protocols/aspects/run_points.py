@@ -117,8 +117,8 @@ class RunPoints:
             errors.append(SharedError(name.format(f"{value:.9g}"), target, float(f"{relative:.6g}"), at=value))
         if len(errors) > MAX_INPUT_ERRORS:
             raise ParameterError(
-                f"{column} has {len(errors)} different values with an uncertainty of their own, the limit is {MAX_INPUT_ERRORS}: "
-                "add it to the uncertainty of what was measured, and leave this one away"
+                f"{column} has {len(errors)} different values with a separate uncertainty, the limit is {MAX_INPUT_ERRORS}: "
+                "add it to the uncertainty of the measured values, and leave this one out"
             )
         return tuple(errors)
 

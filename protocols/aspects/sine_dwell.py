@@ -54,7 +54,7 @@ class SineDwellAspects(Aspects):
             ImportColumn("frequency", "Hz", "frequency of the drive", ("f", "freq", "frequenz", "fhz", "omega", "angularfrequency"), (1.0, 2000.0), 0.0, True),
             ImportColumn("peak_to_peak", "m", "max - min of the displacement: the paper's amplitude", ("pp", "p2p", "pkpk", "pktopk", "maxmin", "peaktopeakamplitude", "peakpeak"), DISPLACEMENT_RANGE_M),
             ImportColumn("fundamental", "m", "peak amplitude of the fundamental", ("peakamplitude", "fundamentalamplitude", "sineamplitude"), DISPLACEMENT_RANGE_M),
-            ImportColumn("receptance", "m/V", "peak amplitude of the fundamental over that of the drive", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
+            ImportColumn("receptance", "m/V", "peak amplitude of the fundamental divided by the drive's", ("frf", "frequencyresponse", "displacementpervolt"), (1e-10, 1e-2)),
             ImportColumn("receptance_errors", "m/V", "standard uncertainty of the receptance"),
             ImportColumn("phase", "rad", "phase of the fundamental against the drive", ("phi", "phaseangle"), (-7.0, 7.0)),
             ImportColumn("drive_amplitude", "V", "peak amplitude of the drive at the amplifier's input", ("drivepeak",), (0.01, 2.6)),

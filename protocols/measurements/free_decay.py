@@ -58,7 +58,7 @@ class DecayPoint:
     damping: DampingRatio
     damping_errors: DampingRatioError
     amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
+    noise: Annotated[float, Unit("m"), "standard deviation of the fit's residuals"]
     quality: QualityFlags
 
     @property

@@ -89,7 +89,7 @@ class LatencyPoint:
     level: Annotated[float, Unit("V"), "of the step, or highest of the sine, at the amplifier's input"]
     repeat: RepeatNumber
     latency: Annotated[float, Unit("s"), "from the onset until the displacement reaches the threshold"]
-    latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency, what the edge leaves included"]
+    latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency, with the residuals at the edge"]
     driven_latency: Annotated[float, Unit("s"), "the same from the begin of the drive's edge, as it was driven"]
     threshold_speed: Annotated[float, Unit("m/s"), "speed of the displacement at the threshold"]
     rise: Annotated[float, Unit("s"), "step: 10 % to 90 % of the final value; sine: from its begin to 90 % of its peak"]

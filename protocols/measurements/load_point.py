@@ -101,11 +101,11 @@ class LoadPoint:
         float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
     ]
     deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, the zero's move included"]
-    zero_before: Annotated[float, Unit("m"), "displacement before, as the sensor tells it"]
+    zero_before: Annotated[float, Unit("m"), "displacement before, as measured by the sensor"]
     zero_after: Annotated[float, Unit("m"), "displacement after the weight was taken off"]
     drift: Annotated[float, Unit("m"), "zero after - zero before"]
     creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave under the weight"]
+    noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains under the weight"]
     quality: QualityFlags
 
     @property

@@ -179,7 +179,7 @@ class MassResonance(Protocol):
             frequencies = coarse_frequencies(self.start_hz, self.stop_hz, self.dwells)
             drives = tuple(self._sine(f, rest_v) for f in frequencies)
             seconds = DWELL_S * (len(drives) + 2 * LINES_IN_PEAK)
-            how = f"{self.dwells} frequencies and those of the peak"
+            how = f"{self.dwells} frequencies and the frequencies of the peak"
         return tuple(
             PlanEntry(
                 f"{1e3 * mass:g} g, {how}",

@@ -62,9 +62,9 @@ class SagPoint:
     repeat: RepeatNumber
     sag: Annotated[float, Unit("m"), "how far the membrane's centre hangs below the line of its clamps"]
     sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, the reference's depth left out"]
-    reference: Annotated[float, Unit("m"), "displacement at the reference surface, as the sensor tells it"]
-    hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as the sensor tells it"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave of the membrane's trace"]
+    reference: Annotated[float, Unit("m"), "displacement at the reference surface, as measured by the sensor"]
+    hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as measured by the sensor"]
+    noise: Annotated[float, Unit("m"), "standard deviation of the residuals of line and mains in the membrane's trace"]
     quality: QualityFlags
 
     @property

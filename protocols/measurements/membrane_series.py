@@ -131,7 +131,7 @@ class MembraneSeries(SineDwell):
             if abs(change) > max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT):
                 warnings.append(
                     f"The free tactor moves {100 * change:+.1f} % after the series against before: something drifted or was "
-                    "touched; what lies between is known no better than that"
+                    "touched; the points between are uncertain by as much"
                 )
         return tuple(warnings)
 

@@ -209,7 +209,7 @@ def membrane_absent_check(ratios: Sequence[float], calibrated: bool, source: str
     middle = float(np.median(ratios))
     return (
         CheckResult(
-            f"response around the resonance / that of the free tactor by {source}", middle, "1", low, high, remedy
+            f"response around the resonance / response of the free tactor by {source}", middle, "1", low, high, remedy
         ),
     )
 

@@ -75,7 +75,7 @@ class SinePoint:
     drive_offset: Annotated[float, Unit("V"), "mean of the recorded drive"]
     offset: Annotated[float, Unit("m"), "mean displacement"]
     drift: Annotated[float, Unit("m/s"), "slope of the mean displacement"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
+    noise: Annotated[float, Unit("m"), "standard deviation of the fit's residuals"]
     cycles: Annotated[float, Unit("1"), "cycles recorded"]
     quality: QualityFlags
 

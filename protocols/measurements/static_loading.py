@@ -99,13 +99,13 @@ class StaticLoading(Protocol):
     ] = 1
     gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "location of the bench"] = GRAVITY
     expected_m_per_n: Annotated[
-        float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"
+        float, Unit("m/N"), Interval(gt=0), "expected compliance; a point that does not fit is questioned"
     ] = 1.379e-4
     plausible_factor: Annotated[
         float, Unit("1"), Interval(gt=1, le=100), "a deflection that is larger or smaller by this factor does not fit"
     ] = 1.5
     zero_limit_m: Annotated[
-        float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is asked about"
+        float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is questioned"
     ] = 3e-6
     zero_limit_share: Annotated[
         float, Unit("1"), Interval(ge=0, le=0.5), "the same as a share of the deflection; the larger limit holds"

@@ -143,7 +143,7 @@ class StepPoint:
     ramp_time: Annotated[float, Unit("s"), "how long the ramp lasted, from the recorded drive"]
     creep: Annotated[float, Unit("m"), "growth of the deflection per decade of time"]
     creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
-    zero: Annotated[float, Unit("m"), "displacement at rest just before, as the sensor tells it"]
+    zero: Annotated[float, Unit("m"), "displacement at rest just before, as measured by the sensor"]
     drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
     reached: Annotated[float, Unit("s"), "when the level was reached, since the first sample of the run"]
     quality: QualityFlags

@@ -47,14 +47,14 @@ class WiringPoint:
     commanded_frequency: Annotated[float, Unit("Hz"), "frequency commanded"]
     drive: Annotated[float, Unit("V"), "mean of the recorded drive"]
     drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive"]
-    drive_noise: Annotated[float, Unit("V"), "standard deviation of what remains of the recorded drive"]
+    drive_noise: Annotated[float, Unit("V"), "standard deviation of the residuals of the recorded drive"]
     frequency: FittedFrequency
     displacement: Annotated[float, Unit("m"), "mean displacement"]
     displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean displacement"]
     amplitude: Annotated[float, Unit("m"), "peak amplitude of the displacement's fundamental"]
     latency: Annotated[float, Unit("s"), "displacement behind drive, the sensor's configured delay removed"]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what remains of the displacement"]
+    noise: Annotated[float, Unit("m"), "standard deviation of the residuals of the displacement"]
     quality: QualityFlags
 
     @property

@@ -130,6 +130,4 @@ def _why_not_checkable(path: Path, file: Any, is_open: bool) -> str:
         if writer_is_alive(path, read_integer(entry, "process_id")) and read_text(entry, "status") == RunStatus.RUNNING:
             return "the run is still being written; verify it when it has ended"
         return "its program was killed, and it has no checksums of its texts; its samples are as they were written: repair it with --repair"
-    return (
-        "its program was killed before the checksums were stored; what was measured can be read: add them with --repair"
-    )
+    return "its program was killed before the checksums were stored; the measured data can be read: add the checksums with --repair"

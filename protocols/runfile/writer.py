@@ -298,7 +298,7 @@ class RunFileWriter:
         except StorageError as error:
             if path == self.path and not self._presence.problem:
                 self.check_presence()
-            reason += f"; what was identified could not be stored: {error}"
+            reason += f"; the identified parameters could not be stored: {error}"
             with contextlib.suppress(StorageError), append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 store_verdict(file, verdict)
@@ -319,7 +319,7 @@ class RunFileWriter:
         try:
             if presence.moved_to is not None:
                 self.path = presence.moved_to
-                told = f"{reason}; what was measured is in {self.path}"
+                told = f"{reason}; the measured data are in {self.path}"
                 return self._append_results(self.path, told, estimates, series, verdict)
             if not presence.is_cut:
                 saved = _free_path(self.path)
@@ -329,7 +329,7 @@ class RunFileWriter:
                     log.warning("the run file cannot be saved at %s: %s", saved, os_error_text(error))
                 else:
                     self.path = saved
-                    told = f"{reason}; what was measured is saved in {saved}"
+                    told = f"{reason}; the measured data are saved in {saved}"
                     return self._append_results(saved, told, estimates, series, verdict)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path

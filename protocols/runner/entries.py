@@ -173,7 +173,7 @@ class EntryRunner:
         """
         rest = armed.return_to_verified_rest()
         if why := self._prompts.unreachable_reason:
-            raise LevelExceededError(f"{event.words}. Nobody can be asked how to proceed: {why}")
+            raise LevelExceededError(f"{event.words}. Nobody can answer how to proceed: {why}")
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
         answer = self._prompts.ask(level_prompt(event))
         if answer == LEVEL_ANSWERS[0]:

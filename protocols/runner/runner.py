@@ -242,7 +242,7 @@ class Runner:
         why, asking = self._prompts.unreachable_reason, self._bench.levels.asking
         if not (why and asking):
             return ""
-        return f"Nobody can be asked: {why}. An abort level with the action 'ask' ({', '.join(asking)}) ends this run at rest"
+        return f"Nobody can answer: {why}. An abort level with the action 'ask' ({', '.join(asking)}) ends this run at rest"
 
     def _on_stream_started(self, armed: ArmedBench) -> None:
         self._armed = armed

@@ -166,11 +166,11 @@ def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest
         ran = run(SHORT, tmp_path, lab, operator=Unreachable(lab.operator, "again"))
     first = next(event.text for event in ran.events if isinstance(event, LogMessage))
     assert first.startswith(
-        "Nobody can be asked: standard input is not a terminal. An abort level with the action 'ask' (stroke, "
+        "Nobody can answer: standard input is not a terminal. An abort level with the action 'ask' (stroke, "
     )
     assert "rate" not in first
     assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)
-    assert ran.reason.endswith(". Nobody can be asked how to proceed: standard input is not a terminal")
+    assert ran.reason.endswith(". Nobody can answer how to proceed: standard input is not a terminal")
     assert not any(isinstance(e, PromptShown) and e.prompt.action == "abort-level" for e in ran.events)
     assert ran.report.ends_at_rest
 

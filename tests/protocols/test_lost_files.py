@@ -52,7 +52,7 @@ def run_and_break(folder: Path, hurt: Callable[[Path], object], protocol: SineDw
 
 def test_deleted_run_file_ends_the_run_and_is_restored(tmp_path: Path) -> None:
     ran = run_and_break(tmp_path, Path.unlink)
-    assert "was deleted while it was being written; what was measured is saved in" in ran.reason
+    assert "was deleted while it was being written; the measured data are saved in" in ran.reason
     (file,) = tmp_path.glob("*.h5")
     assert ran.path == file
     with Run(file) as saved:
@@ -81,7 +81,7 @@ def test_moved_run_file_is_finished_where_it_is(tmp_path: Path) -> None:
     moved = tmp_path / "elsewhere.h5"
     folder = tmp_path / "runs"
     ran = run_and_break(folder, lambda path: path.rename(moved))
-    assert f"was moved to {moved} while it was being written; what was measured is in {moved}" in ran.reason
+    assert f"was moved to {moved} while it was being written; the measured data are in {moved}" in ran.reason
     assert ran.path == moved
     with Run(moved) as saved:
         assert (saved.record.state, saved.record.point_count) == ("failed", 2)

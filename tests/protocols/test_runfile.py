@@ -262,7 +262,7 @@ def test_estimates_that_cannot_be_stored_are_reported_and_file_is_closed(tmp_pat
     with laboratory() as lab:
         ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
     assert ran.status == RunStatus.COMPLETED
-    assert "all points measured; what was identified could not be stored: " in ran.reason
+    assert "all points measured; the identified parameters could not be stored: " in ran.reason
     with Run(ran.path) as file:
         assert (file.record.state, file.record.reason) == (RunStatus.COMPLETED, ran.reason)
         assert len(file.points()["frequency"]) == 1

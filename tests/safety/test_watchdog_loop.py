@@ -217,7 +217,7 @@ def ready(start: Callable[..., Loop], config: WatchdogConfig = CONFIG) -> Loop:
     return loop
 
 
-FROZEN = "the program was frozen: it said nothing for {} s"
+FROZEN = "the program was frozen: it sent nothing for {} s"
 DONE = "The source was brought to rest in {} s and reports that it idles at 2.5 V (not measured)"
 
 
@@ -256,7 +256,7 @@ def test_a_pulse_without_heartbeats_is_a_hanging_run_thread(start: Callable[...,
         loop.say("pulse")
     assert loop.calls == ["opened it"]
     loop.pass_time(0.06)
-    assert "acting the thread that reads the card said nothing for 0.42 s" in loop.heard()
+    assert "acting the thread that reads the card sent nothing for 0.42 s" in loop.heard()
     assert loop.calls[1:] == REST
 
 
@@ -425,7 +425,7 @@ def test_a_hanging_program_that_holds_the_only_connection_is_killed_before_it_is
     loop = ready(start, SHARED)
     assert loop.calls == []
     loop.say("help me")
-    assert loop.heard() == ["could-not the watchdog has no connection of its own while the program runs"]
+    assert loop.heard() == ["could-not the watchdog has no separate connection while the program runs"]
     loop.say("live")
     assert loop.killed == []
     loop.now_s += 0.5

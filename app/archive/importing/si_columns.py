@@ -234,8 +234,8 @@ def add_stated_uncertainties(
                 each.name.removesuffix("_errors") for each in kind.columns if each.name.endswith("_errors")
             )
             raise TableImportError(
-                f"{option}: no fit takes the uncertainty of {name.replace('_', ' ')} into account; leave it away, or add it to that "
-                f"of what was measured. It can be given for: {usable}"
+                f"{option}: no fit takes the uncertainty of {name.replace('_', ' ')} into account; leave it out, or add it to the "
+                f"uncertainty of the measured values. It can be given for: {usable}"
             )
         slot = kind.column(name)
         if slot is None or name not in values:

@@ -104,7 +104,7 @@ class ControlChartCommand(_FleetOptions):
     the golden one did not on other sensors. The exit code is 1 if something changed to stay.
     """
 
-    golden: str = option("the golden specimen (default: that of limits.toml)", metavar="NAME")
+    golden: str = option("the golden specimen (default: the one in limits.toml)", metavar="NAME")
     quantity: str = option("(default: amplitude_at_resonance)", "amplitude_at_resonance")
     baseline: int = option("first values that set centre and limits (default: 20)", 20, metavar="N")
     files: FileOptions = group(FileOptions, "the chart")

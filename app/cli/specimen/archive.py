@@ -35,7 +35,7 @@ class ArchiveCommand:
     specimen: str = argument()
     folder: Path = FOLDER
     out: Path | None = option(f"the archive (default: SPECIMEN{SUFFIX} in the working directory)", metavar="FILE")
-    licence: str = option("address of the licence of the data, e.g. that of CC BY 4.0", metavar="URL")
+    licence: str = option("address of the licence of the data, e.g. of CC BY 4.0", metavar="URL")
     no_report: bool = option("leave the report out")
 
     @usage_errors(ArchiveError)

@@ -102,7 +102,7 @@ class SetSheetCommand:
         nargs="+",
         metavar="NAME=VALUE",
     )
-    instrument: str = option("what the values were measured with, e.g. 'caliper 150 mm'")
+    instrument: str = option("instrument that measured the values, e.g. 'caliper 150 mm'")
     date: str = option("day of the measurement (default: today)", metavar="YYYY-MM-DD")
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
@@ -173,7 +173,7 @@ SPECIMEN_COMMANDS = CommandGroup(
             SetSheetCommand,
             "T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",
         ),
-        "show": ("the values that the fits of a specimen take as known", ShowSheetCommand, "T7"),
+        "show": ("the prior values for the fits of a specimen", ShowSheetCommand, "T7"),
         "check": ("question implausible and missing values; exit code 1 if there are any", CheckSheetCommand, "T7"),
     },
 )

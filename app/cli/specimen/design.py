@@ -27,7 +27,9 @@ from model.studies import FULL_AMPLITUDE_V, DesignAnswer, EstimateSet, required_
 
 AMPLITUDE = ParameterSpec("amplitude", "m", Interval(gt=0), "max - min of the displacement", None)
 MEMBRANE_NAMES = {spec.name for spec in parameter_specs(Membrane)}
-WITHOUT_ERRORS = "No --specimen with a calibration is given: the paper's values, or those of --set, whose uncertainties are not known."
+WITHOUT_ERRORS = (
+    "No --specimen with a calibration is given: the paper's values, or the values of --set, without uncertainties."
+)
 
 
 class DesignTopic(Topic):
@@ -90,8 +92,8 @@ class AddedMassTopic(DesignTopic):
             answers += [divided(answer, share) for answer in answers]
         table = _answer_table("added-mass", f"Added mass for {hz:g} Hz", names, answers, ("g", "kg"))
         present = (
-            f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: of what lies in "
-            "the cylinder only a share does (the paper's 11 g moved as 7.73 g)."
+            f"The present added mass is {1e3 * specimen.tactor.m_add:.4g} g. It is the mass that moves with the centre: only a share of "
+            "the mass in the cylinder does (the paper's 11 g moved as 7.73 g)."
         )
         return (table,), [present]
 

@@ -21,7 +21,7 @@ TITLES = {
     ("skin",): "Skin under the tactor at the start",
     ("membrane",): "Membrane",
     ("hands",): "Simulated operator",
-    ("beyond",): "What the model leaves out",
+    ("beyond",): "Effects outside the model",
     ("generator",): "Function generator",
     ("amplifier",): "Amplifier",
     ("amplifier", "map"): "Amplifier's map",

@@ -63,7 +63,7 @@ class ReviewPane(QWidget):
             QComboBox(),
             "review.figure",
             accessibleName="figure over the varied parameter",
-            toolTip="What is drawn over the parameter of the series",
+            toolTip="Quantity drawn over the parameter of the series",
         )
         self.figure_box.activated.connect(lambda _: self._draw())
         """Results of a series over its parameter, drawn in place of the curves of a run."""

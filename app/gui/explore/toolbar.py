@@ -17,7 +17,7 @@ SITE_NAMES = ("abdomen", "thenar", "forearm")
 """Names of `model.response.SITES`, which loads scipy."""
 SITE_TIP = (
     "Threshold of perception, peak-to-peak displacement. Abdomen: the paper's 50 µm. Thenar and forearm: the course with frequency is published, the level is "
-    "unproven (docs/theory.md). Laboratory: that of laboratory.toml beside the runs"
+    "unproven (docs/theory.md). Laboratory: from laboratory.toml beside the runs"
 )
 
 

@@ -45,7 +45,7 @@ CONCEPTS = {
         ),
         Concept(
             "Commissioning",
-            "What the driver assumes of your source, measured with high voltage off. A real bench does not arm without it.",
+            "Properties that the driver assumes of your source, measured with high voltage off. A real bench does not arm without it.",
         ),
     ),
     "Words": (

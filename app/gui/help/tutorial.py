@@ -94,7 +94,7 @@ TUTORIALS = {
             ),
             Step(
                 "Type the addresses of instruments on the LAN beside 'Scan' (host or host:port), and the address of NI's device server if the card is in "
-                "another computer. Press 'Scan': what is found is filled in; of several, choose one in its tile."
+                "another computer. Press 'Scan': the instruments found are filled in; if there are several of a kind, choose one in its tile."
             ),
             Step(
                 "Fill in what no program can detect: the amplifier's range and slopes (its characteristic is drawn as you type), the sensor's name, "

@@ -68,7 +68,7 @@ class CurvesPlot(PlotBase):
         self.layer_box = configure(QComboBox(), minimumContentsLength=10)
         self.layer_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.layer_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self.layer_box.setToolTip("What is drawn below the curves, on the same axis")
+        self.layer_box.setToolTip("Quantity drawn below the curves, on the same axis")
         self.layer_box.setAccessibleName("lower plot")
         self.layer_box.activated.connect(self._on_layer_chosen)
         self._chosen_layers: dict[str, str] = {}

@@ -32,7 +32,7 @@ MAX_REASON_LENGTH = 200
 ACTIONS = ("open", "again", "explore", "continue", "next", "report")
 BUTTONS = {
     "open": ("Open", "Show the run on the page Runs"),
-    "again": ("Again", tooltip("run", "Measure what the form shows")),
+    "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
     "explore": ("Use in Explore", "Lay the run over the model on the page Explore"),
     "continue": ("Continue", "Measure the missing points, into a file beside this one"),
     "next": ("Next", "Show on the page Campaign what to measure next, and why"),

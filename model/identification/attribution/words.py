@@ -24,7 +24,7 @@ UNITS = {"1": "%", "kg": "g", "m": "mm", "s": "µs", "N": "mN", "Pa": "MPa"}
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
 
 PARAMETER_WORDS = {
-    "mass_fraction": "the masses put in the cylinder act as {value} of what they weigh",
+    "mass_fraction": "the masses put in the cylinder act as {value} of their weight",
     "mass_offset": "{size} <more|less> than stated acts with every added mass: cylinder and glue, or the balance",
     "asymmetry": "loads deflect the MFC side {size} <more|less> than the mean of both sides, the aluminium side <less|more>",
     "load_gain": "all loads are {size} <larger|smaller> than stated: weigh a weight on another balance",
@@ -70,7 +70,7 @@ def cause_words(fit: JointFit, cause: Cause, size: float, error: float) -> str:
     if cause.kind == "prior":
         stated, uncertainty = fit.options.priors[cause.name]
         return (
-            f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}, which is not what was stated beforehand, "
+            f"{cause.name} ({spec.description}) is {format_size(size, error, spec.unit)}, which contradicts its prior value, "
             f"{format_size(stated, uncertainty, spec.unit)}"
         )
     held = known.start_value(cause.name, fit.options.base_values())

@@ -84,7 +84,7 @@ def test_high_voltage_is_enabled_by_a_word_and_not_by_enter(keyboard: Any, capsy
 
 def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
     operator = ConsoleOperator()
-    operator.show(3, Prompt("drifted", "Go on, or stop?", choices=("go on", "stop")))
+    operator.show(3, Prompt("drifted", "Continue, or stop?", choices=("go on", "stop")))
     keyboard("\n")
     assert waited(lambda: operator.answer(3), 0.2) is None
     keyboard("s\n")
@@ -127,7 +127,7 @@ def test_what_is_typed_at_a_prompt_answers_it_and_pauses_nothing(keyboard: Any, 
     operator, told = ConsoleOperator(), Told()
     with operator.listening(told):
         keyboard("\nwhat\n")
-        assert waited(lambda: capsys.readouterr().err or None, 5) == f"  nothing is asked now; {KEY_HELP}\n"
+        assert waited(lambda: capsys.readouterr().err or None, 5) == f"  no prompt is open; {KEY_HELP}\n"
         operator.show(5, DISABLE_HIGH_VOLTAGE)
         keyboard("p\n")
         assert waited(lambda: operator.answer(5), 0.2) is None

@@ -196,7 +196,7 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
     [
         ([], 'fig10, fig11, fig12'),
         (["fig13"], "'fig13'"),
-        (["fig10", "--vary", "k2=1,2"], "fig10 defines what is varied"),
+        (["fig10", "--vary", "k2=1,2"], "fig10 defines the varied parameters"),
         (["fig10", "--set", "E_m=1 MPa"], '--set E_m'),
         (["fig10", "--pre-stretch", "0"], "fig10 has its own pre-stretch"),
         (["--vary", "delta=0,1", "--elongation", "1 mm"], '--elongation'),

@@ -61,8 +61,8 @@ def test_the_mass_fraction_is_proposed_first_and_the_fit_with_it_is_accepted(
     assert page.verdict_label.text() == "NOT ADEQUATE"
     assert "act as 7" in page.finding_label.text()
     lines = page.text_label.text().split("\n")
-    assert lines[0].startswith("No specimen sheet: dimensions are those of the paper's Table I")
-    assert lines[1].startswith("Held, as if exact: ")
+    assert lines[0].startswith("No specimen sheet: dimensions are from the paper's Table I")
+    assert lines[1].startswith("Held as exact: ")
     assert "c0 159 kg/(m s)" in lines[1]
     page.accept_button.click()
     assert "write why the result is to be used all the same" in page.accept_message.text()

@@ -34,7 +34,7 @@ def enter(page: SpecimenPage, name: str, field: str, text: str) -> None:
 def test_a_specimen_without_a_sheet_gets_one_by_typing(open_stage: OpenStage, tmp_path: Path) -> None:
     stage = open_stage()
     page = opened(stage)
-    assert page.source_label.text().startswith("No specimen sheet: dimensions are those of the paper's Table I")
+    assert page.source_label.text().startswith("No specimen sheet: dimensions are from the paper's Table I")
     assert page.make_sheet_button.isVisible()
     assert find(page, "sheet.L.value").placeholderText() == "22"
     assert find(page, "sheet.L.instrument").placeholderText() == "Table I: ruler"

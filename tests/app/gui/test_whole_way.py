@@ -113,5 +113,5 @@ def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window:
     until(lambda: not window.state.busy, "for the run")
     assert find(window, "status.state").text == "UNSAFE"
     assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
-    assert "What was measured" in find(window, "notices.unsafe.detail").text()
+    assert "Measured: " in find(window, "notices.unsafe.detail").text()
     assert window.state.exit_code == 3

@@ -83,7 +83,7 @@ def test_held_values_are_named_first(tables: list[str], capsys: pytest.CaptureFi
     assert main(["identify", *tables, "--sheet", "none", "--prior", "h_Al=0.20 mm ± 2 %"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert (
-        "held, as if exact (--prior gives a value its uncertainty): L 22 mm, L1 8 mm, L2 15 mm, b_Al 20 mm, rho1 11.3 g/m"
+        "held as exact (--prior gives a value its uncertainty): L 22 mm, L1 8 mm, L2 15 mm, b_Al 20 mm, rho1 11.3 g/m"
         in said
     )
     assert "E_m" not in said

@@ -154,10 +154,10 @@ def test_identify_states_where_its_dimensions_are_from(
     assert main(["identify", str(static)]) == 0
     first = capsys.readouterr().out.splitlines()[:2]
     assert first[0].startswith(
-        "no specimen sheet: dimensions are those of the paper's Table I with the uncertainties of ruler"
+        "no specimen sheet: dimensions are from the paper's Table I with the uncertainties of ruler"
     )
     assert "'tactor-bench specimen new T7' writes one: L 22.00 ± 0.30 mm, L1 8.00 ± 0.30 mm" in first[0]
-    assert first[1].startswith("held, as if exact")
+    assert first[1].startswith("held as exact")
     table = answer(capsys, "identify", str(static), "--plain")
     folder = ("--folder", str(static.parent))
     given = ("L=22 mm +- 0.02 mm", "L1=8 mm +- 0.02 mm", "L2=15 mm +- 0.1 mm", "h_Al=0.2 mm +- 0.5 %")
@@ -216,7 +216,7 @@ def test_a_calibration_keeps_what_was_known_beforehand(static: Path, capsys: pyt
     assert main(["calibration", "show", "T7", "--folder", str(static.parent)]) == 0
     shown = capsys.readouterr().out
     assert "Known beforehand, and with the runs" in shown
-    assert "no specimen sheet: dimensions are those of the paper's Table I" in shown
+    assert "no specimen sheet: dimensions are from the paper's Table I" in shown
 
 
 @pytest.mark.deep
@@ -227,7 +227,7 @@ def test_the_report_has_dimensions_sources_and_both_uncertainties(static: Path, 
     page = (tmp_path / "T7_report.html").read_text("utf-8")
     for text in ("steel rule", "MFC-042", "Sources of the uncertainties", "statistical", "directly measured (ruler)",
                  "identified from static deflection under a voltage", "Exact for want of a stated uncertainty",
-                 "Uncertainty budget", "share of the squared total", "Held, as if exact: mu -13.3 N mm/kV"):  # fmt: skip
+                 "Uncertainty budget", "share of the squared total", "Held as exact: mu -13.3 N mm/kV"):  # fmt: skip
         assert text in page, text
 
 
