@@ -199,7 +199,7 @@ def current_column(stored: str, columns: Container[str]) -> str:
 
 
 def shown_unit(unit: str, name: str = "") -> ShownUnit:
-    """Return the unit in which a value in an SI unit is shown: that of the quantity of this name, or else of all such values."""
+    """Return the unit in which a value in an SI unit is shown: the quantity's, or else the usual one of the SI unit."""
     found = find_quantity(name)
     if found is not None and found.unit == unit:
         return found.shown

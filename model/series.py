@@ -123,7 +123,7 @@ class Series:
         return bool((np.diff(self.x) < 0).any())
 
     def scaled(self, x_factor: float, y_factor: float) -> Self:
-        """Return the series in other units, such as those of a display; the axes keep their names and SI units."""
+        """Return the series in other units, such as a display's; the axes keep their names and SI units."""
         arrays = ("y", "errors", "total_errors", "fit")
         scaled = {name: y_factor * array for name in arrays if (array := getattr(self, name)) is not None}
         band = None if self.band is None else Band(*(y_factor * end for end in self.band))

@@ -41,7 +41,7 @@ def variable_specs() -> dict[str, ParameterSpec]:
 
 
 def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -> dict[str, Any]:
-    """Return L, L1 and L2, m, of the beam whose bare plate is longer by what bends as far as the clamp turns.
+    """Return L, L1 and L2, m, of the beam with its bare plate lengthened by the equivalent of the clamp's rotation.
 
     Numbers or arrays that broadcast. Deflection and mass of the piece that is added are of second order: of a clamp of 5 %,
     less than 0.05 % of the response.
@@ -54,8 +54,8 @@ def flexible_clamp_lengths(lengths: Mapping[str, Any], clamp_flexibility: Any) -
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if `membrane` is None.
 
-    `k_s` and `c_s`, where given, replace those of the membrane; None is as described in `model.skin_model`. `hysteresis` and
-    `creep` are those of its MFC, `clamp_flexibility` that of its clamp.
+    `k_s` and `c_s`, where given, replace the membrane's; None is as described in `model.skin_model`. `hysteresis` and
+    `creep` belong to its MFC, `clamp_flexibility` to its clamp.
 
     Raises:
         ParameterError: a value is not physical.
@@ -76,7 +76,7 @@ class Specimen:
 
     @property
     def acting_tactor(self) -> Tactor:
-        """The tactor whose bare plate is longer by what bends as far as the clamp turns."""
+        """The tactor with its bare plate lengthened by the equivalent of the clamp's rotation."""
         if not self.clamp_flexibility:
             return self.tactor
         return replace(self.tactor, **flexible_clamp_lengths(asdict(self.tactor), self.clamp_flexibility))

@@ -1,4 +1,4 @@
-"""Protocol registry: built-in protocols, those of installed packages, and those of a lab's own file.
+"""Protocol registry: built-in protocols, protocols of installed packages, and protocols of a laboratory's file.
 
 An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by
 its path, or named in the environment variable `TACTOR_BENCH_PROTOCOLS` (docs/how-to-write-a-protocol.md). A broken one is reported

@@ -36,7 +36,7 @@ class RunFailedError(BenchError):
     """A run failed or was stopped, and is at rest; the message gives the reason.
 
     Attributes:
-        path: its run file with what was measured before, None where it could not be created.
+        path: its run file with the data measured before, None where it could not be created.
     """
 
     def __init__(self, reason: str, path: Path | None) -> None:

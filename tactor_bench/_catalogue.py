@@ -19,7 +19,7 @@ class CatalogueEntry:
         points: number of points.
         verdict: outcome of the verdict, for example `good`.
         verdict_reasons: why, with remedies.
-        duration_s: length of what was sampled.
+        duration_s: length of the sampled data.
         found: what was identified, in words.
     """
 

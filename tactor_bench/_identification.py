@@ -80,7 +80,7 @@ class Identification:
             by: name of the person who accepts it.
             note: a note stored with it.
             reason: why a result that is not adequate, or was not tested, is used all the same; needed for such a result.
-            folder: of the calibrations; by default that of the first run.
+            folder: of the calibrations; by default the folder of the first run.
 
         Raises:
             CalibrationError: a reason is needed, nothing was identified, or the file cannot be written.
@@ -117,7 +117,7 @@ def identify(
         free: names of the free parameters, for example `["k2", "mu", "m_add", "c0"]`; default: what the runs determine.
         also: names that are free in addition, for example `["mass_fraction"]`, the share of the added masses that acts.
         fixed: values to hold, by name, SI.
-        priors: value and standard uncertainty, by name, SI, of what ruler, caliper or scale say; these parameters become free
+        priors: value and standard uncertainty, by name, SI, from ruler, caliper or scale; these parameters become free
             within that, and their uncertainty is in all errors: `{"h_Al": (0.20e-3, 0.01e-3)}`.
         robust: a Cauchy loss, which is robust against outliers, instead of least squares.
         shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.

@@ -77,9 +77,9 @@ def response(
 
     Args:
         frequencies_hz: greater than 0, (F,).
-        tactor: default is that of `calibration`, or the paper's Table I.
+        tactor: default: from `calibration`, or the paper's Table I.
         skin: a given distributed stiffness and damping under the cylinder; default is the free tactor.
-        membrane: the membrane that represents skin; default, where it is stretched, is that of `calibration` or Table I.
+        membrane: the membrane that represents skin; default, where it is stretched: from `calibration` or Table I.
         elongation_m: elongation of the membrane, m.
         pre_stretch: the same as a share of the membrane's free length.
         peak_to_peak_v: drive at the amplifier's input, V, for example `run.parameters["peak_to_peak_v"]`.
@@ -87,7 +87,7 @@ def response(
         waveform: `sine` or `square`.
         amplifier: the amplifier's map from input to specimen volts.
         position_m: distance from the clamp, m; default is the centre.
-        shapes: number of shape functions, 3 to 300; default is that of the identification, 7 with a
+        shapes: number of shape functions, 3 to 300; default: as in the identification, 7 with a
             calibration, else as many as keep the response within 0.1 % of the closed form.
         calibration: where the values and their errors come from: a `calibration(...)`, or the result of `identify(...)`.
         coverage: probability of the bands.
@@ -141,7 +141,7 @@ def _make_specimen(
     elongation_m: float | None,
     pre_stretch: float | None,
 ) -> Specimen:
-    """Return the specimen; what is not given is that of the known model.
+    """Return the specimen; values not given are the model's.
 
     Raises:
         ValueError: the skin is given twice.

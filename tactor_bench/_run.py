@@ -82,7 +82,7 @@ class MeasuredRun:
         configuration: the bench file's tables as they were.
         software: versions of the programs that measured it, by name.
         sample_rate_hz: scans per second of the card.
-        duration_s: length of what was sampled.
+        duration_s: length of the sampled data.
     """
 
     protocol = _Fact(lambda record: record.protocol)

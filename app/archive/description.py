@@ -192,7 +192,7 @@ def injected_faults(run: Run) -> list[InjectedFault]:
 
 
 def _fault_lines(run: Run) -> list[str]:
-    """Return a line for each fault, those of the resumed run included: its points are carried over."""
+    """Return a line for each fault, with the faults of the resumed run, as its points are carried over."""
     lines = [broken.description for broken in injected_faults(run)]
     for earlier in reversed(run.earlier_runs()):
         with Run(earlier) as before:

@@ -63,7 +63,7 @@ class LoadedRun:
 
     @property
     def result(self) -> ResultSummary:
-        """What the result card shows of the run."""
+        """Summary of the run for the result card."""
         return _result(self.path, self.record, self.points, self.hints)
 
 
@@ -114,7 +114,7 @@ def load_run(path: Path, with_traces: bool = True) -> LoadedRun:
 
 
 def run_result(run: Run) -> ResultSummary:
-    """Return what the result card shows of an open run."""
+    """Return the summary of an open run for the result card."""
     kind = PROTOCOLS.get(run.record.protocol)
     points = tuple(_load_points(run, kind))
     return _result(run.path, run.record, points, _load_hints(run, kind, points))

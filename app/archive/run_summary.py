@@ -60,7 +60,7 @@ STATE_SYMBOLS = {
 
 
 class RunSummary(NamedTuple):
-    """Row of the catalogue: a run's record, what is beside its file, and the columns by which lists are sorted and filtered.
+    """Row of the catalogue: record of a run, contents of its sidecar, and the columns by which lists are sorted and filtered.
 
     A plain tuple, as a list may have ten thousand.
     """
@@ -108,7 +108,7 @@ class RunSummary(NamedTuple):
     def figures(self) -> tuple[RunFigure, ...]:
         """Figures for comparisons with other runs and specimens, see `app.archive.figures`.
 
-        Those of a laboratory's protocol are made anew: its file may be another one than when the run was indexed, or was not loaded.
+        Figures of a laboratory's protocol are made anew: its file may be another one than when the run was indexed, or was not loaded.
         """
         if self.protocol not in BUILT_IN_PROTOCOLS and (record := self.record).title:
             return run_figures(record)
@@ -157,7 +157,7 @@ class RunSummary(NamedTuple):
 
     @property
     def symbol(self) -> str:
-        """The symbol of the verdict, by which it is known without colour."""
+        """The symbol of the verdict, for readers without colours."""
         return self._symbol_and_severity[0]
 
     @property
@@ -198,7 +198,7 @@ def summarize_run(
     failed_checks: Sequence[str] = (),
     record_json: str = "",
 ) -> RunSummary:
-    """Return the row of a run; `state` is that of its file where it is not that of the record, `record_json` its JSON form if known."""
+    """Return the row of a run; `state`: of its file, where it differs from the record's; `record_json`: JSON form of the record, where it was made already."""
     notes, is_read = notes or Notes(), bool(record.title)
     row = RunSummary(
         path,

@@ -28,7 +28,7 @@ SPECIMEN_FOLDER = "specimen"
 
 CHUNK_BYTES = 1 << 20
 MAX_METADATA_BYTES = 50_000_000
-"""Larger metadata are not those of a specimen; they are held in memory."""
+"""Largest size of the metadata, which are read into memory; no specimen has more."""
 MAX_PACKING_RATIO = 1100
 """Deflate packs at most 1032 to 1; a file that declares more is a trap."""
 MEDIA_TYPES = {
@@ -73,9 +73,9 @@ def write_archive(
     """Write the runs of a specimen with their notes, and further documents, into one archive file.
 
     Args:
-        folder: that of the runs.
+        folder: folder of the runs.
         specimen: its name.
-        runs: those of the specimen; the paths are relative to the folder.
+        runs: runs of the specimen; the paths are relative to the folder.
         documents: sheet, calibrations, campaign, report.
         archive: replaced if it exists.
         licence: address of a licence; empty for none.

@@ -58,7 +58,7 @@ class Campaign:
 
     @classmethod
     def create(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[CampaignItem] = PAPER_ITEMS) -> Self:
-        """Create a campaign with those items whose protocol is known.
+        """Create a campaign with the items whose protocol is registered.
 
         Raises:
             CampaignError: the specimen has a campaign there already, or the folder is not writable.
@@ -87,7 +87,7 @@ class Campaign:
 
     @classmethod
     def open_file(cls, path: Path, specimen: str = "") -> Self:
-        """Open the campaign of a file, which must be that of `specimen` if it is given.
+        """Open the campaign of a file, which must belong to `specimen` if it is given.
 
         Raises:
             CampaignError: there is none, it is another specimen's, or its file cannot be read.
@@ -177,7 +177,7 @@ class Campaign:
         return {estimate.name: estimate for line in lines for estimate in line.estimates}
 
     def valid_runs(self) -> list[Path]:
-        """Return the valid runs in the order of their items, without those of series."""
+        """Return the valid runs in the order of their items, without runs of series."""
         lines = [line for line in self.item_states() if line.status in HAS_VALID_RUN and not line.steps]
         return [line.run for line in lines if line.run is not None]
 
@@ -324,7 +324,7 @@ class Campaign:
         ]
 
     def _parameters(self, item: CampaignItem, set_only: bool = False) -> dict[str, Any]:
-        """Return the parameters of an item's protocol as a run file has them; `set_only`: those of its settings."""
+        """Return the parameters of an item's protocol as a run file has them; `set_only`: only the item's settings."""
         include = set(item.settings) if set_only else None
         return dict(json.loads(json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=include))))
 

@@ -27,7 +27,7 @@ class CampaignError(Exception):
 
 
 def campaign_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's campaign file, in the folder of its runs; that of an earlier version if it is the specimen's."""
+    """Return the path of a specimen's campaign file in the folder of its runs; an earlier version's file if it belongs to the specimen."""
     path, earlier = (folder / f"{name(specimen)}{SUFFIX}" for name in (safe_name, folded_name))
     if earlier != path and not path.exists() and earlier.exists():
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, CampaignError):

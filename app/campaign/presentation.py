@@ -152,7 +152,7 @@ def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
 
 
 def _question(summary: CampaignSummary, item: ItemSummary, found: str) -> NextStep:
-    """Return the question whether to accept what was found."""
+    """Return the question whether to accept the estimates."""
     follows = () if summary.next_item is None else (CampaignAction.RUN,)
     actions = (CampaignAction.ACCEPT, CampaignAction.REJECT, *follows)
     why = f"{item.state.title}. {_dependents_text(summary, item)}"

@@ -135,7 +135,7 @@ def quality_indicators(run: LoadedRun) -> tuple[QualityIndicator, ...]:
 
 
 def paper_values(amplifier: AmplifierMap) -> dict[str, float]:
-    """Return what the model with the paper's Table I gives for the estimates of a free tactor and a membrane, by name, SI."""
+    """Return the model's values with the paper's Table I for the estimates of a free tactor and a membrane, by name, SI."""
     from model.response import load_compliance, poles, voltage_gain  # slow to load
 
     tactor = Tactor()

@@ -30,9 +30,9 @@ def evaluate_series(
     previous: Mapping[str, ItemState],
     based_on: Mapping[str, Basis],
 ) -> ItemState:
-    """Return the state of a series from those of its values: it is done when all of them are.
+    """Return the state of a series from the states of its values: it is done when all of them are.
 
-    The arguments are those of `evaluate_items`, for one item.
+    Arguments as in `evaluate_items`, for one item.
     """
     steps = tuple(
         evaluate_item(

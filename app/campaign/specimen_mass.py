@@ -16,7 +16,7 @@ PAPER_MASS_KG = FIX_PAPER_MASS.values["mass_kg"]
 def with_specimen_mass(prompts: Iterable[Prompt], folder: Path, specimen: str) -> tuple[Prompt, ...]:
     """Return setup prompts in which that for the paper's mass names the mass of this specimen.
 
-    It is that of the specimen sheet, or else 7.73 g over the share of the active calibration; without both it is unchanged.
+    The mass is taken from the specimen sheet. Without one, it is 7.73 g divided by the moving share of the active calibration. Without both, the prompts are unchanged.
     """
     return tuple(_adapted(prompts, folder, specimen))
 

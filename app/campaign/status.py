@@ -117,7 +117,7 @@ class ItemState:
 
     @property
     def pending(self) -> tuple[CampaignItem, ...]:
-        """What is left to measure: the item itself, or values of a series."""
+        """Remaining measurements: the item itself, or values of a series."""
         if not self.steps:
             return (self.item,) if self.next_action is not NextAction.NONE else ()
         return tuple(step.item for step in self.steps if step.next_action is not NextAction.NONE)
@@ -129,14 +129,14 @@ class ItemState:
 
     @property
     def accepted(self) -> bool:
-        """Whether the operator has accepted the estimates of the valid run; of a series, those of every value."""
+        """Whether the operator has accepted the estimates of the valid run, or of every value of a series."""
         if self.steps:
             return all(step.accepted for step in self.steps)
         return self.run is not None and self.run.name in self.item.accepted
 
     @property
     def awaits_acceptance(self) -> bool:
-        """Whether a result is to be accepted: that of the candidate, or that of the valid run."""
+        """Whether the result of the candidate or of the valid run is to be accepted."""
         return self.candidate is not None or (self.status is ItemStatus.DONE and not self.accepted)
 
     @property

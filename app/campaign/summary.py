@@ -173,7 +173,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
 
 
 def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEstimates:
-    """Fit the valid runs jointly: the same estimates, with total uncertainties, as those of `identify`."""
+    """Fit the valid runs jointly: the same estimates, with total uncertainties, as by `identify`."""
     found = identify_campaign_runs(campaign, amplifier)
     if isinstance(found, str):
         return CampaignEstimates((), problem=found)

@@ -86,7 +86,7 @@ def also_hint(likeliest: Sequence[Explanation]) -> str:
 
 
 def steps_table(first: JointFit, steps: Sequence[ExtensionStep]) -> Table:
-    """Return the steps of a stepwise fit: what was added, chi-square with it, and the parameters that it moved."""
+    """Return the steps of a stepwise fit: added effect, chi-square with it, and the parameters that it moved."""
     fits = [first, *(step.fit for step in steps)]
     moved = [
         ", ".join(

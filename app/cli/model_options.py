@@ -237,7 +237,7 @@ class ShapeOptions:
 
 
 def read_specimen(options: SpecimenOptions, on_membrane: bool = False, base: ActiveModel = PAPER_MODEL) -> Specimen:
-    """Return the specimen of `--set`, `--pre-stretch` and `--elongation`; what they leave open is that of `base`.
+    """Return the specimen of `--set`, `--pre-stretch` and `--elongation`; other values are taken from `base`.
 
     The tactor is free unless a parameter of the membrane is given, or `on_membrane`.
     """

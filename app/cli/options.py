@@ -67,7 +67,7 @@ def options(kind: type[T]) -> type[T]:
 
 
 def _keywords_of(annotation: Any, declared: Declaration) -> dict[str, Any]:
-    """Return the arguments of `add_argument`, completed by what the annotation of the field says."""
+    """Return the arguments of `add_argument`, completed by the annotation of the field."""
     kinds = [kind for kind in get_args(annotation) if kind is not NoneType] if NoneType in get_args(annotation) else []
     kind, optional = (kinds[0], True) if kinds else (annotation, False)
     implied: dict[str, Any] = {}
@@ -99,7 +99,7 @@ def add_options(parser: argparse.ArgumentParser, kind: Any, subject: str = "") -
 
 
 def read_options(kind: type[T], namespace: argparse.Namespace) -> T:
-    """Return the options of a command as its dataclass; what was not given has the default of its field."""
+    """Return the options of a command as its dataclass; options not given have the defaults of their fields."""
     declared: Any = kind
     values = {
         each.name: read_options(each.metadata["group"], namespace)

@@ -50,7 +50,7 @@ def check_folder(folder: Path) -> None:
 
 @contextmanager
 def scanned_catalogue(folder: Path, quiet: bool = False, rebuild: bool = False) -> Iterator[Catalogue]:
-    """Read what is new in a folder of runs, with a bar on a terminal, and yield its catalogue.
+    """Bring the index of a folder of runs up to date, with a progress bar on a terminal, and yield its catalogue.
 
     Raises:
         UsageError: the index cannot be read or written, here or by the caller.

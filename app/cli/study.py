@@ -246,7 +246,7 @@ def read_study(options: StudyCommand) -> tuple[Study, ShapeChoice]:
 
 
 def _choose_shapes(study: Study, options: ShapeOptions) -> ShapeChoice:
-    """Return the number of shape functions that is accurate for the lowest and the highest values of what is varied.
+    """Return the number of shape functions that is accurate for the lowest and the highest values of the varied parameters.
 
     All variables are at their first value but one, which is at its lowest or highest; and all at their lowest, all at their highest.
     """

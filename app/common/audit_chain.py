@@ -1,7 +1,7 @@
 """Audit trail of a folder: an append-only file of JSON lines, each with the hash of the line before it.
 
-A change of a line, or of what it states of a file, changes the hashes of all lines after it. Who keeps one hash elsewhere, such as on a printed report,
-can detect any later change of what was recorded up to it (hash chain: Haber and Stornetta, Journal of Cryptology 3 (1991) 99).
+A change of a line, or of a hash in it, changes the hashes of all lines after it. Who keeps one hash elsewhere, such as on a printed report,
+can detect any later change of the lines up to it (hash chain: Haber and Stornetta, Journal of Cryptology 3 (1991) 99).
 """
 
 import getpass
@@ -77,7 +77,7 @@ def record_change(
         action: what was done.
         subject: specimen or item; default is the file's name.
         by: name of the operator; login and computer are added.
-        files: hashes of files; default is that of `path`.
+        files: hashes of files; by default of `path`.
         details: plain values.
     """
     folder = audited_folder(path)

@@ -11,7 +11,7 @@ from protocols.base import INTERFERENCE_AT_REST, EstimatedQuantity, Protocol, Qu
 from protocols.runfile import point_columns
 
 LENGTH_UNITS = ("m", "m/V", "m/N", "m/s")
-"""Units of what scales with the gain of the displacement sensor."""
+"""Units of the quantities that scale with the gain of the displacement sensor."""
 
 MAX_POINT_ROWS = 12
 """Points that are listed; the file has all."""
@@ -24,7 +24,7 @@ class ResultSummary:
     Attributes:
         reason: how the run ended, for the reasons of the verdict.
         quantities: the protocol's own results: name and value with its standard error, in display units.
-        totals: standard uncertainty of each quantity with that of the sensor's gain, as text; empty where the gain has no part.
+        totals: standard uncertainty of each quantity, with the uncertainty of the sensor's gain, as text; empty where the gain has no effect.
         others: what every run estimates beside them, likewise.
         point_names: names of the two axes; of the columns of `points`.
         points: where nothing was identified, the usable points: value on either axis, with its error.

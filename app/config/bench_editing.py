@@ -142,7 +142,7 @@ class BenchDraft:
 
     @property
     def edited(self) -> bool:
-        """Whether the values differ from those of the file."""
+        """Whether the values differ from the file's."""
         return not self.name or self.config != self.saved
 
     @property

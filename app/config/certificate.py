@@ -16,7 +16,7 @@ from protocols.base import read_json_file, visible_values, write_atomic
 from protocols.runfile import safe_name
 
 FOLDER = "certificates"
-"""Folder of the certificates in that of the runs."""
+"""Folder of the certificates within the folder of the runs."""
 SUFFIX = ".certificate.json"
 ROLES = ("sensor", "amplifier", "card", "generator", "weights", "other")
 WARNING_DAYS = 30
@@ -162,14 +162,14 @@ def certificates_of_bench(
 
 
 def calibration_warnings(certificates: Iterable[Certificate], today: Day) -> tuple[str, tuple[str, ...]]:
-    """Return the warning for what has expired, because of which points are flagged, and those for what is due soon."""
+    """Return the warning for expired calibrations, which flags points, and the warnings for calibrations due soon."""
     expired = [each.warning(today) for each in certificates if each.state(today) == "expired"]
     soon = tuple(each.warning(today) for each in certificates if each.state(today) == "due soon")
     return ". ".join(expired), soon
 
 
 def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str) -> tuple[str, tuple[str, ...]]:
-    """Return what has expired of the instruments of a bench, and what is due soon or cannot be read, as sentences.
+    """Return sentences on expired calibrations of a bench's instruments, and on calibrations that are due soon or cannot be read.
 
     Args:
         folder: of the runs.

@@ -85,7 +85,7 @@ def _name(element: ElementTree.Element | None) -> str:
 
 
 def _serial(item: ElementTree.Element | None) -> str:
-    """Return what the manufacturer identifies the item by: its serial number."""
+    """Return the manufacturer's identification of the item: its serial number."""
     if item is None:
         return ""
     found = item.findall(f"{DCC}identifications/{DCC}identification")
@@ -110,7 +110,7 @@ def _columns(root: ElementTree.Element, path: Path) -> Iterator[CertificateColum
 
 
 def _quantities(result: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """Yield the quantities of a result and of its lists, without those of their metadata."""
+    """Yield the quantities of a result and of its lists, without the quantities in their metadata."""
     for data in result.iterfind(f"{DCC}data"):
         pending = list(data)
         while pending:

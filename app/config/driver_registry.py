@@ -158,7 +158,7 @@ def _source_drivers() -> Iterator[Callable[..., Source]]:
 
 
 def _entry_points(group: str) -> Sequence[EntryPoint]:
-    """Return the entry points whose names are not those of built-in drivers."""
+    """Return the entry points whose names are not names of built-in drivers."""
     return [p for p in sorted(entry_points(group=group)) if p.name not in built_in_names(group) and p.name != AUTO]
 
 

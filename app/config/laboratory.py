@@ -41,7 +41,7 @@ name = "Haptics Laboratory"             # on the first page of every report
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
-    """What the file of a laboratory states; everything may be missing.
+    """Settings of a laboratory's file; all of them are optional.
 
     Attributes:
         logo: path of a PNG picture.
@@ -83,7 +83,7 @@ _File = create_model(
 
 
 def read_laboratory(folder: Path) -> Laboratory:
-    """Return what the laboratory file of a folder of runs states; an empty one without such a file.
+    """Return the settings in the laboratory file of a folder of runs; without such a file they are empty.
 
     Raises:
         UsageError: the file cannot be read, or has faults, all of which are listed.

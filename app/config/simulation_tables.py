@@ -148,7 +148,7 @@ def _make_check(kind: Any, keys: Keys) -> Any:
 
 
 def _descriptions(kind: Any) -> dict[str, str]:
-    """Return what the docstring of a class says about its attributes."""
+    """Return the descriptions of attributes in the docstring of a class."""
     lines = re.split(r"\n\s{4}(?=\w[\w, ]*: )", cleandoc(kind.__doc__ or "").partition("Attributes:")[2])
     pairs = (line.strip().partition(": ") for line in lines)
     return {

@@ -22,7 +22,7 @@ class DesignQuestion:
     """Both questions about one specimen.
 
     Attributes:
-        resonance_hz: at which the largest response is wanted.
+        resonance_hz: required frequency of the largest response.
         amplitude_m, drive_hz: max - min that a drive is to give at a frequency.
         calibrated: folder and name of the specimen whose active calibration answers; None: the setting of the sliders.
     """

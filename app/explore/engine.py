@@ -34,7 +34,7 @@ class ExploreRequest:
     site: str = "abdomen"
     """Body site of the perception threshold, one of `model.response.SITES`, or `LABORATORY_SITE`."""
     own_threshold: "PerceptionThreshold | None" = None
-    """That of the laboratory, for the site `LABORATORY_SITE`."""
+    """Threshold of the laboratory, for the site `LABORATORY_SITE`."""
 
 
 @dataclass(frozen=True, slots=True)

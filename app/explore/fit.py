@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from model.identification import FitOptions, FrequencyResponseObservation, ObservationSet
 
 MAX_EVALUATIONS = 60
-"""Of the fit with free dimensions, of which the slopes are used only."""
+"""Largest number of evaluations of the fit with free dimensions, whose derivatives alone are used."""
 ERRORS_NOTE = "± has noise and dimensions by ruler and caliper; the other sliders and the sensor's gain count as exact ('Identify …' has all sources)"
 FREE_PARAMETERS = ("m_add", "c0", "mu")
 """The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
@@ -82,7 +82,7 @@ def _dimension_errors(
     setting: ExploreSetting,
     cancelled: Callable[[], bool] | None,
 ) -> dict[str, float]:
-    """Return the uncertainty of each parameter by that of the dimensions, which are as well known as by ruler and caliper."""
+    """Return the uncertainty of each parameter that comes from the dimensions, measured by ruler and caliper."""
     from app.identification import DIMENSIONS, table_one_entry
     from model.identification import IdentificationError, joint_fit, uncertainty_budget
 

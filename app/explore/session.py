@@ -31,7 +31,7 @@ class ExploreSession:
         self.site = "abdomen"
         """Body site of the perception threshold."""
         self.own_threshold: PerceptionThreshold | None = None
-        """That of the laboratory file."""
+        """Threshold of the laboratory file."""
 
     @property
     def setting(self) -> ExploreSetting:

@@ -1,4 +1,4 @@
-"""Sliders of the model parameters: range and scale; name and unit are those of the quantity."""
+"""Sliders of the model parameters: range and scale; name and unit come from the list of quantities."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

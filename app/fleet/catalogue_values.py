@@ -75,7 +75,7 @@ class Fleet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the quantities, those of most specimens first."""
+        """Names of the quantities, those with the most specimens first."""
         pairs = {(value.name, value.specimen) for value in self.values}
         return tuple(name for name, _ in Counter(name for name, _ in sorted(pairs)).most_common())
 
@@ -141,7 +141,7 @@ class FleetSelection:
 
     @property
     def about(self) -> str:
-        """What the values are from, as text."""
+        """Origin of the values, as text."""
         source = "accepted calibrations" if self.protocol == CALIBRATION else f"{self.protocol} runs"
         return f"{source}{f' at {self.condition}' if self.condition else ''}"
 

@@ -1,7 +1,7 @@
 """Control charts of single values over time: Shewhart with Western Electric and Nelson rules, and EWMA.
 
 Sources: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (rules of Western Electric and trends), 6.3.2.2 (individuals, sigma from
-the moving range) and 6.3.2.4 (EWMA); the numbering of the rules is that of L. S. Nelson, Journal of Quality Technology 16 (1984) 237.
+the moving range) and 6.3.2.4 (EWMA); the rules are numbered as by L. S. Nelson, Journal of Quality Technology 16 (1984) 237.
 """
 
 import math

@@ -27,7 +27,7 @@ class DriftCause(StrEnum):
     BENCH = "bench"
     SPECIMEN = "specimen"
     NO_LASTING_CHANGE = "no lasting change"
-    """A rule is broken, but the mean since then is that of the baseline: chance, or a single bad run."""
+    """A rule is broken, but the mean since then equals the baseline's: chance, or a single bad run."""
     UNDECIDED = "not decided"
 
     @property

@@ -91,7 +91,7 @@ class Capability:
 def capability(values: Array, batches: Sequence[str], low: float | None, high: float | None) -> Capability:
     """Return Cpk = min(high - mean, mean - low) / (3 sigma) with its interval (e-Handbook 6.1.6).
 
-    Sigma of Cpk is the pooled standard deviation within batches, of Ppk that of all values.
+    Sigma of Cpk is the pooled standard deviation within batches, of Ppk the standard deviation of all values.
     """
     mean = float(values.mean())
     lowest, highest = -math.inf if low is None else low, math.inf if high is None else high

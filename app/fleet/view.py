@@ -32,11 +32,11 @@ MAX_SPECIMEN_QUANTITIES = 4
 
 @dataclass(frozen=True)
 class FleetQuery:
-    """What is shown; empty texts select all.
+    """Filter of the page; empty texts select all.
 
     Attributes:
-        quantity: by its name; empty for that of most specimens.
-        search: words of which each is in the name of a specimen, sensor or bench.
+        quantity: by its name; empty for the quantity of most specimens.
+        search: words; each must be in the name of a specimen, sensor or bench.
         since: as `read_since` reads it.
         group_by: one of `app.fleet.catalogue_values.GROUPS`.
     """

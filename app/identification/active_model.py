@@ -56,7 +56,7 @@ class ActiveModel:
         return next((c_s for at, c_s in self.damping_by_elongation if same_elongation(at, elongation_m)), None)
 
     def estimates_for(self, specimen: Specimen) -> "EstimateSet | None":
-        """Return the estimates that a specimen depends on: those of the tactor, and of its membrane if it is on one."""
+        """Return the estimates that a specimen depends on: the tactor's, and the membrane's if it is on one."""
         return self.estimates if specimen.membrane is None else self.membrane_estimates
 
     @classmethod

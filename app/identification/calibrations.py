@@ -49,7 +49,7 @@ class Calibrations:
 
 
 def calibrations_path(folder: Path, specimen: str) -> Path:
-    """Return the path of a specimen's calibration file; that of an earlier version if it holds the specimen's."""
+    """Return the path of a specimen's calibration file; an earlier version's file if it holds the specimen's."""
     path, earlier = (folder / f"{name(specimen)}{SUFFIX}" for name in (safe_name, folded_name))
     if earlier != path and not path.exists() and earlier.exists():
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):

@@ -89,7 +89,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
 
 
 def shape_count_of_file(path: Path) -> int:
-    """Return the number of shape functions for a run: that of the simulation, or enough for a real tactor."""
+    """Return the number of shape functions for a run: the simulation's, or enough for a real tactor."""
     with Run(path) as run, translate_read_errors(path):
         return shape_count_of_run(run)
 
@@ -113,7 +113,7 @@ def run_observations(run: Run, duplicate: Mask | None = None) -> tuple[Observati
 
 
 def points_of_run(run: Run, duplicate: Mask | None = None) -> RunPoints:
-    """Return the points of an open run as the aspects of its protocol take them; the arguments are those of `run_observations`."""
+    """Return the points of an open run as the aspects of its protocol take them; arguments as in `run_observations`."""
     columns = run.points()
     good = usable_mask(columns["quality"])
     return RunPoints(

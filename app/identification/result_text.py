@@ -64,7 +64,7 @@ def held_parameters(identification: IdentificationResult, hint: str = "") -> str
 
 
 def dimensions_line(identification: IdentificationResult, remedy: str = "") -> str:
-    """Return what the dimensions and masses of a fit are from, with their uncertainties, as text.
+    """Return the origin of the dimensions and masses of a fit, with their uncertainties, as text.
 
     Args:
         identification: the fit.

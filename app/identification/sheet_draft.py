@@ -31,7 +31,7 @@ ENTRY_FIELDS = ("value", "uncertainty", "instrument", "date")
 
 @dataclass(frozen=True, slots=True)
 class EntryText:
-    """One value of a sheet as it is typed; numbers without a unit are in that of `sheet_unit`.
+    """One value of a sheet as it is typed; numbers without a unit are in the unit of `sheet_unit`.
 
     A linear density may be typed as it was weighed: `0.588 g / 52 mm`, with the uncertainty `0.01 g / 0.3 mm`.
     """
@@ -204,7 +204,7 @@ def _in_millimetres(error: ParameterError) -> str:
 
 
 def _number(name: str, field: str, text: str) -> float:
-    """Return a number in SI; without a unit it is in that of the sheet."""
+    """Return a number in SI; without a unit it is in the sheet's."""
     factor, unit = sheet_unit(name)
     return _quantity(text, unit or "1", field) / factor
 

@@ -34,7 +34,7 @@ class SheetError(ValueError):
 
 
 def load_sheet(folder: Path | None, specimen: str) -> SpecimenSheet:
-    """Return the sheet of a specimen; that of Table I without a file.
+    """Return the sheet of a specimen; without a file, Table I's.
 
     Raises:
         SheetError: the file cannot be read, or is of another specimen.

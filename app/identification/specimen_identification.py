@@ -83,12 +83,12 @@ class IdentificationResult:
 
     @property
     def nonidealities(self) -> tuple[EstimatedQuantity, ...]:
-        """The estimates of what the beam model leaves out and a size was expected of, such as creep."""
+        """The estimates of effects outside the beam model with a prior size, such as creep."""
         return tuple(e for e in self.estimates if e.name in NONIDEAL and e.name in self.known)
 
     @property
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
-        """Those of `known` that are no nonideality: lengths, masses and the like."""
+        """Prior values that are no nonideality: lengths, masses, moduli."""
         return {name: known for name, known in self.known.items() if name not in NONIDEAL}
 
     @property
@@ -164,8 +164,8 @@ def identify_observations(
 ) -> IdentificationResult:
     """Identify from observations already read.
 
-    With a `sheet`, dimensions and masses are those of it, free within their uncertainties, and so are the usual nonidealities
-    unless the fit is `plain`; else those of the options.
+    With a `sheet`, its dimensions and masses are free within their uncertainties, and so are the usual nonidealities
+    unless the fit is `plain`; without one, the options decide.
 
     Of the options the chain uses start values, amplifier and number of shapes only.
 
@@ -253,7 +253,7 @@ def _paper_observations(observations: ObservationSet) -> tuple[ObservationSet, l
 
 
 def _base_values(fit: JointFit) -> dict[str, float | None]:
-    """Return the values of the parameters without a fit; where the mass put in is known, m_add is what acts of it."""
+    """Return the values of the parameters without a fit; where the mass put in is given, m_add is its moving share."""
     base = fit.options.base_values()
     return base | {"m_add": fit.values["m_add"]} if fit.values["mass_put_in"] else base
 

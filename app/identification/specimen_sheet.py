@@ -1,6 +1,6 @@
 """Specimen sheet: measured dimensions and masses of one specimen, with uncertainty, instrument and date.
 
-What the sheet does not have is the paper's Table I with the uncertainties of ruler, caliper and scale. Both enter a fit as
+Values missing in the sheet are the paper's Table I with the uncertainties of ruler, caliper and scale. Both enter a fit as
 free parameters with priors.
 """
 
@@ -81,7 +81,7 @@ class SpecimenSheet:
 
     @cached_property
     def values(self) -> dict[str, SheetEntry]:
-        """Every value that a fit takes as known: those of the sheet, and Table I's where it has none."""
+        """Every prior value of a fit: the sheet's, and Table I's where the sheet has none."""
         return {name: table_one_entry(name) for name in DIMENSIONS} | dict(self.entries)
 
     @property
@@ -91,7 +91,7 @@ class SpecimenSheet:
 
     @property
     def description(self) -> str:
-        """Return what the dimensions are from, as text."""
+        """Return the origin of the dimensions, as text."""
         table = "the paper's Table I with the uncertainties of ruler, caliper and scale"
         if self.path is None:
             return f"no specimen sheet: dimensions are from {table}"

@@ -1,4 +1,4 @@
-"""Uncertainty budget of an identification as tables: sources of each uncertainty, and what was known beforehand."""
+"""Uncertainty budget of an identification as tables: sources of each uncertainty, and prior values."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ USUAL_EFFECTS: Mapping[str, UsualEffect] = {
     ),
     "elongation_slip": UsualEffect(0.02, "a millimetre of a stretched membrane of 170 mm in its clamps"),
 }
-"""Without the amplifier's slope below rest: its uncertainty is that of the slopes as the bench file states it."""
+"""Without the amplifier's slope below rest: its uncertainty is in the uncertainty of the slopes in the bench file."""
 
 
 def usual_effects(observations: ObservationSet) -> dict[str, tuple[float, float]]:

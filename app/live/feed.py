@@ -42,7 +42,7 @@ ARRIVALS = 40
 """Blocks by which the display is timed: two seconds in real time."""
 
 READING_BLOCKS = 20
-"""Blocks of which a reading is the mean: a second in real time."""
+"""Number of blocks averaged for a reading: a second in real time."""
 
 
 @dataclass(frozen=True, slots=True)

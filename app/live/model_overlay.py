@@ -197,7 +197,7 @@ class Overlay:
     def _band_half_width(
         self, request: CurveRequest, estimates: "EstimateSet", specimen: "Specimen", frequency: Array
     ) -> tuple[Array, Array]:
-        """Return half the band of either series; its derivatives are those of the fast curve, within 0.01 % of the full one."""
+        """Return half the band of either series; its derivatives are computed with the fast curve, within 0.01 % of the full one."""
         from model.response import response_curve
         from model.studies import linear_band
 

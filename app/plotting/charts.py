@@ -101,7 +101,7 @@ def _axis_label(text: str, unit: str) -> str:
 
 
 def _captions(panels: Sequence[PaperFigure]) -> tuple[list[str], str]:
-    """Return the panel titles and one caption: sentences common to all panels first, then those of single panels."""
+    """Return the panel titles and one caption: sentences common to all panels first, then sentences of single panels."""
     if len(panels) == 1:
         return [""], typeset_symbols(panels[0].caption)
     sentences = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]

@@ -18,7 +18,7 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class DrawnPath:
-    """A path, repeated at every one of `places`; `codes` are those of `matplotlib.path.Path`."""
+    """A path, repeated at every one of `places`; `codes` as in `matplotlib.path.Path`."""
 
     vertices: Array
     codes: Array

@@ -49,7 +49,7 @@ class RemoteViewError(Exception):
 
 
 def network_address() -> str:
-    """Return the address of this computer in its network; that of the loopback without a network. Sends nothing."""
+    """Return the address of this computer in its network; the loopback address without a network. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
         probe.connect(("192.0.2.1", 9))  # an address of documentation; a datagram socket only looks up its own address
         return str(probe.getsockname()[0])

@@ -98,7 +98,7 @@ def _plots(
     threshold: PerceptionThreshold,
     whole: bool,
 ) -> list[ReportPlot]:
-    """Return the plots of a report: without a section of them that of the first page only, as each needs a band."""
+    """Return the plots of a report: without a section of plots only the plot of the first page, as each needs a band."""
     first = None if whole or observations is None else response_figure(specimen, observations, threshold, 1)
     return specimen_plots(specimen, observations, runs, threshold) if first is None else [first]
 

@@ -87,7 +87,7 @@ class SpecimenModel:
 
     @property
     def specimen(self) -> Specimen:
-        """The specimen on its membrane, without pre-stretch, with what the beam model leaves out."""
+        """The specimen on its membrane, without pre-stretch, with the effects outside the beam model."""
         nonideal = {name: self.effects[name] for name in NONIDEAL_NAMES}
         return replace_variables(Specimen(self.tactor, self.membrane), nonideal)
 
@@ -236,7 +236,7 @@ def _refined_band(centre: Array, coarse: UncertaintyBand) -> UncertaintyBand:
 
 
 def acting_tactor(tactor: Tactor, effects: Effects) -> Tactor:
-    """Return the tactor whose bare plate is longer by what bends as far as the clamp turns."""
+    """Return the tactor with its bare plate lengthened by the equivalent of the clamp's rotation."""
     return Specimen(tactor, clamp_flexibility=effects["clamp_flexibility"]).acting_tactor
 
 
@@ -248,7 +248,7 @@ def fit_specimen(
 ) -> tuple[SpecimenModel, ObservationSet | None]:
     """Fit all runs jointly; if that is not possible, return the paper's Table I and the reason.
 
-    Dimensions and masses are those of the `sheet`, by default Table I with the uncertainties of ruler and caliper.
+    Dimensions and masses come from the `sheet`, by default Table I with the uncertainties of ruler and caliper.
     """
     sheet = sheet or SpecimenSheet(name)
     counting = [run for run in runs if run.identifiable]

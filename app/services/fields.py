@@ -1,4 +1,4 @@
-"""Form fields of annotated parameters without Qt: labels, units, limits, and validation of what is typed."""
+"""Form fields of annotated parameters without Qt: labels, units, limits, and validation of the entries."""
 
 import re
 from collections.abc import Mapping
@@ -71,7 +71,7 @@ FORM_UNITS = {
 """Units in which a form shows values of an SI unit, the larger unit first."""
 
 LEAST_SHOWN = 0.01
-"""A unit is used whose smallest default is at least this; it does not change with what is typed."""
+"""A unit is used whose smallest default is at least this; it does not change with the entry."""
 
 UNLIMITED = 1e9
 """A count's limit from here on is not worth telling."""

@@ -35,7 +35,7 @@ def records_folder() -> Path:
 
 
 def record_path(identity: Identity, simulated_bench: str = "") -> Path:
-    """Return the record of an instrument with its present firmware; those of a simulated bench are kept apart."""
+    """Return the record of an instrument with its present firmware; records of a simulated bench are kept apart."""
     instrument = "-".join(_file_name(part) for part in (identity.maker, identity.model, identity.serial) if part)
     folder = records_folder() / "simulated" / simulated_bench if simulated_bench else records_folder()
     return folder / instrument / f"{_file_name(identity.firmware) or 'unknown'}.json"

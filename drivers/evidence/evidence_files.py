@@ -88,7 +88,7 @@ def _read(stem: str) -> dict[str, Any]:
 
 
 def _generator_rows(family: Mapping[str, Any]) -> Iterator[Assumption]:
-    """Yield the assumptions of all generators as a family has them, and then those of its own."""
+    """Yield the assumptions common to all generators in the form of a family, and then the family's own."""
     for driver, table in family["drivers"].items():
         holds_range = "idle_mv" in table
         common = {

@@ -36,7 +36,7 @@ class Capabilities:
         max_burst_cycles: most periods in a burst.
         min_amplitude_vpp: smallest amplitude into a high-impedance load, where a drive could be smaller.
         idle_amplitude_vpp: amplitude between drives where the range is held: too small to matter, and possible.
-        panel_lock: commands that lock and unlock the front panel; empty if none is known.
+        panel_lock: commands that lock and unlock the front panel; empty without such a command.
         usb_problem: why it cannot be used over USB, with the remedy; empty if it can.
     """
 

@@ -116,7 +116,7 @@ class NiConnection:
         return system.devices[self.device]
 
     def new_task(self, role: str) -> Any:
-        """Return a new NI task on this card's driver; at a gRPC server that of a dead program is cleared first.
+        """Return a new NI task on this card's driver; at a gRPC server the task of a dead program is cleared first.
 
         Raises:
             CardInUseError: the card is in use by another program that runs, or by a task of this one.

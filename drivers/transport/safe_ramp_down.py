@@ -26,7 +26,7 @@ class RampDown:
     The instrument confirms each step as long as its replies can be read. After the first unreadable reply nothing more is
     queried and the rest is sent without queries: an instrument carries out what it receives, whether or not its reply arrives.
 
-    On a slow wire the steps are pipelined: after the first few, which show whether the time is that of the wire or of the
+    On a slow wire the steps are pipelined: after the first few, which show whether the time is due to the wire or to the
     instrument, only every `PIPELINED_STEPS`th one is confirmed, and the caller reads the result back at the end. The instrument
     carries the steps out one after the other, so that none is larger than commanded.
 

@@ -26,7 +26,7 @@ MAX_BLOCK_HEADER = 512
 
 SLOW_REPLY_S = 0.01
 """From this reply time on, the steps of a ramp to rest are sent without waiting for the reply to each. A serial or USB line is
-never slow in this sense: its time is that of the bytes."""
+never slow in this sense: its bytes take the time."""
 
 
 class Link(Protocol):

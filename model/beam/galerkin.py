@@ -116,7 +116,7 @@ def matrices(
 ) -> Matrices:
     """M, C, K, B of Eqs. (13)-(14) for one beam or for arrays of them, with skin k_s (N/m^2) and c_s (kg/(m s)).
 
-    `integrals` are those of the paper's shape functions, or `hermite_gram`.
+    `integrals`: of the paper's shape functions, or `hermite_gram`.
 
     Shapes: (n, n) and (n,) for one beam, with the broadcast shape of all arrays in front for many.
 

@@ -28,7 +28,7 @@ AGAIN_BETTER, AGAIN_MINUTES = 5.0, 5.0
 
 @dataclass(frozen=True)
 class BetterKnowledge:
-    """A parameter that is known beforehand, such as a length, measured again with a better instrument."""
+    """A parameter with a prior value, such as a length, measured again with a better instrument."""
 
     label: str
     parameter: str

@@ -162,7 +162,7 @@ class JointFit:
 
     @cached_property
     def used_rows(self) -> Mask:
-        """(rows,): all, or those of a robust fit that are of no outlier."""
+        """(rows,): all, or in a robust fit the rows that are no outlier."""
         used = np.ones(self.weighted_residuals.size, bool)
         if self.options.loss == "linear":
             return used
@@ -175,7 +175,7 @@ class JointFit:
 
     @property
     def chi_square(self) -> float:
-        """Of all residuals, what is known beforehand included; without the outliers of a robust fit."""
+        """Of all residuals and prior values; without the outliers of a robust fit."""
         r = self.weighted_residuals[self.used_rows]
         return float(r @ r)
 
@@ -261,7 +261,7 @@ class JointFit:
 
     @property
     def prior_rows(self) -> dict[str, int]:
-        """Row of each shared error and of each parameter that is known beforehand, after those of the runs."""
+        """Row of each shared error and of each parameter with a prior value, after the rows of the runs."""
         first = self.run_slices[-1].stop if self.run_slices else 0
         return {name: first + i for i, name in enumerate((*self.observations.shared_errors, *self.options.priors))}
 

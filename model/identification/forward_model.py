@@ -58,7 +58,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
 
 
 def beam_under(run: FrequencyResponseObservation, v: Values) -> Beam:
-    """The letters of Eqs. (1)-(6) under a run: with m_add, or with what acts of the mass that was put in."""
+    """The symbols of Eqs. (1)-(6) for a run: with m_add, or with the moving share of the mass put in."""
     return beam_from_values(v, None if run.added_mass_kg is None else acting_mass(v, run.added_mass_kg))
 
 
@@ -108,7 +108,7 @@ class FiniteDifferences:
         """Every parameter by name: plain where it is fixed, else (S,)."""
 
     def derivatives(self, y: Any) -> Any:
-        """Slopes to the free parameters of what was computed for every set: (S, ...) -> (P, ...)."""
+        """Derivatives by the free parameters from the values of all sets: (S, ...) -> (P, ...)."""
         P = self._steps.size
         y = np.broadcast_to(y, (self.set_count, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.set_count, y)
         return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._steps).reshape(-1, *(1,) * (y.ndim - 1))

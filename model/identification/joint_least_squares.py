@@ -149,7 +149,7 @@ def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
 
 
 def _row_losses(problem: LeastSquaresProblem) -> Any:
-    """Return the loss for scipy: what is known beforehand counts by its square, whatever the loss of the data."""
+    """Return the loss for scipy: prior values count by their squares, whatever the loss of the data."""
     loss, priors = problem.options.loss, problem.prior_count
     if loss == "linear":
         return loss
@@ -252,7 +252,7 @@ class _ResidualFunction:
         """theta, residuals and their slopes where the sum of squares was least."""
 
     def enlarge_errors(self, factor: float) -> None:
-        """Multiply the errors of the runs by a factor; what is known beforehand keeps its own."""
+        """Multiply the errors of the runs by a factor; prior values keep their errors."""
         self._weight = 1 / factor
 
     def misfit(self, x: Array) -> float:

@@ -225,7 +225,7 @@ def _usual_history(run: VoltageStepsObservation, amplifier: AmplifierMap) -> Dri
 def _memory(history: DriveHistory, amplifier: AmplifierMap) -> tuple[Array, Array, Array]:
     """Return what hysteresis adds to the volts of each reading per unit of it, and what others before creep, per decade, (F,) each.
 
-    The factor of the creep has the step's own. The last is the creep of what hysteresis adds.
+    The factor of the creep includes the step's own. The last factor is the creep of the hysteresis.
     """
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     driven = amplifier.specimen_v(history.drive)

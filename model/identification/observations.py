@@ -204,7 +204,7 @@ class FrequencyResponseObservation(_ObservationBase):
     elongation_m: float | None = None
     """How far the membrane is stretched; None is the free tactor."""
     added_mass_kg: float | None = None
-    """A mass that is known; None is the effective mass `m_add`, which is identified."""
+    """A given mass; None is the effective mass `m_add`, which is identified."""
     peak_to_peak_m: Array | None = None
     peak_to_peak_errors_m: Array | None = None
     harmonics_m: Array | None = None
@@ -212,7 +212,7 @@ class FrequencyResponseObservation(_ObservationBase):
     harmonic_errors_m: Array | None = None
     """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
     phase_errors_rad: Array | None = None
-    """Standard error of the phase, where it is not that of the amplitude; `errors_m` is of the amplitude then."""
+    """Standard error of the phase, where it differs from the amplitude's; `errors_m` is then of the amplitude."""
     swept: bool = False
     """Whether these are the lines of one sweep, not points that were driven one by one."""
     loop_share: Complex | None = None
@@ -419,7 +419,7 @@ def over_errors(run: Observation, difference: Any) -> Array:
 
 
 def with_observed_values(run: Observation, values: Any) -> Observation:
-    """The run with `values` (F,) in place of what was observed at its usable points."""
+    """The run with `values` (F,) in place of the observations at its usable points."""
     if isinstance(run, DecayPoleObservation):
         poles = run.pole_hz.copy()
         poles[run.usable] = values

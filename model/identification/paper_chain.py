@@ -357,7 +357,7 @@ class _PaperIdentification:
         return float(np.exp(brentq(off, low, high, xtol=1e-13)))
 
     def identify_modulus(self) -> None:
-        """Step 5: E_m such that the model sags as much as the mean of what was measured."""
+        """Step 5: E_m such that the model sags as much as the mean of the measured sags."""
         runs = self.observations.of_type(MembraneSagObservation)
         if not runs:
             return

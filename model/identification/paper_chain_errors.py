@@ -40,7 +40,7 @@ def linearized_errors(
     """Estimates with standard errors, and their covariance (E, E), of what `identify_by_paper_chain` found; SI.
 
     Raises:
-        ParameterError: the method neglects damping; its equations are not those of the model, so use `resampled_errors`.
+        ParameterError: the method neglects damping; its equations differ from the model's, so use `resampled_errors`.
     """
     if options.damping != "counted":
         raise ParameterError(

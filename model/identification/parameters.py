@@ -1,4 +1,4 @@
-"""Identifiable parameters: those of the model, skin damping and stiffness at one elongation, shared errors."""
+"""Identifiable parameters: parameters of the model, skin damping and stiffness at one elongation, shared errors."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict

@@ -81,7 +81,7 @@ class ReceptanceSolver:
     def pole(self, a: Factors) -> tuple[Complex, Factors]:
         """First pole s (R,) of K + s C + s^2 M, in the upper half plane, and its slopes to the factors M, C, K.
 
-        Inverse iteration, Z(s) q' = Z'(s) q, from the undamped mode; the slopes are those of a simple eigenvalue.
+        Inverse iteration, Z(s) q' = Z'(s) q, from the undamped mode; derivatives as of a simple eigenvalue.
         """
         n = self._n
         first, square_slopes = self.undamped_resonance(a)

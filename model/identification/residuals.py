@@ -35,7 +35,7 @@ class LeastSquaresProblem:
         self.start = np.array([options.start.get(n, known.start_value(n, base)) for n in self.names])
         prior = {n: (0.0, e.standard_error) for n, e in observations.shared_errors.items()} | dict(options.priors)
         self.priors = [(self.names.index(n), v, s) for n, (v, s) in prior.items()]
-        """Index, value and standard uncertainty of each parameter that is known beforehand, shared errors first."""
+        """Index, value and standard uncertainty of each parameter with a prior value, shared errors first."""
         self.prior_count = len(self.priors)
         """Rows at the end that are no residuals of runs."""
         self._data = [observed_values(run)[0] for run in observations.runs]

@@ -29,7 +29,7 @@ class UncertaintyBudget:
 
     Attributes:
         names: the parameters, (P,).
-        sources: noise first, then shared errors of instruments, and what is known beforehand, (S,).
+        sources: noise first, then shared errors of instruments, and prior values, (S,).
         components: standard uncertainty of each parameter that each source contributes, (S, P).
     """
 
@@ -61,9 +61,9 @@ class UncertaintyBudget:
 
 
 def uncertainty_budget(fit: JointFit) -> UncertaintyBudget:
-    """Split the uncertainties of a fit's estimates into those of their sources.
+    """Split the uncertainties of a fit's estimates by source.
 
-    An estimate is a weighted sum of the readings and of what was known beforehand; the uncertainty of each of these is
+    An estimate is a weighted sum of the readings and of the prior values; the uncertainty of each of these is
     multiplied by its weight. Errors of all runs, enlarged where their misfit is, are the statistical part.
     """
     names = tuple(e.name for e in fit.estimates())

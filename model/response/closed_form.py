@@ -25,7 +25,7 @@ def exact_response(
 ) -> Complex:
     """Deflection (or its derivative to x, 0..3) per volt on the specimen or per newton at the centre.
 
-    Arguments, shapes and errors are those of `model.response.harmonic_response.frequency_response`; frequency 0 is the static solution.
+    Arguments, shapes and errors as in `model.response.harmonic_response.frequency_response`; frequency 0 is the static solution.
     `clamp_stiffness` (N m per radian) lets the clamp rotate: k1 w''(0) = clamp_stiffness w'(0) in place of Eq. (3b); None is rigid.
     """
     f = check_frequency(frequency_hz)

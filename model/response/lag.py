@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from model.response.periodic_response import PeriodicResponse
 
 REFERENCE_S = 1 / (2 * np.pi * 100)
-"""Time at which creep counts as none: that of 100 Hz, about the resonance."""
+"""Time at which creep is zero by definition: the time constant of 100 Hz, near the resonance."""
 LOOP_SAMPLES = 2048
 """Of a period, for the harmonics that hysteresis makes."""
 DIFFERENT_DRIVES = 4096
@@ -40,7 +40,7 @@ def specimen_harmonic(amplifier: AmplifierMap, amplitude_v: float, offset_v: flo
 
 @lru_cache(maxsize=DIFFERENT_DRIVES)
 def loop_harmonics(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -> Complex:
-    """Return V_k, k = 0..5, of what hysteresis adds under a sine at the amplifier's input, per unit of it."""
+    """Return V_k, k = 0..5, added by hysteresis under a sine at the amplifier's input, per unit of hysteresis."""
     low, high = amplifier.specimen_v([amplifier.low_v, amplifier.high_v]).tolist()
     theta = 2 * np.pi * np.arange(LOOP_SAMPLES) / LOOP_SAMPLES
     loop = rayleigh_loop(amplifier.specimen_v(offset_v + amplitude_v * np.sin(theta))) / ((high - low) / 2)
@@ -69,7 +69,7 @@ def lag_factor(
     """Return the complex factor of the fundamental under a sine at the amplifier's input, (..., F).
 
     `hysteresis` and `creep` are numbers or arrays (...,) of parameter sets; the offset is rest unless it is given. Max - min is
-    larger by the magnitude of the factor, but for the third harmonic of hysteresis, a fiftieth of what it adds.
+    larger by the magnitude of the factor, but for the third harmonic of hysteresis, a fiftieth of its contribution.
     """
     map_ = amplifier or AmplifierMap()
     drive = (map_, float(amplitude_v), float(map_.rest_v if offset_v is None else offset_v))

@@ -13,7 +13,7 @@ LIGHTEST_KG, HEAVIEST_KG, TRIED_MASSES = 1e-4, 0.2, 40
 """Added masses between which one is sought, and how many are tried first."""
 
 NEAR = 0.7, 1.4
-"""Between these multiples of the answer that of slightly different parameters is sought first."""
+"""Multiples of the answer between which the answer for slightly different parameters is sought first."""
 
 SLOPE_SHARE = 1e-3
 """Relative distance from the frequency at which the slope of the response is taken."""

@@ -209,7 +209,7 @@ def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None
 
 
 def skin_figures(specimen: Specimen) -> tuple[PaperFigure, ...]:
-    """Figs. 10 to 12 of a specimen with a membrane, with what the paper's beam model leaves out."""
+    """Figs. 10 to 12 of a specimen with a membrane, with the effects outside the paper's beam model."""
     t, m = specimen.tactor, specimen.membrane or Membrane()
     nonideal = {name: specimen.value(name) for name in NONIDEAL_NAMES}
     drawn = (

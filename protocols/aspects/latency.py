@@ -41,7 +41,7 @@ class OnsetLatencyAspects(Aspects):
             yield figure._replace(total=math.hypot(figure.total, delay_s, moved_s))
 
     def figures(self, points: RunPoints) -> Iterator[Figure]:
-        """Yield the responses after an onset, and the times against the frequency beside those of other actuators."""
+        """Yield the responses after an onset, and the times against the frequency beside the times of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
         threshold_m = float(points.run.record.parameters["threshold_m"])
@@ -68,7 +68,7 @@ class OnsetLatencyAspects(Aspects):
         yield from ((f"  {published.description}", None) for published in PUBLISHED_LATENCIES)
 
     def result_tables(self, run_name: str, figures: Sequence[RunFigure]) -> Iterator[ResultTable]:
-        """Yield the table of the times of each onset, and that of other actuators."""
+        """Yield the table of the times of each onset, and the table of other actuators."""
         from model.response import PUBLISHED_LATENCIES  # slow to import
 
         onsets: dict[str, dict[str, RunFigure]] = {}

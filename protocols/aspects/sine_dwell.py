@@ -1,4 +1,4 @@
-"""Aspects of the protocol `sine-dwell`; those of dwells under a membrane build on them."""
+"""Aspects of the protocol `sine-dwell`, and base of the aspects of dwells under a membrane."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence

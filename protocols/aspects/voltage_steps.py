@@ -161,7 +161,7 @@ def history_of_levels(points: RunPoints) -> DriveHistory | None:
 
 
 def _rest_errors(label: str, zero_m: Array) -> tuple[SharedError, ...]:
-    """Return the drifts at rest by creep of what was before the run, which is unknown: each at most what the zeros moved."""
+    """Return the drifts at rest by creep from the unknown drive before the run: each at most the movement of the zeros."""
     moved = float(np.ptp(zero_m)) if zero_m.size and np.isfinite(zero_m).all() else 0.0
     if moved == 0:
         return ()

@@ -103,7 +103,7 @@ class Aspects:
 class AspectsOfModule:
     """Class attribute `aspects` of a protocol: `ASPECTS` of the built-in protocol's module of aspects, otherwise the defaults.
 
-    A laboratory's subclass of a built-in protocol has those of this protocol.
+    A laboratory's subclass of a built-in protocol has the aspects of its base.
 
     Aspects are imported when they are first used: measuring needs none of them.
     """

@@ -9,7 +9,7 @@ class RunConditions:
 
     Attributes:
         operator: name of who measures; empty if unknown.
-        operator_origin: how the name is known, e.g. `given` or `login of the computer`.
+        operator_origin: origin of the name, e.g. `given` or `login of the computer`.
         temperature_c: of the air, degrees Celsius; None if not known.
         humidity: relative humidity of the air, 0 to 1; None if not known.
         origin: where both are from: a sensor's identity, or when they were typed.
@@ -23,7 +23,7 @@ class RunConditions:
 
     @property
     def air_text(self) -> str:
-        """Temperature and humidity as text with their origin; empty if neither is known."""
+        """Temperature and humidity as text with their origin; empty without both."""
         known = [
             "" if self.temperature_c is None else f"{self.temperature_c:.1f} °C",
             "" if self.humidity is None else f"{100 * self.humidity:.0f} % relative humidity",

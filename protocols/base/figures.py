@@ -11,7 +11,7 @@ from model import AmplifierMap, Array, Series, Specimen
 
 @dataclass(frozen=True, slots=True)
 class ModelState:
-    """A specimen with what else a model curve depends on.
+    """A specimen and the other inputs of a model curve.
 
     Attributes:
         shape_count: number of shape functions.

@@ -115,7 +115,7 @@ class Protocol(BaseModel, ABC):
         return ()
 
     def checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
-        """Return the checks of the result besides those of every protocol; the verdict is the worst consequence. Pure.
+        """Return the protocol's own checks of the result; the verdict is the worst consequence. Pure.
 
         Args:
             points: the points of the completed plan, unusable ones included.

@@ -66,7 +66,7 @@ class InterferenceLine:
 
     @property
     def folded(self) -> bool:
-        """Whether it is known to lie above half the sample rate."""
+        """Whether it was found to lie above half the sample rate."""
         return math.isfinite(self.folded_from_hz)
 
 
@@ -152,7 +152,7 @@ class PlanEntry:
         drives: all drives it will play; empty if nothing moves.
         expected_s: approximate duration without the operator's time.
         key: identifies the entry by plain values: a frequency, a mass, a repeat. Stored in the file.
-        setup: set-up by the operator; prompted if it differs from that of the previous entry.
+        setup: set-up by the operator; prompted if it differs from the previous entry's.
         prompts: number of further prompts.
     """
 

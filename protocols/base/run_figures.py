@@ -10,7 +10,7 @@ class RunFigure(NamedTuple):
 
     Attributes:
         statistical: standard uncertainty by the scatter of the points alone.
-        total: standard uncertainty with that of the sensor's gain, which is common to all runs of a calibration.
+        total: standard uncertainty, with the uncertainty of the sensor's gain, which is common to all runs of a calibration.
         condition: what it depends on, such as the drive; figures of different conditions are not compared.
         frequency_hz: of a margin over the threshold of perception at this frequency; 0 for others.
     """

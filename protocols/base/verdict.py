@@ -175,7 +175,7 @@ def judge(
         points: the valid points, superseded ones left out.
         planned: number of entries of the plan.
         reference: model of the free specimen, for protocols that compare with it.
-        estimates: those of these points, if they are known already; computed otherwise.
+        estimates: of these points, if they are computed already.
     """
     identified = identification_checks(protocol, points, estimates)
     checks = (*usability_checks(points, planned), *identified, *protocol.checks(points))

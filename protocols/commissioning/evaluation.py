@@ -21,7 +21,7 @@ TRANSIENT_V = 0.04
 """Smallest transient that counts: above the card's noise and twice the idle amplitude of an armed burst, 20 mVpp."""
 
 CLOCK_MARGIN_S = 2e-3
-"""Largest difference of the card's time to that of the messages."""
+"""Largest difference between the card's time and the messages'."""
 
 EDGE_S = 3e-4
 SMOOTHING_S = 1e-4
@@ -159,7 +159,7 @@ class Evaluation:
 
     @property
     def stop_jump_v(self) -> float:
-        """Largest change of the output within 0.2 ms from Stop on, beyond that of the drive itself."""
+        """Largest change of the output within 0.2 ms from Stop on, beyond the drive's own change."""
         smoothed = _smoothed(self.trace.volts, self.trace.rate_hz)
         begin, count = (round(t * self.trace.rate_hz) for t in (self.trace.stop_s - self.trace.start_s, JUMP_S))
         after = smoothed[begin : -round(EDGE_S * self.trace.rate_hz)]

@@ -108,7 +108,7 @@ class Exerciser:
         self._clock.sleep(GOLDEN_RATIO * self._played % 1.0 / self._bench.rate_hz)
         error = ""
         amplifier = self._bench.amplifier
-        # A level is held by the offset here, whose volts are measured so; as a waveform it would have those of the amplitude.
+        # A level is held by the offset here, whose volts are measured so; as a waveform it would be measured by the amplitude.
         amplifier.holds_by_offset = not as_waveform
         try:
             if instead is None:

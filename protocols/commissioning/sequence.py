@@ -80,7 +80,7 @@ PLANNED_S = {
 """Exercises in their order with about their durations, by which progress is stated."""
 
 ProgressListener = Callable[[str, float], object]
-"""Called with the name of what is measured now, and the fraction that is done, 0 to 1."""
+"""Called with the name of the present measurement, and the fraction that is done, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,7 @@ def next_frequencies(frequencies_hz: Sequence[float], responses: Sequence[float]
 def dwelt_response(recordings: Sequence[Recording]) -> FrequencyResponse:
     """Return the response at the frequency of each recording's sine, against the recorded drive, delay removed.
 
-    The coherence is that of one average with this standard error.
+    The coherence is of one average with this standard error.
 
     Raises:
         ValueError: fewer than two recordings, or one is too short.

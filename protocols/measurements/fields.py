@@ -22,7 +22,7 @@ QualityFlags = Annotated[int, Unit("1"), "flags, see protocols.quality"]
 
 
 def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Mapping[Quality, bool]) -> int:
-    """Return the flags of a point: those of its recordings, `SIMULATED`, and the `detected` ones."""
+    """Return the flags of a point: the flags of its recordings, `SIMULATED`, and the `detected` ones."""
     quality = Quality.SIMULATED if simulated else Quality.GOOD
     for recording in recordings:
         quality |= recording.quality

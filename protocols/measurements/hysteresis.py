@@ -166,7 +166,7 @@ class Hysteresis(Protocol):
         return FoldedCycles(frequency, drive_v, displacement_m, math.hypot(*coincident.values()))
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> Series:
-        """Return the closed mean loop; its errors are those of the shape, because its position drifts between cycles."""
+        """Return the closed mean loop; its errors are of the shape alone, because its position drifts between cycles."""
         centre = folded.displacement_m.mean()
         shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))

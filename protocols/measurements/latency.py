@@ -1,7 +1,7 @@
 """Latency: time until the displacement reaches the perception threshold, after a step and after the onset of a sine.
 
 The steps are the fastest that the bench admits. A step's times count from the centroid of its edge in the recorded drive, so that they are
-those of an ideal step to first order; what the edge leaves beyond that is in the uncertainty. A sine's times count from its begin.
+times of an ideal step to first order; the remaining effect of the edge is in the uncertainty. A sine's times count from its begin.
 The sensor's delay is taken off. The amplifier is part of the actuator: times count from its input.
 """
 
@@ -68,7 +68,7 @@ HARMONICS = 8
 """Harmonics of the steady response to a sine; the amplifier's two slopes make even ones."""
 
 SETTLED_NOISE = 1.5
-"""Uncertainty of a deviation from the steady state over that of a sample: the steady state is fitted."""
+"""Uncertainty of a deviation from the steady state divided by a sample's: the steady state is fitted."""
 
 RISE_LOW, RISE_HIGH = 0.1, 0.9
 DRIVE_TOLERANCE = 0.05
@@ -83,7 +83,7 @@ SOURCE = "latency"
 
 @dataclass(frozen=True, slots=True)
 class LatencyPoint:
-    """One onset. Uncertainties are standard; those of the sensor's gain and delay are common to all points and not in them."""
+    """One onset. Uncertainties are standard; the uncertainties of the sensor's gain and delay are common to all points and not in them."""
 
     frequency: Annotated[float, Unit("Hz"), "of the sine; 0 for a step"]
     level: Annotated[float, Unit("V"), "of the step, or highest of the sine, at the amplifier's input"]
@@ -118,7 +118,7 @@ class LatencyPoint:
 
 
 def _onset_name(frequency_hz: float, level_v: float) -> str:
-    """Return the end of an estimate's name; files list estimates by name, those of steps first."""
+    """Return the end of an estimate's name; files list estimates by name, steps first."""
     return f"from the onset of {frequency_hz:g} Hz" if frequency_hz else f"after a step to {level_v:g} V"
 
 
@@ -314,7 +314,7 @@ class _Onset:
     averaged: Array | None = None
 
     def first(self, level: float) -> Crossing:
-        """Return the first crossing of a level, with what the edge leaves."""
+        """Return the first crossing of a level, with the remaining effect of the edge."""
         found = first_crossing(self.time_s, self.moved, level, self.noise)
         if self.averaged is None or not math.isfinite(found.time_s):
             return found
@@ -325,7 +325,7 @@ class _Onset:
 
 
 def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
-    """Return displacement at rest before the onset, its standard uncertainty with that of the hum, and the noise of a sample."""
+    """Return displacement at rest before the onset, its standard uncertainty with the hum's, and the noise of a sample."""
     quiet = recording.displacement_m[max(begin // 4, 0) : max(begin - 5, 8)]
     hum = math.sqrt(sum(line.amplitude_m**2 / 2 for line in recording.interference if line.significant))
     noise = float(np.std(np.diff(quiet))) / math.sqrt(2)

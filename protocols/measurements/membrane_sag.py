@@ -225,7 +225,7 @@ class MembraneSag(Protocol):
         return "sag", "E_m"
 
     def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:
-        """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""
+        """Mean of the sags, (N,), and its standard error, with the error of the reference's depth (m)."""
         scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
         own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size
         return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)

@@ -41,7 +41,7 @@ def usable_points(points: Sequence[Any]) -> list[Any]:
 
 
 def signal_to_noise_check(name: str, pairs: Sequence[tuple[float, float]], detail: str = "") -> tuple[CheckResult, ...]:
-    """Return the check of the smallest value over its standard error; none where no error is known."""
+    """Return the check of the smallest value over its standard error; none without errors."""
     ratios = [abs(value) / error for value, error in pairs if math.isfinite(value) and error > 0]
     if not ratios:
         return ()
@@ -63,7 +63,7 @@ def drive_ratio_check(seen_v: Sequence[float], commanded_v: float) -> tuple[Chec
 
 
 def coherence_check(coherences: Sequence[float]) -> tuple[CheckResult, ...]:
-    """Return the check of the lowest coherence; none where none is known."""
+    """Return the check of the lowest coherence; none without coherences."""
     known = [coherence for coherence in coherences if math.isfinite(coherence)]
     if not known:
         return ()
@@ -184,11 +184,11 @@ def _mean_with_error(repeats: Sequence[tuple[float, float]]) -> tuple[float, flo
 
 
 CALIBRATED_LIMITS = 0.8, 1.25
-"""Response over that of the specimen's calibration: drift and temperature make a tenth; the slackest membrane leaves 0.75
+"""Response divided by the response of the specimen's calibration: drift and temperature make a tenth; the slackest membrane leaves 0.75
 around the resonance."""
 
 PAPER_LIMITS = 0.5, 2.0
-"""Response over that of the paper's tactor, for a specimen without a calibration: specimens of one design differ by tens of
+"""Response divided by the response of the paper's tactor, for a specimen without a calibration: specimens of one design differ by tens of
 per cent; a membrane stretched by 1.3 mm leaves a third."""
 
 RESONANCE_BAND = 0.6, 1.5

@@ -112,7 +112,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     components = np.mean([one.components for one in each], axis=0)
     fundamental = float(abs(components[0]))
     statistical = math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each)
-    # Of interference at the frequency of the drive the amplitude is known and the phase is not; averaging may not help.
+    # Interference at the frequency of the drive has a measured amplitude and an unknown phase; averaging may not help.
     interference = {order: size / math.sqrt(2) for one in each for order, size in one.coincident.items()}
     error = math.hypot(statistical, interference.get(1, 0.0))
     # The phase is against the recorded drive, whose channel has noise of its own.

@@ -1,6 +1,6 @@
 """Square dwell: response to a square wave beside the response to a sine, at one frequency after the other.
 
-A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle, whose edges are those of an
+A wearable device drives the tactor with an astable multivibrator (paper, Sec. II): a square wave with a duty cycle, whose edges are of an
 RC circuit. At each frequency the sine is settled and recorded first, then the square wave, for the same time and more; both swing by
 the same volts. Displacement over drive, fundamental by fundamental, is the same under both where the tactor is linear and the duty is 0.5: else
 the amplifier's two slopes add to the square wave's fundamental.
@@ -160,7 +160,7 @@ class SquareDwell(Protocol):
         clean, coincident = remove_lines(square.displacement_m, rate, frequency, square.interference)
         moved = fit_sine(clean, rate, frequency, HARMONIC_COUNT)
         extremes = estimate_max_min(clean, rate, frequency)
-        # The amplitude of interference at a harmonic is known, its phase is not.
+        # Interference at a harmonic has a measured amplitude and an unknown phase.
         error = math.hypot(extremes.scatter, extremes.systematic, math.sqrt(2) * math.hypot(*coincident.values()))
         fundamental_error = math.hypot(moved.standard_error, coincident.get(1, 0.0) / math.sqrt(2))
         ratio = extremes.value / sine.peak_to_peak

@@ -46,7 +46,7 @@ def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Return the responses of pieces as one, their lines in order.
 
     A piece has too few lines to show by their scatter what repeats with every period; all together have enough. What a card without
-    a filter folds back from the steps between a generator's points falls on some lines of one piece only: such a line departs from those of
+    a filter folds back from the steps between a generator's points falls on some lines of one piece only: such a line departs from the lines of
     the other pieces around it, and has its departure as error.
     """
     from protocols.signals import repeating_error_share

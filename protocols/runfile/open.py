@@ -133,7 +133,7 @@ def _open(path: Path) -> "h5py.File":
     else:
         try:
             with translate_read_errors(path):
-                # A full disk leaves a short file too, but never one whose status is that of a regular end.
+                # A full disk leaves a short file too, but never one with the status of a regular end.
                 if not cut_off or _has_irregular_end(path, file):
                     return _checked(path, file)
         except RunReadError as error:
@@ -154,7 +154,7 @@ def _has_irregular_end(path: Path, file: "h5py.File") -> bool:
 
 
 def _check_file(path: Path, file: "h5py.File") -> None:
-    """Raise RunReadError for a file that is not a run, or whose structure is not that of a run."""
+    """Raise RunReadError for a file that is not a run, or has no structure of a run."""
     kind, version = "", 0
     with translate_read_errors(path):
         if "format" in file.attrs:

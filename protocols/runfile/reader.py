@@ -154,7 +154,7 @@ class Run(Closeable):
         return RunTrace(self.path, self._entry, lambda: self.record.sensor, self._rest_record)
 
     def recordings(self) -> Iterator[Recording]:
-        """Yield the recordings, in order, exactly as in the live run; those of the resumed run first."""
+        """Yield the recordings, in order, exactly as in the live run; recordings of the resumed run first."""
         for earlier in self.earlier_runs():
             with Run(earlier) as before:
                 yield from before.trace.recordings()

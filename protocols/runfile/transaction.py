@@ -154,7 +154,7 @@ def replay_journal(path: Path, keep_announcement: bool = False) -> bool:
 
     Args:
         path: the file.
-        keep_announcement: whether an incomplete one stays, to be replaced by that of a transaction.
+        keep_announcement: whether an incomplete one stays, to be replaced by a transaction's.
 
     Raises:
         OSError: the file cannot be written.

@@ -24,7 +24,7 @@ ANALYSIS_TIMEOUT_S = 20.0
 """How long an analysis may take, while the drive continues, before the watchdog considers the program hung."""
 
 ANALYSIS_SHARE = 0.2
-"""The same as a share of what was recorded, where that is more: a dwell of ten minutes."""
+"""The same limit as a share of the recording, where that is more: a dwell of ten minutes."""
 
 ANALYSIS_POLL_S = 0.01
 """Interval at which the card is read during an analysis."""

@@ -10,7 +10,7 @@ from protocols.base import ChannelCalibration, InterferenceLine, Quality
 from protocols.signals import find_lines, folded_frequencies, mark_folded
 
 SECOND_RATE_SHARE = 0.87
-"""The second rate over that of the run; no small ratio of integers, at which a folded line could stay in its place."""
+"""Second rate divided by the run's; no small ratio of integers, at which a folded line could stay in its place."""
 
 
 def tell_folded_lines(

@@ -53,7 +53,7 @@ class PlanProgress:
     # -- plan and queue ------------------------------------------------------------------------------------------------
 
     def build_plan(self) -> None:
-        """Build the plan as known in advance."""
+        """Build the plan as far as it is fixed in advance."""
         self.plan = list(self._protocol.plan(self._rest_v))
 
     def queue_remaining(self, repeat_entries: Collection[int]) -> None:

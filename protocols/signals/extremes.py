@@ -1,7 +1,7 @@
 """Max - min of a periodic response, corrected for the bias of noise and sampling.
 
 The largest of n noisy samples lies above the largest value of the waveform, and the samples miss the waveform's own extremes.
-Both are computed from the waveform fitted with many harmonics and from the distribution of what that fit leaves, whatever
+Both are computed from the waveform fitted with many harmonics and from the distribution of its residuals, whatever
 its shape: the distribution of the maximum of independent values is the product of theirs.
 """
 
@@ -39,7 +39,7 @@ class MaxMin:
         value: of the samples without drift, less the bias.
         scatter: standard uncertainty by noise, which averaging of recordings reduces.
         systematic: standard uncertainty by the resolution of the samples and of the bias, which is common to recordings.
-        bias: expected max - min of the samples less that of the waveform: positive by noise, negative by sampling.
+        bias: expected max - min of the samples minus the waveform's: positive by noise, negative by sampling.
     """
 
     value: float

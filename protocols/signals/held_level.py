@@ -1,7 +1,7 @@
 """Level and step: means with standard errors for correlated samples, and the ramp between levels.
 
 The spectrum of the noise at frequency zero, not its variance, makes the error of a mean. It is taken from the lowest cosine
-components of what a straight line and the mains leave (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
+components of the residuals of a straight line and the mains (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
 gives a known number of degrees of freedom for the interval. They hold for noise that forgets within a fiftieth of the stretch.
 """
 
@@ -41,7 +41,7 @@ class LevelEstimate:
         standard_error: of the value, slow noise included.
         degrees_of_freedom: of the standard error; see `coverage_factor`.
         drift_per_s: slope of the straight line.
-        noise: standard deviation of what line and mains leave.
+        noise: standard deviation of the residuals of line and mains.
     """
 
     value: float

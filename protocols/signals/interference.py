@@ -21,7 +21,7 @@ MAINS_HZ = (50.0, 60.0)
 MAX_MAINS_LINE_HZ = 1000.0
 MAX_REST_SAMPLES = 1 << 17
 MAX_LINES = 16
-"""Largest number of lines besides those of the mains."""
+"""Largest number of lines besides the mains'."""
 
 LINE_POWER_RATIO = 20.0
 """Of a line's power to the mean power of the noise in a bin: noise alone reaches it once in some ten thousand records."""
@@ -50,7 +50,7 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
         rate_hz: samples per second.
 
     Returns:
-        Lines by amplitude, the largest first; those of no size are left out.
+        Lines by amplitude, the largest first, without lines of no size.
     """
     x = np.asarray(samples[:MAX_REST_SAMPLES], float)
     resolution_hz = rate_hz / x.size
@@ -69,7 +69,7 @@ def find_lines(samples: Array, rate_hz: float) -> tuple[InterferenceLine, ...]:
     noise = float(left.std())
     error = noise * math.sqrt(2 / x.size)
     lines = [
-        # Noise adds its own power to that of a line.
+        # Noise adds its own power to a line's.
         InterferenceLine(
             f,
             math.sqrt(max(abs(component) ** 2 - 2 * error**2, 0.0)),
@@ -245,7 +245,7 @@ def _refined(samples: Array, rate_hz: float, frequencies_hz: Sequence[float]) ->
             extended = np.concatenate((basis, slopes * centred))
             gram += extended @ extended.T
             moment += extended @ residual[part]
-        # Columns of one size: those of the frequencies carry the lines' amplitudes in metres.
+        # Columns of one size: columns of the frequencies carry the lines' amplitudes in metres.
         scale = 1 / np.sqrt(np.diag(gram))
         step = (scale * np.linalg.solve(gram * np.outer(scale, scale), scale * moment))[-count:]
         moved = frequencies + np.clip(step, -resolution_hz, resolution_hz)

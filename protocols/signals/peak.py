@@ -9,7 +9,7 @@ The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz
   The minimum of the product is the peak, to a small fraction of the lines' distance.
 
 A spectrum of the whole record is |H(f)| |X(f)| exactly: the shift of a swept peak, sweep rate over decay rate, belongs to
-envelopes in time and does not occur here. The standard error is that of the polynomial, scaled by the scatter of the lines about it,
+envelopes in time and does not occur here. The standard error is the polynomial's, scaled by the scatter of the lines about it,
 so noise and residual ripple are in it; the deviation from this curve over the half-power width is not (0.0005 Hz for the tactor
 of the paper with any of its masses and creep up to 3 % a decade; without the factor of creep 0.27 Hz).
 """
@@ -35,7 +35,7 @@ MIN_LINES = 10
 """Lines within the half-power width; 5 unknowns are fitted to them."""
 
 CREEP_EXPONENT = 0.05
-"""Standard deviation of 2k before the fit, that of creep of 6 % a decade: narrow peaks do not show it by themselves."""
+"""Prior standard deviation of 2k, from creep of 6 % a decade: narrow peaks do not show it by themselves."""
 
 MIN_BINS_PER_LINE = 8
 """Fewest bins under a line for a Hann window."""
@@ -263,7 +263,7 @@ def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
 def dwell_peak(f: Array, y: Array, errors: Array) -> DwellPeak | None:
     """Return the single resonance through the three highest amplitudes of a dwell; None where the highest is at an end.
 
-    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine those of the points and the difference from the
+    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine the errors of the points and the difference from the
     paper's parabola of y over f (the ambiguity of a curve through three points).
 
     Args:

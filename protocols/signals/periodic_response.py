@@ -40,7 +40,7 @@ BISECTION_STEPS = 40
 
 
 def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) -> Array:
-    """(F,) standard deviation of what repeats, of real and of imaginary part, as a share of the response's modulus.
+    """(F,) standard deviation of the repeating distortion, of real and of imaginary part, as a share of the response's modulus.
 
     Args:
         frequency_hz: (F,), rising.
@@ -61,7 +61,7 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
     wide = min(MEDIAN_WINDOW_LINES, excess.size)
     at = np.arange(0, excess.size - wide + 1, MEDIAN_WINDOW_STEP)
     excess, strength = (sliding_window_view(values, wide)[at] for values in (excess, strength))
-    # The share whose variance brings the median excess down to that of noise alone; found by bisection.
+    # The share whose variance brings the median excess down to the excess of noise alone, by bisection.
     low, high = np.zeros(at.size), (excess / strength).max(1)
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)

@@ -1,7 +1,7 @@
 """Frequency response of displacement over drive, with coherence and a standard error per line.
 
 Two excitations, two ways to an error bar: periods that repeat show their noise by not repeating (`estimate_periodic_response`); a
-long sweep does not repeat, but it is known (`swept_response`). Both are H1 = S_yx / S_xx, the right one of the two here: the
+long sweep does not repeat, but its drive is known (`swept_response`). Both are H1 = S_yx / S_xx, the right one of the two here: the
 noise is the laser's; the recorded drive has a thousandth of it. H2 would take the harmonics for response.
 """
 

@@ -15,7 +15,7 @@ class SettlingDetector:
 
     Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
     amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes
-    are below `tolerance`, or below those of noise alone, and the drive is the one commanded.
+    are below `tolerance`, or below the changes by noise alone, and the drive is the one commanded.
 
     Args:
         window_samples: samples in a window.

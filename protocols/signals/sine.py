@@ -185,7 +185,7 @@ def line_samples(components: Complex, frequencies_hz: Array, count: int, rate_hz
 
 
 def _straight_line(offset: float, drift_per_s: float, count: int, rate_hz: float) -> Array:
-    """Return a straight line whose offset is that of the middle of the record."""
+    """Return a straight line whose offset belongs to the middle of the record."""
     middle = 0.5 * (count - 1)
     return offset + drift_per_s / rate_hz * np.linspace(-middle, middle, count)
 
@@ -243,7 +243,7 @@ def _grams(n: int, omega: Array) -> tuple[Array, Array]:
 def _even_sums(angle: Array, n: int) -> tuple[Array, Array, Array]:
     """Return the sum of cos(angle c) over the n indices c about the middle of a record, and its two derivatives by the angle.
 
-    The sum is that of a geometric series, sin(n angle / 2) / sin(angle / 2); angles are below 2 pi.
+    The sum is a geometric series, sin(n angle / 2) / sin(angle / 2); angles are below 2 pi.
     """
     half = 0.5 * np.where(np.abs(angle) * n < SMALL_ANGLE, 1.0, angle)
     top, bottom = np.sin(n * half), np.sin(half)

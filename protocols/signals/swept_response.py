@@ -1,6 +1,6 @@
 """Swept response: frequency response from one long linear sweep.
 
-A sweep does not repeat, but it is known: the whole record is transformed in one piece (so there is no segment whose ends cut the
+A sweep does not repeat, but its drive is known: the whole record is transformed in one piece (so there is no segment whose ends cut the
 response off, and no bias from the sweep's rate), Y X* is summed over bins under a Hann window, and what arrives at other lags
 than a response can is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope
 amplifier and the whole record's noise against every line, and their segments cut off what rings over their ends.
@@ -106,10 +106,10 @@ EDGE_WIDTHS = 2.0
 """Distance of a usable line from the ends of a sweep, in units of the inverse root of the sweep's rate: the width of its edges."""
 
 HARMONIC_PASSES = 3
-"""Of taking them out: the first response bends with what leaked of them."""
+"""Rounds in which harmonics are removed: the first response bends with their leakage."""
 
 SWEEP_DEGREES_OF_FREEDOM = 40.0
-"""Degrees of freedom of a sweep's standard error: 8 gates of which 4.4 are independent, times 4.8 lines, times 2."""
+"""Degrees of freedom of a sweep's standard error: 8 gates, 4.4 of them independent, times 4.8 lines, times 2."""
 
 CURVATURE_BIAS = 2 * (1 / 12 - 1 / (2 * np.pi**2))
 """What a Hann line adds to a response that bends, as a share of its second difference over the lines: taken out again."""
@@ -295,7 +295,7 @@ def _noise_variance(
 
 
 def _power_at_lags(left: NDArray[np.complex64], blocks: BlockAverager, lags: NDArray[np.int_], rising: bool) -> Array:
-    """Power of what is left at lags in units of 1 / resolution, (count, lags)."""
+    """Power of the residuals at lags in units of 1 / resolution, (count, lags)."""
     # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
     side = 1 if rising else -1
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), lags) / blocks.length)

@@ -1,7 +1,7 @@
 """Output stage of all simulated function generators: turns settings into output segments.
 
 A model of a family adds commands, error messages and limits. Bursts start and idle at their phase, a free-running sine has
-an unknown phase, relays drop the output to 0 V. Voltages are those of the open output (electromotive force): what an
+an unknown phase, relays drop the output to 0 V. Voltages are open-circuit voltages (electromotive force): what an
 instrument *displays* depends on the declared load, the output does not.
 """
 

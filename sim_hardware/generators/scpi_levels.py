@@ -1,6 +1,6 @@
 """Amplitude, offset, load, range and limits of simulated SCPI generators: display, clipping, errors.
 
-The output always drives through 50 ohm and displays the voltage at the *declared* load. Levels are stored as those of the
+The output always drives through 50 ohm and displays the voltage at the *declared* load. Levels are stored as levels of the
 open output, so a change of the declared load changes the display and not the volts.
 """
 

@@ -122,7 +122,7 @@ class Acquisition:
         return self._card.plant.change_count + self._card.laser_view.change_count
 
     def read_ahead(self, first: int, count: int, now_s: float) -> Counts:
-        """Scans as `read_raw`, some of which have not been taken yet at `now_s`: valid until something changes."""
+        """Scans as `read_raw`, partly still in the future at `now_s`: valid until something changes."""
         with self._card.plant.reading_ahead(now_s):
             return self.read_raw(first, count)
 

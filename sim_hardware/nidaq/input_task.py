@@ -99,7 +99,7 @@ class NiInputTask(NiTask):
         return late
 
     def read(self, count: int, timeout_s: float) -> tuple[NDArray[np.int16], int]:
-        """Counts (channels, n) and a status: 0, or -200284 with what was there when the time was up.
+        """Counts (channels, n) and a status: 0, or -200284 with the samples present when the time was up.
 
         Raises:
             NiError: overrun, beyond the end of a finite task, or unplugged.

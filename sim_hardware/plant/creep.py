@@ -49,7 +49,7 @@ class CreepModel:
         return (inputs @ self._of_drive).ravel()
 
     def crept(self, drive: float) -> float:
-        """Return a drive with what has crept on until now."""
+        """Return a drive with its creep until now."""
         return self._instant * drive + self._share * float(self._lags.sum()) if self._share else drive
 
     def hold(self, drive: float, blocks: int) -> tuple[Array, Array]:

@@ -99,7 +99,7 @@ class HysteresisModel:
 
 
 def _sum_of_plays(change_v: float) -> float:
-    """Return the sum of what the plays have moved since the voltage turned and changed by so much."""
+    """Return the sum of the plays' movements since the voltage turned, after a change by this much."""
     following = min(round(change_v / (2 * PLAY_SPACING_V)), PLAY_COUNT)
     return following * (change_v - PLAY_SPACING_V * following)
 

@@ -10,7 +10,7 @@ import numpy as np
 from model import Array
 
 HUM_HARMONICS = {1: 1.0, 2: 0.3, 3: 0.5, 5: 0.2}
-"""Amplitude of each order of the mains hum over that of the first."""
+"""Amplitude of each order of the mains hum divided by the first's."""
 
 
 @dataclass(frozen=True, slots=True)

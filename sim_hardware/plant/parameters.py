@@ -206,7 +206,7 @@ class SimulationParameters:
         seed: of everything that is random: traits of instruments, errors of weights, noise.
         fresh_noise: whether a bench file without a seed has other noise in every session; its seed is drawn when it is loaded.
         noise_seed: of the noise alone; None takes `seed`.
-        sheet: file in `sim_hardware` with what the simulated laboratory measured of the specimen; empty for none.
+        sheet: file in `sim_hardware` with the simulated laboratory's measurements of the specimen; empty for none.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
         window_s: how much of the past the plant keeps.

@@ -15,7 +15,7 @@ from model.response import load_compliance, system_matrices, tactor_modal_form
 N = TypeVar("N", Array, Complex)
 
 BLOCK = 128
-"""Grid steps simulated together; nothing is known of a block before it is complete."""
+"""Grid steps simulated together; a block has no values before it is complete."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ class BenchProcess(Closeable):
 
     Args:
         parameters: of the simulated bench.
-        speed: bench seconds per wall second; default is that of `parameters`.
+        speed: bench seconds per wall second; default: as in `parameters`.
         timeout_s: longest wait for the start or any reply.
         meanwhile: called while the process starts, which takes most of a second.
 

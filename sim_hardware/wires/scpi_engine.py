@@ -126,7 +126,7 @@ _PLACEHOLDER = "\x00"
 
 
 def split_received(received: bytes) -> tuple[list[str], bytes]:
-    """The complete messages of what has been received, and the rest that is still to be completed."""
+    """The complete messages among the received bytes, and the incomplete rest."""
     text, messages, start, look = received.decode("latin-1"), [], 0, 0
     while (end := text.find("\n", look)) >= 0:
         span = _next_block(text, look, end)

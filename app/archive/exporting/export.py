@@ -57,7 +57,7 @@ def export_run(
         )
     written: list[Path] = []
     try:
-        with translate_read_errors(run.path):  # only what is read can be damaged: from here on, errors are the format's
+        with translate_read_errors(run.path):  # errors of reading mean damage; errors of the format are raised outside
             files = list(_files(run, kind, parts))
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in files:

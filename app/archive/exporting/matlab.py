@@ -55,7 +55,7 @@ def _write_mat73(run: Run, record: dict[str, Any], with_raw: bool, path: Path, p
     import hdf5storage
 
     with _with_raw(run, record, with_raw, progress) as whole:
-        # Texts of this library are vectors, too: only with "row" are they those of MATLAB.
+        # Texts of this library are vectors, too: only with "row" are they MATLAB's character arrays.
         hdf5storage.savemat(
             str(path),
             _columns_upright(whole),

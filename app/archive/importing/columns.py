@@ -29,7 +29,7 @@ class TableKind:
     required: tuple[tuple[str, ...], ...]
     ambiguous: Mapping[str, tuple[str, ...]]
     measured_columns: tuple[str, ...]
-    """What was measured; a column `error` without more words belongs to the first of these that is there."""
+    """Measured quantities; a column named only `error` belongs to the first one in the table."""
     described: bool
     """Whether the protocol describes its columns for import; such a kind is preferred where a table fits several."""
 
@@ -39,7 +39,7 @@ class TableKind:
 
 
 def table_kinds() -> dict[str, TableKind]:
-    """Every kind of table, by name: those of the protocols, and raw time series."""
+    """Every kind of table, by name: tables of the protocols, and raw time series."""
     PROTOCOLS.load_others()
     made, series = {}, {}
     for name, protocol in PROTOCOLS.items():

@@ -106,7 +106,7 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress, data: b
 def _read_plain_numbers(path: Path, sha256: str, data: bytes, text: str, progress: Progress) -> ImportTable | None:
     """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
 
-    What is wrong in a table, and where, is found by reading it cell by cell.
+    The faults of a table and their places are found by reading it cell by cell.
     """
     begin, end = _first_line_of_numbers(text), len(text)
     while end > 0 and text[end - 1].isspace():

@@ -137,7 +137,7 @@ def write_imported_run(run: ImportedPoints, options: ImportOptions, folder: Path
 
 
 def _plotted_axes(run: ImportedPoints) -> tuple[str, str]:
-    """Return the columns of the default plot: the protocol's, or what was measured instead of its second."""
+    """Return the columns of the default plot: the protocol's, or a measured column in place of a missing second one."""
     x, y = run.protocol.axes
     measured = (y, *(run.protocol.aspects.import_form.required or ((y,),))[-1])
     present = (name for name in measured if any(math.isfinite(getattr(p, name, math.nan)) for p in run.points))

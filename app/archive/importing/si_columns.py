@@ -215,13 +215,13 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
 def add_stated_uncertainties(
     kind: TableKind, values: dict[str, Array], stated: Mapping[str, str], last: bool = True
 ) -> dict[str, str]:
-    """Add the standard errors that the user states, and return those of quantities that are not among the values.
+    """Add the stated standard errors, and return the errors of quantities that are not among the values.
 
     Args:
         kind: of the table.
         values: by quantity; errors are added as `QUANTITY_errors`.
         stated: quantity -> `2 um` or `1 %`.
-        last: refuse what is not among the values.
+        last: refuse errors of quantities that are not among the values.
 
     Raises:
         TableImportError: names the uncertainty that no fit can use, that is there twice, or that is no number.

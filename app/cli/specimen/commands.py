@@ -36,7 +36,7 @@ TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 
 @options
 class ShowSheetCommand:
-    """Print the sheet of a specimen: what its fits take as known."""
+    """Print the sheet of a specimen: the prior values of its fits."""
 
     specimen: str = argument()
     folder: Path = FOLDER

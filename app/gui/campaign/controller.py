@@ -38,7 +38,7 @@ class CampaignController(QObject):
     reviewed = Signal(object)
     """A `ResultReview` that was requested."""
     modified = Signal(str)
-    """What was changed, where `modify` was given a text for it."""
+    """Description of the change, where `modify` was given one."""
     run_requested = Signal(object)
     """A `RunRequest` for the session."""
 

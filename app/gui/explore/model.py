@@ -93,7 +93,7 @@ class ExploreModel(QObject):
     def save_study(self, path: Path, result: ExploreResult | None = None) -> None:
         """Save a study of the parameters that differ between the kept curves, else of the slider moved last.
 
-        The frequencies are those of `result`; without one, 1 Hz to 250 Hz.
+        At the frequencies of `result`; without one, 1 Hz to 250 Hz.
         """
         frequencies_hz: Sequence[float] = range(1, 251) if result is None else result.curve.frequency_hz.tolist()
         self.message.emit("computing the study …", False)

@@ -35,7 +35,7 @@ from protocols.base import Protocol
 BenchGetter = Callable[[], Bench | None]
 
 MIN_CONTENT_HEIGHT = 90
-"""Of what scrolls between the protocol's name and the button Run."""
+"""Least height of the scroll area between the protocol's name and the button Run."""
 
 ABOUT_LINES = 3
 """Height of the description of the protocol, or of the field with the keyboard."""

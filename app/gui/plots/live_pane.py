@@ -21,7 +21,7 @@ MIN_PLOT_HEIGHT = 56
 class LivePane(QSplitter):
     """The plots of one run; a page may add widgets below.
 
-    They are made when the pane is first shown or used: the first paint of the window may be that of another page.
+    They are made when the pane is first shown or used: the window may show another page first.
     """
 
     repeat_requested = Signal(tuple)

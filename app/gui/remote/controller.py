@@ -41,7 +41,7 @@ class RemoteController(QObject):
         self._beat_s = time.monotonic()
         self._worker = BackgroundWorker("web page", self)
         self.server: RemoteView | None = None
-        """Made in the background when the page is first wanted: its imports take some hundredths of a second."""
+        """Made in the background when the page is first opened: its imports take some hundredths of a second."""
         self.url = self.problem = ""
         mode = str(settings.value(MODE_KEY, OFF))
         self.mode = mode if mode in MODES else OFF

@@ -154,7 +154,7 @@ class IdentificationPage(QWidget):
         """Fit the model to the runs that are ticked; while a fit runs: cancel it.
 
         Args:
-            also: parameters that are free in addition; None: those of the last fit.
+            also: parameters that are free in addition; None: as in the last fit.
             plain: whether the beam model is fitted alone, without usual nonidealities; None: as the last fit.
         """
         if self._worker.pending:

@@ -50,7 +50,7 @@ class SpecimenPage(QWidget):
         self._worker = BackgroundWorker("specimen sheet", self)
         self._folder, self._sheet = Path(), SpecimenSheet()
         self._base = self._sheet
-        """What the file has; used in the background thread only."""
+        """Contents of the file; used in the background thread only."""
         self._history: UndoHistory[SheetDraft] = UndoHistory(SheetDraft())
         self._picture = ""
         self.heading = make_label(kind="heading", wrap=False, name="sheet.heading")

@@ -38,7 +38,7 @@ class Notifier(QObject):
 
     Args:
         window: is alerted, and is not in front if a notice is to be shown.
-        settings: whether sounds and notices are wanted.
+        settings: whether sounds and notices are enabled.
         play: plays one of `TONES`.
         notify: shows a notice of the desktop: title and text.
     """
@@ -60,7 +60,7 @@ class Notifier(QObject):
         self._prompt_timer.timeout.connect(self._announce_prompt)
 
     def is_on(self, key: str) -> bool:
-        """Return whether sounds or notices are wanted."""
+        """Return whether sounds or notices are enabled."""
         return str(self._settings.value(key, "true")).casefold() != "false"
 
     def switch(self, key: str, on: bool) -> None:

@@ -269,7 +269,7 @@ class KeyBurstFilter(QObject):
         self._in_burst = self._may_begin_burst = False
         self._held: Callable[[], object] | None = None
         self._hold_timer = QTimer(self, singleShot=True, interval=HOLD_MS)
-        # Keys that wait behind a long paint are delivered before the action is triggered, and may be those of a scan.
+        # Keys that wait behind a long paint are delivered before the action is triggered, and may belong to a scan.
         self._release_timer = QTimer(self, singleShot=True, interval=0)
         self._hold_timer.timeout.connect(self._release_timer.start)
         self._release_timer.timeout.connect(self._trigger_held)

@@ -48,7 +48,7 @@ class Explanation:
     cause_words: str = ""
     """What it means, with its size."""
     words: str = ""
-    """The same, with what changes in the fit."""
+    """The explanation with the changes of the fit."""
 
     @property
     def p_value(self) -> float:

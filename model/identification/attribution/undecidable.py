@@ -13,7 +13,7 @@ from model.identification.nonidealities import DEFAULTS as NONIDEAL_DEFAULTS
 UNSEEN_ERROR = 0.1
 """Standard error of a relative scale error from these runs alone beyond which they do not show it."""
 MIN_MOVE = 0.2
-"""Relative change of a parameter, over that of the scale, from which on it is named."""
+"""Relative change of a parameter, divided by the scale's, from which on it is named."""
 
 CHECKS = {
     "sensor_gain": (
@@ -36,12 +36,12 @@ class UndecidableError:
 
     name: str
     moves: Mapping[str, float]
-    """Relative change of each parameter over that of the scale."""
+    """Relative change of each parameter divided by the scale's."""
     words: str
 
 
 def undecidable_errors(fit: JointFit, effects: Mapping[Cause, Array]) -> tuple[UndecidableError, ...]:
-    """Return the scale errors that the fit takes up; `effects` are those of the causes on the weighted residuals."""
+    """Return the scale errors that the fit takes up; `effects`: of the causes on the weighted residuals."""
     return tuple(_found(fit, effects))
 
 
@@ -66,7 +66,7 @@ def _found(fit: JointFit, effects: Mapping[Cause, Array]) -> Iterator[Undecidabl
 
 
 def _undecidable(name: str, what: str, remedy: str, moves: Mapping[str, float]) -> UndecidableError:
-    # A share of what is about none has no meaning.
+    # A share of a value near zero has no meaning.
     named = {n: m for n, m in moves.items() if abs(m) > MIN_MOVE and NONIDEAL_DEFAULTS.get(n) != 0.0}
     text = ", ".join(f"{n} by {abs(m):.2g} %" for n, m in named.items())
     moved = f": 1 % would move {text}" if text else ""
