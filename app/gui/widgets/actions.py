@@ -17,6 +17,10 @@ GLOBAL_GROUP = "Everywhere"
 EVERY_PAGE = "*"
 """Page of an action that each page has in its own widgets."""
 
+REPEATING_PAGES = ("Specimen sheet", "Measure", "Explore", "Runs")
+REPEATING_ITEMS = ("campaign.item.up", "campaign.item.down")
+REPEATING_KEYS = ("plot.closer", "plot.further", "plot.marker-left", "plot.marker-right", *REPEATING_ITEMS)
+
 BURST_GAP_MS = 50
 """Keys that follow each other faster come from a barcode scanner."""
 
@@ -29,11 +33,6 @@ MODIFIER_KEYS = (Qt.Key.Key_Shift, Qt.Key.Key_Control, Qt.Key.Key_Alt, Qt.Key.Ke
 NO_TEXT = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
 
 
-def is_idle(state: WindowState) -> bool:
-    """Return whether no run is active."""
-    return not state.busy
-
-
 @dataclass(frozen=True, slots=True)
 class ActionInfo:
     """What an action is called, which shortcuts trigger it and where it works."""
@@ -42,16 +41,23 @@ class ActionInfo:
     text: str
     shortcuts: tuple[str, ...]
     """The first one is shown on buttons."""
-    tooltip: str = ""
-    """Of its button, without the shortcut; empty where the button's own text suffices."""
     page: str = ""
     """Title of the page whose widgets must have the keyboard; empty for an action of the whole window."""
-    enabled_when: Callable[[WindowState], bool] | None = None
-    """None for an action that is always enabled, or that its widget enables."""
-    repeats: bool = False
-    """Whether it is triggered again while its key is held down."""
-    while_visible: bool = False
-    """An action of a page that works wherever the keyboard is, as long as its widget is visible."""
+
+    @property
+    def repeats(self) -> bool:
+        """Whether it is triggered again while its key is held down."""
+        return self.page in REPEATING_PAGES or self.id in REPEATING_KEYS
+
+    @property
+    def needs_idle(self) -> bool:
+        """Whether it is disabled during a run: an answer to a prompt may have the same letter as its shortcut."""
+        return self.id.startswith("campaign.item.")
+
+    @property
+    def while_visible(self) -> bool:
+        """Whether an action of a page works wherever the keyboard is, as long as its widget is visible."""
+        return self.id.startswith("traces.")
 
     @property
     def shortcut(self) -> str:
@@ -59,196 +65,129 @@ class ActionInfo:
         return self.shortcuts[0]
 
 
-ACTIONS = {
-    info.id: info
-    for info in (
-        ActionInfo("escape", "Stop: go to rest and end the run; otherwise one step back", ("Esc",)),
-        ActionInfo("stop", "Stop: go to rest and end the run", ("F12",), "Go to rest and end the run"),
-        ActionInfo("run", "Run the protocol or item that is shown", ("F5", "Ctrl+R"), "Start the run"),
-        ActionInfo("pause", "Pause at rest, or resume", ("F8",)),
-        ActionInfo("page.measure", "Page Measure", ("Ctrl+1",)),
-        ActionInfo("page.campaign", "Page Campaign", ("Ctrl+2",)),
-        ActionInfo("page.explore", "Page Explore", ("Ctrl+3",)),
-        ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
-        ActionInfo("page.bench", "Page Bench", ("Ctrl+5",)),
-        ActionInfo("page.laboratory", "Page Laboratory", ("Ctrl+6",)),
-        ActionInfo("answer", "Answer the prompt above the pages", ("Return", "Enter")),
-        ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("F4",)),
-        ActionInfo("palette", "Find a command, protocol, run or setting, or close the list", ("Ctrl+K",)),
-        ActionInfo(
-            "specimen",
-            "Specimen sheet: dimensions and masses, or close it",
-            ("F7",),
-            "Dimensions and masses of this specimen, with their uncertainties",
-        ),
-        ActionInfo(
-            "identification",
-            "Identification: parameters, uncertainty budget and acceptance, or close it",
-            ("Shift+F7",),
-            "Parameters from these runs with their uncertainty budget, and acceptance",
-        ),
-        ActionInfo("sheet.undo", "Undo in the sheet", ("Ctrl+Z",), page="Specimen sheet", repeats=True),
-        ActionInfo("sheet.redo", "Redo in the sheet", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Specimen sheet", repeats=True),
-        ActionInfo("settings", "Settings, or close them", ("Ctrl+,",)),
-        ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
-        ActionInfo(
-            "faults.toggle",
-            "Speed, prompts and faults of the simulated bench, or close the list",
-            ("F9",),
-            "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
-        ),
-        ActionInfo("faults.clear", "Clear all faults", ("Shift+F9",)),
-        ActionInfo("shortcuts", "Help: safety, words, how-tos and keys, or close it", ("F1", "?")),
-        ActionInfo("problem", "Save a problem report, or close its page", ("Ctrl+F1",)),
-        ActionInfo("measure.undo", "Undo in the form", ("Ctrl+Z",), page="Measure", repeats=True),
-        ActionInfo("measure.redo", "Redo in the form", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Measure", repeats=True),
-        ActionInfo(
-            "campaign.queue",
-            "Run all measurements without manual steps, or stop after the present one",
-            ("Ctrl+F5",),
-            page="Campaign",
-        ),
-        ActionInfo("campaign.undo", "Undo", ("Ctrl+Z",), page="Campaign"),
-        ActionInfo("campaign.redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Campaign"),
-        ActionInfo(
-            "campaign.add", "Add a measurement, or a series over a parameter", ("Ctrl+Shift+N",), page="Campaign"
-        ),
-        ActionInfo("campaign.new", "Create another campaign", ("Ctrl+N",), page="Campaign"),
-        ActionInfo("campaign.open", "Open a campaign", ("Ctrl+O",), page="Campaign"),
-        # An answer to a prompt may have the same letter as one of these: they are disabled during a run.
-        *(
-            ActionInfo(f"campaign.item.{name}", text, (key,), tip, "Campaign", is_idle, repeats)
-            for name, text, key, tip, repeats in (
-                ("run", "Run the selected measurement", "Shift+F5", "Measure this item now", False),
-                (
-                    "skip",
-                    "Skip the selected measurement, or include it again",
-                    "S",
-                    "Skip the item, or include it again",
-                    False,
-                ),
-                (
-                    "repeat",
-                    "Measure the selected one again",
-                    "M",
-                    "Measure it again: what counts now counts until the new result is accepted",
-                    False,
-                ),
-                ("accept", "Accept the result of the selected item (also Enter)", "A", "", False),
-                (
-                    "reject",
-                    "Reject the result of the selected item",
-                    "X",
-                    "The run that counts now is no longer used",
-                    False,
-                ),
-                ("open", "Open the run of the selected one", "O", "Show the run on the Runs page", False),
-                (
-                    "explore",
-                    "Overlay the run of the selected one on the model",
-                    "E",
-                    "Overlay the run on the model's curve on the Explore page",
-                    False,
-                ),
-                ("up", "Move the selected one up", "Alt+Up", "", True),
-                ("down", "Move the selected one down", "Alt+Down", "", True),
-            )
-        ),
-        *(
-            ActionInfo(f"explore.{name}", text, keys, tip, "Explore", repeats=True)
-            for name, text, keys, tip in (
-                ("undo", "Undo", ("Ctrl+Z",), "Undo"),
-                ("redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), "Redo"),
-                (
-                    "keep",
-                    "Keep the present curve",
-                    ("Ctrl+Shift+K",),
-                    "Keep the present curve while the sliders are moved",
-                ),
-                (
-                    "copy-json",
-                    "Copy every parameter as JSON",
-                    ("Ctrl+Shift+C",),
-                    "Every parameter as JSON for --set",
-                ),
-                ("overlay", "Overlay a run on the curves", ("Ctrl+O",), "Measured points over the curves"),
-                (
-                    "fit",
-                    "Fit the model to the overlaid runs, or cancel the fit",
-                    ("Ctrl+F",),
-                    "Fit the sliders to the overlaid runs",
-                ),
-                ("skin", "Free, or on skin", ("Ctrl+T",), ""),
-                (
-                    "study",
-                    "Save as a study",
-                    ("Ctrl+S",),
-                    "The parameters that differ between the kept curves, or else the slider moved last, as HDF5 or CSV",
-                ),
-            )
-        ),
-        *(
-            ActionInfo(f"runs.{name}", text, keys, tip, "Runs", repeats=True)
-            for name, text, keys, tip in (
-                ("search", "Search", ("/", "Ctrl+F"), ""),
-                ("explore", "Overlay the selected runs on the model's curve", ("E",), "Overlay on the model's curve"),
-                ("export", "Export the selected runs", ("Ctrl+E",), ""),
-                ("notes", "Tags and note", ("F2",), ""),
-                ("copy-paths", "Copy the paths of the selected runs", ("Ctrl+C",), ""),
-                ("continue", "Continue the selected run, which was stopped", ("Ctrl+Return",), ""),
-                ("show-folder", "Show the folder of the selected run", ("Ctrl+L",), ""),
-                ("import", "Import run files and tables …", ("Ctrl+I",), "Copy run files and tables into this folder"),
-                ("trash", "Move the selected runs to the trash", ("Del",), ""),
-                ("undo", "Take the runs of the last deletion out of the trash", ("Ctrl+Z",), ""),
-            )
-        ),
-        *(
-            ActionInfo(f"traces.{name}", text, keys, page="Runs", repeats=True, while_visible=True)
-            for name, text, keys in (
-                ("zoom-in", "Traces of the open run: closer", ("Ctrl++", "Ctrl+=")),
-                ("zoom-out", "Traces: further away", ("Ctrl+-",)),
-                ("whole", "Traces: the whole run", ("Ctrl+0",)),
-                ("later", "Traces: later", ("Ctrl+Right",)),
-                ("earlier", "Traces: earlier", ("Ctrl+Left",)),
-            )
-        ),
-        ActionInfo(
-            "plot.copy-picture",
-            "Copy the focused plot as a picture",
-            ("Ctrl+P",),
-            "This plot as a picture on the clipboard",
-            EVERY_PAGE,
-        ),
-        ActionInfo(
-            "plot.copy-data",
-            "Copy the focused plot as a table",
-            ("Ctrl+D",),
-            "The data of this plot as a table on the clipboard",
-            EVERY_PAGE,
-        ),
-        *(
-            ActionInfo(f"plot.{name}", text, keys, page=EVERY_PAGE, repeats=repeats)
-            for name, text, keys, repeats in (
-                ("save-picture", "Save the focused plot as a picture …", ("Ctrl+Shift+P",), False),
-                ("save-data", "Save the data of the focused plot …", ("Ctrl+Shift+D",), False),
-                ("whole", "Focused plot: show everything (also a double click)", ("Home",), False),
-                (
-                    "closer",
-                    "Focused plot: closer (also the wheel, or a box drawn with the left button)",
-                    ("+", "="),
-                    True,
-                ),
-                ("further", "Focused plot: further away", ("-",), True),
-                ("log-x", "Focused plot: logarithmic x axis, or a linear one", ("Ctrl+Shift+X",), False),
-                ("log-y", "Focused plot: logarithmic y axis, or a linear one", ("Ctrl+Shift+Y",), False),
-                ("peak", "Focused plot: marker to the highest point", ("P",), False),
-                ("marker-left", "Focused plot: marker to the point before", ("Left",), True),
-                ("marker-right", "Focused plot: marker to the next point", ("Right",), True),
-            )
-        ),
-    )
+SHORTCUTS: dict[str, dict[str, tuple[str, str]]] = {
+    "": {
+        "escape": ("Esc", "Stop: go to rest and end the run; otherwise one step back"),
+        "stop": ("F12", "Stop: go to rest and end the run"),
+        "run": ("F5 Ctrl+R", "Run the protocol or item that is shown"),
+        "pause": ("F8", "Pause at rest, or resume"),
+        "page.measure": ("Ctrl+1", "Page Measure"),
+        "page.campaign": ("Ctrl+2", "Page Campaign"),
+        "page.explore": ("Ctrl+3", "Page Explore"),
+        "page.runs": ("Ctrl+4", "Page Runs"),
+        "page.bench": ("Ctrl+5", "Page Bench"),
+        "page.laboratory": ("Ctrl+6", "Page Laboratory"),
+        "answer": ("Return Enter", "Answer the prompt above the pages"),
+        "acknowledge": ("F4", "Acknowledge or dismiss a message"),
+        "palette": ("Ctrl+K", "Find a command, protocol, run or setting, or close the list"),
+        "specimen": ("F7", "Specimen sheet: dimensions and masses, or close it"),
+        "identification": ("Shift+F7", "Identification: parameters, uncertainty budget and acceptance, or close it"),
+        "settings": ("Ctrl+,", "Settings, or close them"),
+        "reconnect": ("F6", "Connect to the bench again"),
+        "faults.toggle": ("F9", "Speed, prompts and faults of the simulated bench, or close the list"),
+        "faults.clear": ("Shift+F9", "Clear all faults"),
+        "shortcuts": ("F1 ?", "Help: safety, words, how-tos and keys, or close it"),
+        "problem": ("Ctrl+F1", "Save a problem report, or close its page"),
+    },
+    "Specimen sheet": {
+        "sheet.undo": ("Ctrl+Z", "Undo in the sheet"),
+        "sheet.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo in the sheet"),
+    },
+    "Measure": {
+        "measure.undo": ("Ctrl+Z", "Undo in the form"),
+        "measure.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo in the form"),
+    },
+    "Campaign": {
+        "campaign.queue": ("Ctrl+F5", "Run all measurements without manual steps, or stop after the present one"),
+        "campaign.undo": ("Ctrl+Z", "Undo"),
+        "campaign.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo"),
+        "campaign.add": ("Ctrl+Shift+N", "Add a measurement, or a series over a parameter"),
+        "campaign.new": ("Ctrl+N", "Create another campaign"),
+        "campaign.open": ("Ctrl+O", "Open a campaign"),
+        "campaign.item.run": ("Shift+F5", "Run the selected measurement"),
+        "campaign.item.skip": ("S", "Skip the selected measurement, or include it again"),
+        "campaign.item.repeat": ("M", "Measure the selected one again"),
+        "campaign.item.accept": ("A", "Accept the result of the selected item (also Enter)"),
+        "campaign.item.reject": ("X", "Reject the result of the selected item"),
+        "campaign.item.open": ("O", "Open the run of the selected one"),
+        "campaign.item.explore": ("E", "Overlay the run of the selected one on the model"),
+        "campaign.item.up": ("Alt+Up", "Move the selected one up"),
+        "campaign.item.down": ("Alt+Down", "Move the selected one down"),
+    },
+    "Explore": {
+        "explore.undo": ("Ctrl+Z", "Undo"),
+        "explore.redo": ("Ctrl+Shift+Z Ctrl+Y", "Redo"),
+        "explore.keep": ("Ctrl+Shift+K", "Keep the present curve"),
+        "explore.copy-json": ("Ctrl+Shift+C", "Copy every parameter as JSON"),
+        "explore.overlay": ("Ctrl+O", "Overlay a run on the curves"),
+        "explore.fit": ("Ctrl+F", "Fit the model to the overlaid runs, or cancel the fit"),
+        "explore.skin": ("Ctrl+T", "Free, or on skin"),
+        "explore.study": ("Ctrl+S", "Save as a study"),
+    },
+    "Runs": {
+        "runs.search": ("/ Ctrl+F", "Search"),
+        "runs.explore": ("E", "Overlay the selected runs on the model's curve"),
+        "runs.export": ("Ctrl+E", "Export the selected runs"),
+        "runs.notes": ("F2", "Tags and note"),
+        "runs.copy-paths": ("Ctrl+C", "Copy the paths of the selected runs"),
+        "runs.continue": ("Ctrl+Return", "Continue the selected run, which was stopped"),
+        "runs.show-folder": ("Ctrl+L", "Show the folder of the selected run"),
+        "runs.import": ("Ctrl+I", "Import run files and tables …"),
+        "runs.trash": ("Del", "Move the selected runs to the trash"),
+        "runs.undo": ("Ctrl+Z", "Take the runs of the last deletion out of the trash"),
+        "traces.zoom-in": ("Ctrl++ Ctrl+=", "Traces of the open run: closer"),
+        "traces.zoom-out": ("Ctrl+-", "Traces: further away"),
+        "traces.whole": ("Ctrl+0", "Traces: the whole run"),
+        "traces.later": ("Ctrl+Right", "Traces: later"),
+        "traces.earlier": ("Ctrl+Left", "Traces: earlier"),
+    },
+    EVERY_PAGE: {
+        "plot.copy-picture": ("Ctrl+P", "Copy the focused plot as a picture"),
+        "plot.copy-data": ("Ctrl+D", "Copy the focused plot as a table"),
+        "plot.save-picture": ("Ctrl+Shift+P", "Save the focused plot as a picture …"),
+        "plot.save-data": ("Ctrl+Shift+D", "Save the data of the focused plot …"),
+        "plot.whole": ("Home", "Focused plot: show everything (also a double click)"),
+        "plot.closer": ("+ =", "Focused plot: closer (also the wheel, or a box drawn with the left button)"),
+        "plot.further": ("-", "Focused plot: further away"),
+        "plot.log-x": ("Ctrl+Shift+X", "Focused plot: logarithmic x axis, or a linear one"),
+        "plot.log-y": ("Ctrl+Shift+Y", "Focused plot: logarithmic y axis, or a linear one"),
+        "plot.peak": ("P", "Focused plot: marker to the highest point"),
+        "plot.marker-left": ("Left", "Focused plot: marker to the point before"),
+        "plot.marker-right": ("Right", "Focused plot: marker to the next point"),
+    },
 }
-"""Every action by its id, in the order of the shortcut sheet."""
+"""Shortcuts and text of every action, by its page and id in the order of the shortcut sheet."""
+
+TOOLTIPS = {
+    "stop": "Go to rest and end the run",
+    "run": "Start the run",
+    "specimen": "Dimensions and masses of this specimen, with their uncertainties",
+    "identification": "Parameters from these runs with their uncertainty budget, and acceptance",
+    "faults.toggle": "Speed and prompts of the simulated bench, and faults, to see how the program reacts",
+    "campaign.item.run": "Measure this item now",
+    "campaign.item.skip": "Skip the item, or include it again",
+    "campaign.item.repeat": "Measure it again: what counts now counts until the new result is accepted",
+    "campaign.item.reject": "The run that counts now is no longer used",
+    "campaign.item.open": "Show the run on the Runs page",
+    "campaign.item.explore": "Overlay the run on the model's curve on the Explore page",
+    "explore.keep": "Keep the present curve while the sliders are moved",
+    "explore.copy-json": "Every parameter as JSON for --set",
+    "explore.overlay": "Measured points over the curves",
+    "explore.fit": "Fit the sliders to the overlaid runs",
+    "explore.study": "The parameters that differ between the kept curves, or else the slider moved last, as HDF5 or CSV",
+    "runs.explore": "Overlay on the model's curve",
+    "runs.import": "Copy run files and tables into this folder",
+    "plot.copy-picture": "This plot as a picture on the clipboard",
+    "plot.copy-data": "The data of this plot as a table on the clipboard",
+}
+"""Of the buttons of actions whose text does not suffice, without the shortcuts."""
+
+ACTIONS = {
+    name: ActionInfo(name, text, tuple(keys.split()), page)
+    for page, group in SHORTCUTS.items()
+    for name, (keys, text) in group.items()
+}
+"""Every action by its id."""
 
 
 class KeyBurstFilter(QObject):
@@ -377,8 +316,8 @@ def add_actions(widget: QWidget, callbacks: Mapping[str, Callable[[], object]]) 
 def update_actions(widget: QWidget, state: WindowState) -> None:
     """Enable or disable a widget's actions for a window state."""
     for info, action in actions_of([widget]):
-        if info.enabled_when is not None:
-            action.setEnabled(info.enabled_when(state))
+        if info.needs_idle:
+            action.setEnabled(not state.busy)
 
 
 def actions_of(widgets: list[QWidget]) -> Iterator[tuple[ActionInfo, QAction]]:
@@ -399,7 +338,7 @@ def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tup
 def tooltip(action_id: str, text: str = "") -> str:
     """Return a tooltip that ends with the shortcuts of an action."""
     info = ACTIONS[action_id]
-    return f"{text or info.tooltip or info.text}: {' or '.join(info.shortcuts)}"
+    return f"{text or TOOLTIPS.get(action_id, info.text)}: {' or '.join(info.shortcuts)}"
 
 
 def shortcut_label(text: str, action_id: str) -> str:

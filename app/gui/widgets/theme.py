@@ -74,70 +74,45 @@ class Theme:
 
     def palette(self) -> QPalette:
         """Return the theme as a Qt palette."""
-        roles = QPalette.ColorRole
-        palette = QPalette()
-        for role, colour in (
-            (roles.Window, self.window),
-            (roles.WindowText, self.text),
-            (roles.Base, self.field),
-            (roles.AlternateBase, self.panel),
-            (roles.Text, self.text),
-            (roles.Button, self.panel),
-            (roles.ButtonText, self.text),
-            (roles.ToolTipBase, self.panel),
-            (roles.ToolTipText, self.text),
-            (roles.PlaceholderText, self.secondary_text),
-            (roles.Highlight, self.accent),
-            (roles.HighlightedText, "#ffffff"),
-            (roles.Link, self.accent),
-            (roles.Light, self.panel),
-            (roles.Midlight, self.line),
-            (roles.Mid, self.line),
-            (roles.Dark, self.line),
-            (roles.BrightText, self.error),
+        roles, palette = QPalette.ColorRole, QPalette()
+        for colour, of in (
+            (self.window, [roles.Window]),
+            (self.field, [roles.Base]),
+            (self.panel, [roles.AlternateBase, roles.Button, roles.ToolTipBase, roles.Light]),
+            (self.text, [roles.WindowText, roles.Text, roles.ButtonText, roles.ToolTipText]),
+            (self.secondary_text, [roles.PlaceholderText]),
+            (self.accent, [roles.Highlight, roles.Link]),
+            ("#ffffff", [roles.HighlightedText]),
+            (self.line, [roles.Midlight, roles.Mid, roles.Dark]),
+            (self.error, [roles.BrightText]),
         ):
-            palette.setColor(role, QColor(colour))
+            for role in of:
+                palette.setColor(role, QColor(colour))
         for role in (roles.WindowText, roles.Text, roles.ButtonText):
             palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(self.secondary_text))
         return palette
 
 
-LIGHT = Theme(
-    dark=False,
-    window="#f2f3f5",
-    panel="#ffffff",
-    field="#ffffff",
-    line="#c9cdd3",
-    text="#16191d",
-    secondary_text="#5d6570",
-    accent="#1f5fbf",
-    model="#1f5fbf",
-    measured="#b3261e",
-    second="#22262b",
-    threshold="#1b7a3d",
-    success="#146c34",
-    warning="#8a5a00",
-    error="#b00020",
-    simulated="#d0021b",
-)
-DARK = Theme(
-    dark=True,
-    window="#15181c",
-    panel="#1e2227",
-    field="#23282e",
-    line="#414851",
-    text="#e8eaed",
-    secondary_text="#9aa3ad",
-    accent="#3d78d0",
-    model="#6ea8ff",
-    measured="#ff8a80",
-    second="#f4f5f6",
-    threshold="#6fd08c",
-    success="#6fd08c",
-    warning="#ffc46b",
-    error="#ff6b6b",
-    simulated="#ff5a5a",
-)
+COLORS = {
+    "window": ("#f2f3f5", "#15181c"),
+    "panel": ("#ffffff", "#1e2227"),
+    "field": ("#ffffff", "#23282e"),
+    "line": ("#c9cdd3", "#414851"),
+    "text": ("#16191d", "#e8eaed"),
+    "secondary_text": ("#5d6570", "#9aa3ad"),
+    "accent": ("#1f5fbf", "#3d78d0"),
+    "model": ("#1f5fbf", "#6ea8ff"),
+    "measured": ("#b3261e", "#ff8a80"),
+    "second": ("#22262b", "#f4f5f6"),
+    "threshold": ("#1b7a3d", "#6fd08c"),
+    "success": ("#146c34", "#6fd08c"),
+    "warning": ("#8a5a00", "#ffc46b"),
+    "error": ("#b00020", "#ff6b6b"),
+    "simulated": ("#d0021b", "#ff5a5a"),
+}
+"""Every colour in the light and in the dark theme."""
+
+LIGHT, DARK = (Theme(bool(at), **{name: pair[at] for name, pair in COLORS.items()}) for at in (0, 1))
 
 
 class WindowTheme(QObject):
@@ -196,8 +171,7 @@ def style_sheet(theme: Theme, scale: float = 1.0) -> str:
 def _style_sheet(theme: Theme) -> str:
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
-    QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
-    QLabel[kind="step"] {{ font-size: 15pt; font-weight: bold; }}
+    QLabel[kind="heading"], QLabel[kind="step"] {{ font-size: 15pt; font-weight: bold; }}
     QLabel[kind="step-why"] {{ font-size: 11pt; }}
     QLabel[kind="step-detail"] {{ font-size: 11pt; font-weight: bold; }}
     QLabel[kind="large"] {{ font-size: 11pt; }}
