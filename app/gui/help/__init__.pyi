@@ -1,3 +1,4 @@
+from .cover import SearchCover as SearchCover
 from .hint import FirstRunHint as FirstRunHint
 from .palette import CommandPalette as CommandPalette
 from .palette import PaletteEntry as PaletteEntry

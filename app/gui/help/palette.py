@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
-from app.gui.widgets import column, configure, make_button, make_label, row, shortcut_label
+from app.gui.help.cover import SearchCover
+from app.gui.widgets import configure
 
 MAX_SHOWN = 200
 ENTRY_ROLE = Qt.ItemDataRole.UserRole
@@ -24,42 +26,28 @@ class PaletteEntry:
     hint: str = ""
     """Shortcut, or what distinguishes entries of the same text."""
 
-    def matches(self, words: Sequence[str]) -> bool:
-        """Return whether every word occurs in the entry."""
-        whole = f"{self.kind} {self.text} {self.hint}".casefold()
-        return all(word in whole for word in words)
 
-
-class CommandPalette(QWidget):
+class CommandPalette(SearchCover):
     """Lists what matches the search; up and down select while the keyboard stays in the search."""
 
-    closed = Signal()
-
     def __init__(self) -> None:
-        super().__init__()
-        self._entries: tuple[PaletteEntry, ...] = ()
-        self.search = configure(
-            QLineEdit(),
-            "palette.search",
-            placeholderText="What to do: words of a command, protocol, run or setting",
-            accessibleName="search commands, protocols, runs and settings",
-            clearButtonEnabled=True,
+        super().__init__(
+            "palette",
+            "Go to",
+            "What to do: words of a command, protocol, run or setting",
+            "search commands, protocols, runs and settings",
         )
+        self._entries: tuple[PaletteEntry, ...] = ()
         self.list = configure(QListWidget(), "palette.list", accessibleName="found", focusPolicy=Qt.FocusPolicy.NoFocus)
-        self.search.textChanged.connect(self._fill_list)
         self.search.returnPressed.connect(self.choose_selected)
         self.search.installEventFilter(self)
         self.list.itemClicked.connect(lambda _: self.choose_selected())
-        close = make_button(shortcut_label("Close", "palette"), self.closed.emit, name="palette.close")
-        top = row(make_label("Go to", "heading", wrap=False), (self.search, 1), close, spacing=14)
-        column(top, (self.list, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
+        self._lay_out(self.list)
 
     def show_entries(self, entries: Sequence[PaletteEntry]) -> None:
         """Show what can be chosen now, and clear the search."""
         self._entries = tuple(entries)
-        self.search.clear()
-        self._fill_list()
-        self.search.setFocus()
+        self.search_for()
 
     @property
     def shown(self) -> list[PaletteEntry]:
@@ -83,10 +71,10 @@ class CommandPalette(QWidget):
                 return True
         return super().eventFilter(watched, event)
 
-    def _fill_list(self) -> None:
-        words = self.search.text().casefold().split()
+    def _fill(self) -> None:
         self.list.clear()
-        for entry in [entry for entry in self._entries if entry.matches(words)][:MAX_SHOWN]:
+        found = (entry for entry in self._entries if self._matches(f"{entry.kind} {entry.text} {entry.hint}"))
+        for entry in islice(found, MAX_SHOWN):
             item = QListWidgetItem(f"{entry.text}    {entry.hint}" if entry.hint else entry.text)
             item.setData(ENTRY_ROLE, entry)
             item.setToolTip(entry.kind)

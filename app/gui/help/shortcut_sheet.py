@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QWidget
 
-from app.gui.help.concepts import CONCEPTS, Concept
+from app.gui.help.concepts import CONCEPTS
+from app.gui.help.cover import SearchCover
 from app.gui.widgets import (
     STRETCH,
     ActionInfo,
@@ -18,56 +19,41 @@ from app.gui.widgets import (
     make_panel,
     make_scroll_area,
     row,
-    shortcut_label,
 )
 
 
-class ShortcutSheet(QWidget):
+class ShortcutSheet(SearchCover):
     """Lists the shortcuts by group; filled whenever it is opened."""
 
-    closed = Signal()
     welcome_requested = Signal()
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("shortcuts", "Help", "Search: a word, what to do, or a key", "search the help")
         self._groups: Mapping[str, tuple[ActionInfo, ...]] = {}
         self.rows: list[tuple[str, ActionInfo]] = []
         """The displayed actions with the title of their group."""
-        self.concepts: Mapping[str, Sequence[Concept]] = {}
-        """The displayed explanations by group."""
-        self.search = configure(
-            QLineEdit(),
-            "shortcuts.search",
-            placeholderText="Search: a word, what to do, or a key",
-            accessibleName="search the help",
-            clearButtonEnabled=True,
-        )
-        self.search.textChanged.connect(self._fill_list)
+        self.concepts: Mapping[str, Mapping[str, str]] = {}
+        """The displayed explanations by group and name."""
         self._scroll = make_scroll_area(accessibleName="keys by group")
-        first = make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps")
-        close = make_button(shortcut_label("Close", "shortcuts"), self.closed.emit, name="shortcuts.close")
-        top = row(make_label("Help", "heading", wrap=False), (self.search, 1), first, close, spacing=14)
-        column(top, (self._scroll, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
+        self._lay_out(
+            self._scroll,
+            make_button("First steps …", self.welcome_requested.emit, name="shortcuts.first-steps"),
+        )
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
         """Show groups of actions and clear the search."""
         self._groups = groups
-        self.search.clear()
-        self._fill_list()
-        self.search.setFocus()
+        self.search_for()
 
-    def _fill_list(self) -> None:
-        words = self.search.text().lower().split()
+    def _fill(self) -> None:
         found = {
-            title: [
-                info for info in group if all(w in f"{info.text} {' '.join(info.shortcuts)}".lower() for w in words)
-            ]
+            title: [info for info in group if self._matches(f"{info.text} {' '.join(info.shortcuts)}")]
             for title, group in self._groups.items()
         }
         self.rows = [(title, info) for title, group in found.items() for info in group]
         frames = [_group_frame(title, group) for title, group in found.items() if group]
         self.concepts = {
-            title: [concept for concept in group if all(w in f"{title} {' '.join(concept)}".lower() for w in words)]
+            title: {name: text for name, text in group.items() if self._matches(f"{title} {name} {text}")}
             for title, group in CONCEPTS.items()
         }
         explained = [_concept_frame(title, group) for title, group in self.concepts.items() if group]
@@ -84,9 +70,11 @@ def _side_by_side(frames: Sequence[QWidget]) -> QHBoxLayout:
     return columns
 
 
-def _concept_frame(title: str, concepts: Sequence[Concept]) -> QFrame:
+def _concept_frame(title: str, concepts: Mapping[str, str]) -> QFrame:
     lines = (
-        label for each in concepts for label in (make_label(each.name, "caption"), make_label(each.text, "note-size"))
+        label
+        for name, text in concepts.items()
+        for label in (make_label(name, "caption"), make_label(text, "note-size"))
     )
     return make_panel(make_label(title, "running", wrap=False), *lines, margins=(16, 10, 16, 12), spacing=4)
 

@@ -4,7 +4,7 @@ import json
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, Qt, Signal
+from PySide6.QtCore import QSettings, Qt
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.measure.form_history import FormHistory
@@ -27,7 +27,6 @@ class MeasurePage(QSplitter):
     """One page of the window."""
 
     title = "Measure"
-    repeat_requested = Signal(tuple)
 
     def __init__(
         self,
@@ -48,7 +47,6 @@ class MeasurePage(QSplitter):
         self._curve_started, self._last_poll_s = False, 0.0
         self.run_panel = RunPanel(protocol, bench, presets, theme)
         self.live_pane = LivePane(feed, amplifier, theme)
-        self.live_pane.repeat_requested.connect(self.repeat_requested)
         self.log = LogPane(theme)
         self.live_pane.add_widget(self.log, 2)
         configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)

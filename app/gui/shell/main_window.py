@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
+from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit, QMainWindow
 
 from app.common import RecentErrors
 from app.config import BenchConfig, ConfigError
@@ -16,15 +17,25 @@ from app.gui.shell.menus import MainMenus
 from app.gui.shell.page_host import BENCH, CAMPAIGN, MEASURE
 from app.gui.shell.page_stack import CentralStack
 from app.gui.shell.tabs import MainTabs
-from app.gui.shell.window_settings import make_settings
-from app.gui.status import BenchStatusBar, FaultPanel, NoticeArea, Notifier, SessionController, SimulationControls
+from app.gui.status import (
+    NOTICE_KEY,
+    SOUND_KEY,
+    BenchStatusBar,
+    FaultPanel,
+    NoticeArea,
+    Notifier,
+    SessionController,
+    SimulationControls,
+)
 from app.gui.widgets import (
-    Item,
+    APPEARANCES,
     KeyBurstFilter,
     Overlaid,
     WindowTheme,
     add_actions,
-    column,
+    configure,
+    make_combo,
+    make_pane,
     style_sheet,
     text_scale,
     theme_for,
@@ -46,8 +57,16 @@ LEAST_SIZE = QSize(640, 330)
 FRAME_SIZE = QSize(4, 32)
 """Of the frame that a desktop draws around a window."""
 
+ERROR_TEXT = "The program made an error. Ctrl+F1 saves a problem report for its developers."
+
 HIDDEN_CONNECT_DELAY_MS = 500
 """A window that is not visible, and so not painted, connects after this time."""
+
+
+NOTIFICATIONS = (
+    (SOUND_KEY, "Sound", "When the operator is needed, a run has ended, or the bench is unsafe"),
+    (NOTICE_KEY, "Notices of the desktop", "The same as text, while another window is in front; unsafe always"),
+)
 
 
 @dataclass(frozen=True)
@@ -105,12 +124,10 @@ class MainWindow(QMainWindow):
         self.theme.changed.connect(self._apply_style)  # first: texts of plots have its size
         self.status_bar = BenchStatusBar(self.theme, self.controller)
         self.notices = NoticeArea(self.controller, self)
-        controls = (
-            SimulationControls(adapter.simulation, self.controller.change_speed)
-            if adapter.simulation is not None
-            else None
-        )
+        settable = adapter.simulation
+        controls = None if settable is None else SimulationControls(settable, self.controller.change_speed)
         self.faults = FaultPanel(adapter.faults, self, controls) if config.simulated else None
+        self._faults = () if self.faults is None else (self.faults,)
         self.tabs = MainTabs(form.protocol, self.controller, config, settings, self.theme, open_bench)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs, self.theme)
@@ -155,7 +172,7 @@ class MainWindow(QMainWindow):
         """Stop always; without a run the visible page also goes one step back."""
         idle = not self.state.busy
         self.controller.stop()
-        if idle and not (self.faults is not None and self.faults.close_list()):
+        if idle and not any(panel.close_list() for panel in self._faults):
             self.central.go_back()
 
     def start_demo(self) -> None:
@@ -237,12 +254,6 @@ class MainWindow(QMainWindow):
         self._settings.setValue("window/appearance", appearance)
         self.theme.set_colors(theme_for(appearance))
 
-    def _make_settings(self) -> "list[Setting]":
-        panel = self.measure_page.run_panel
-        return make_settings(
-            self.appearance, self.set_appearance, panel, lambda: self.state.busy, self.notifier, self.remote
-        )
-
     def _problem_facts(self) -> "tuple[ProblemFacts, RecentErrors]":
         from app.archive import ProblemFacts  # imports HDF5, which a background thread has loaded
 
@@ -268,12 +279,8 @@ class MainWindow(QMainWindow):
         if self._session_closed:
             self._timer.stop()
             self._save()
-            self.tabs.shutdown()
-            self.central.shutdown()
-            self.notifier.shutdown()
-            self.remote.shutdown()
-            if self.faults is not None:
-                self.faults.shutdown()
+            for part in (self.tabs, self.central, self.notifier, self.remote, *self._faults):
+                part.shutdown()
             if self.replaced:
                 event.ignore()
                 QApplication.exit()
@@ -294,8 +301,8 @@ class MainWindow(QMainWindow):
             self._text_scale = scale
             self.theme.set_colors(self.theme.colors)
         self.status_bar.scale_to_window(self.size())
-        if self.faults is not None:
-            self.faults.limit_height(self.height() // 4)
+        for panel in self._faults:
+            panel.limit_height(self.height() // 4)
         if (outer := self.status_bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
             layout.activate()  # now: otherwise widgets overlap the signs for one frame
 
@@ -309,15 +316,11 @@ class MainWindow(QMainWindow):
 
     def _show_state(self) -> None:
         update_actions(self, self.state)
-        self.status_bar.set_state(self.state)
-        self.notices.set_state(self.state)
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
-        self.central.set_state(self.state)
-        self.tabs.set_state(self.state)
-        self.notifier.set_state(self.state)
-        self.remote.set_state(self.state)
-        if self.faults is not None:
-            self.faults.set_state(self.state)
+        for part in (
+            self.status_bar, self.notices, self.central, self.tabs, self.notifier, self.remote, *self._faults,
+        ):  # fmt: skip
+            part.set_state(self.state)
 
     @property
     def state(self) -> WindowState:
@@ -329,35 +332,25 @@ class MainWindow(QMainWindow):
     def _build(self, bench: str) -> None:
         self.setMinimumSize(LEAST_SIZE)
         self.setWindowTitle(f"Tactor Bench – {bench}")
-        centre, faults = QWidget(), () if self.faults is None else (self.faults,)
-        for panel in faults:
+        for panel in self._faults:
             self.tabs.setCornerWidget(panel.corner)
         pages = Overlaid(self.central, self.notices.unsafe)
-        parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (pages, 1))
-        column(*parts, parent=centre, spacing=6)
-        self.setCentralWidget(centre)
+        self.setCentralWidget(make_pane(self.status_bar, *self._faults, self.notices, (pages, 1), spacing=6))
         self._key_bursts = KeyBurstFilter(self)
         self.controller.changed.connect(self._show_state)
         self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)
-        self.measure_page.repeat_requested.connect(
+        self.measure_page.live_pane.repeat_requested.connect(
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
         )
         self.measure_page.run_panel.result_card.requested.connect(self._on_card_requested)
-        self.central.demo_requested.connect(self.start_demo)
+        self.central.welcome.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
         self.tabs.bench_chosen.connect(self.change_bench)
-        central = self.central
-        self.menus = MainMenus(
-            self, self.tabs, self.set_appearance, central.show_welcome, central.start_tutorial, central.show_settings
-        )
-        self.central.palette_entries, self.central.settings = self.menus.palette_entries, self._make_settings
+        self.menus = MainMenus(self, self.central, self.set_appearance)
+        self.central.palette_entries, self.central.settings = self.menus.palette_entries, partial(_make_settings, self)
         self.central.problem_facts = self._problem_facts
-        self.error_occurred.connect(
-            lambda: self.tabs.show_message(
-                "The program made an error. Ctrl+F1 saves a problem report for its developers."
-            )
-        )
+        self.error_occurred.connect(lambda: self.tabs.show_message(ERROR_TEXT))
         add_actions(
             self,
             {
@@ -396,3 +389,33 @@ def _instrument_names(config: BenchConfig) -> dict[str, str]:
         "card": card.device,
         "sensor": config.sensor.name,
     }
+
+
+def _make_settings(window: MainWindow) -> "list[Setting]":
+    """Return the settings of a window for its settings page; folder and specimen are not changed during a run."""
+    from app.gui.help import Setting
+    from app.gui.remote import DESCRIPTION, RemoteSetting
+
+    panel, notifier = window.measure_page.run_panel, window.notifier
+    choices = ((text, name) for name, text in APPEARANCES.items())
+    appearance = make_combo("settings.appearance", "", choices)
+    appearance.setCurrentIndex(max(appearance.findData(window.appearance), 0))
+    appearance.currentIndexChanged.connect(lambda _: window.set_appearance(appearance.currentData()))
+    fields = []
+    for name, edit in (("folder", panel.folder_edit), ("specimen", panel.specimen_edit)):
+        copy = configure(QLineEdit(edit.text()), f"settings.{name}")
+        copy.editingFinished.connect(lambda copy=copy, edit=edit: window.state.busy or edit.setText(copy.text()))
+        edit.textChanged.connect(copy.setText)
+        fields.append(copy)
+    notifications = []
+    for key, title, about in NOTIFICATIONS:
+        box = configure(QCheckBox("on"), f"settings.{key}", checked=notifier.is_on(key))
+        box.toggled.connect(lambda on, key=key: notifier.switch(key, on))
+        notifications.append(Setting(title, box, about))
+    return [
+        Setting("Appearance", appearance, "Light colours, dark colours, or the system's"),
+        Setting("Folder for run files", fields[0], "Where runs are written, and which runs are listed"),
+        Setting("Specimen", fields[1], "Name that is written into new runs"),
+        *notifications,
+        Setting("Web page", RemoteSetting(window.remote), DESCRIPTION),
+    ]

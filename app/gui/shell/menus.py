@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QMainWindow, QWidget
 
 from app.gui.help import TUTORIALS
 from app.gui.shell.page_host import MEASURE, RUNS
-from app.gui.shell.tabs import MainTabs
+from app.gui.shell.page_stack import CentralStack
 from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
 from protocols import PROTOCOLS
 
@@ -46,25 +46,13 @@ class MainMenus:
 
     Args:
         window: the main window, whose actions are listed.
-        tabs: the pages.
+        central: the pages and what covers them.
         set_appearance: applies `system`, `light` or `dark`.
-        show_first_steps: shows the welcome page.
-        start_tutorial: shows a tutorial by its name.
-        show_settings: shows the settings that match a word.
     """
 
-    def __init__(
-        self,
-        window: QMainWindow,
-        tabs: MainTabs,
-        set_appearance: Callable[[str], object],
-        show_first_steps: Callable[[], object],
-        start_tutorial: Callable[[str], object],
-        show_settings: Callable[[str], object],
-    ) -> None:
-        self._window, self._tabs, self._set_appearance = window, tabs, set_appearance
-        self._show_first_steps, self._show_settings = show_first_steps, show_settings
-        self._start_tutorial = start_tutorial
+    def __init__(self, window: QMainWindow, central: CentralStack, set_appearance: Callable[[str], object]) -> None:
+        self._window, self._central, self._set_appearance = window, central, set_appearance
+        self._tabs = central.tabs
         bar = window.menuBar()
         for title in (*MENUS, "&Page", "&Help"):
             menu = Menu(window, title)
@@ -81,9 +69,9 @@ class MainMenus:
             return
         if title == "&Help":
             self._add(menu, ("shortcuts", "palette", "problem"))
-            menu.addAction("First steps …", self._show_first_steps)
+            menu.addAction("First steps …", self._central.show_welcome)
             for name, tutorial in TUTORIALS.items():
-                menu.addAction(f"Tutorial: {tutorial.title}", partial(self._start_tutorial, name))
+                menu.addAction(f"Tutorial: {tutorial.title}", partial(self._central.start_tutorial, name))
             return
         if title == "&File":
             self._tabs.page(RUNS)  # whose actions are listed
@@ -112,11 +100,13 @@ class MainMenus:
                 "protocol", f"Measure: {PROTOCOLS.title(name)}", partial(self._choose_protocol, name), "protocol"
             )
         for name, tutorial in TUTORIALS.items():
-            yield PaletteEntry("command", f"Tutorial: {tutorial.title}", partial(self._start_tutorial, name), "help")
+            yield PaletteEntry(
+                "command", f"Tutorial: {tutorial.title}", partial(self._central.start_tutorial, name), "help"
+            )
         for name, text in APPEARANCES.items():
             yield PaletteEntry("setting", f"Appearance: {text}", partial(self._set_appearance, name), "setting")
-        yield PaletteEntry("setting", "Folder for run files", partial(self._show_settings, "folder"), "setting")
-        yield PaletteEntry("setting", "Specimen", partial(self._show_settings, "specimen"), "setting")
+        yield PaletteEntry("setting", "Folder for run files", partial(self._central.show_settings, "folder"), "setting")
+        yield PaletteEntry("setting", "Specimen", partial(self._central.show_settings, "specimen"), "setting")
         for run in self._tabs.runs.list.folder_model.summaries:
             path = self._tabs.runs.list.folder_model.path / run.path
             begun = f"{run.started_at:%Y-%m-%d %H:%M}" if run.started_at else ""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
 from shiboken6 import isValid
 
+from app.gui import help as help_pages
+from app.gui import specimen as specimen_pages
 from app.gui.help import FirstRunHint, ShortcutSheet, TutorialBand, WelcomePage
 from app.gui.shell.page_host import BENCH, TITLES
 from app.gui.shell.tabs import MainTabs
@@ -19,18 +20,15 @@ from app.gui.widgets import add_actions, choose_files, column, shortcuts_by_grou
 if TYPE_CHECKING:
     from app.archive import ProblemFacts
     from app.common import RecentErrors
-    from app.gui.help import CommandPalette, PaletteEntry, ProblemPage, Setting, SettingsPage
-    from app.gui.specimen import IdentificationPage, IdentificationSubject, SpecimenPage
     from app.gui.widgets import WindowTheme
     from app.session import WindowState
 
-C = TypeVar("C", "CommandPalette", "SettingsPage", "SpecimenPage", "IdentificationPage", "ProblemPage")
+W = TypeVar("W", bound=QWidget)
 
 
 class CentralStack(QWidget):
     """Shows the pages, or the shortcut sheet or welcome page over them; Escape returns to the pages."""
 
-    demo_requested = Signal()
     bench_chosen = Signal(str)
     """Path of a bench file."""
 
@@ -39,25 +37,21 @@ class CentralStack(QWidget):
         self._theme = theme
         self.tabs, self.shortcut_sheet, self.welcome, self.hint = tabs, ShortcutSheet(), WelcomePage(), FirstRunHint()
         self.tutorial, self.stack = TutorialBand(), QStackedWidget()
-        for widget in (tabs, self.shortcut_sheet, self.welcome):
-            self.stack.addWidget(widget)
-        for cover in (self.shortcut_sheet, self.welcome):  # a cover does not enlarge the window
-            cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self.stack.addWidget(tabs)
+        for cover in (self.shortcut_sheet, self.welcome):
+            self._add_cover(cover)
         column(self.hint, self.tutorial, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
-        tabs.sheets.pressed.connect(lambda: self.show_specimen(*tabs.subject.specimen))
-        tabs.identification_requested.connect(lambda: self.show_identification(tabs.subject.identification))
+        tabs.sheets.pressed.connect(self.show_specimen)
+        tabs.identification_requested.connect(self.show_identification)
         tabs.currentChanged.connect(lambda at: self.tutorial.set_page(tabs.tabText(at)))
-        self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
-        self.welcome.closed.connect(self.show_pages)
-        self.welcome.demo_requested.connect(self.demo_requested)
         self.welcome.tutorial_requested.connect(self.start_tutorial)
         self.welcome.setup_pressed.connect(lambda: self._select_page(BENCH))
         self.welcome.browse_pressed.connect(self._choose_bench_file)
-        self.palette_entries: Callable[[], Iterable[PaletteEntry]] = tuple
+        self.palette_entries: Callable[[], Iterable[help_pages.PaletteEntry]] = tuple
         """Returns what the command palette offers."""
-        self.settings: Callable[[], Sequence[Setting]] = tuple
+        self.settings: Callable[[], Sequence[help_pages.Setting]] = tuple
         """Returns the settings; called once."""
         self.problem_facts: Callable[[], tuple[ProblemFacts, RecentErrors]]
         """Returns what a problem report has of this window."""
@@ -65,8 +59,8 @@ class CentralStack(QWidget):
             "shortcuts": ("shortcut_sheet", self.show_shortcuts),
             "palette": ("command_palette", self.show_palette),
             "settings": ("settings_page", self.show_settings),
-            "specimen": ("specimen_page", lambda: self.show_specimen(*tabs.subject.specimen)),
-            "identification": ("identification_page", lambda: self.show_identification(tabs.subject.identification)),
+            "specimen": ("specimen_page", self.show_specimen),
+            "identification": ("identification_page", self.show_identification),
             "problem": ("problem_page", self.show_problem),
         }
         add_actions(
@@ -78,34 +72,26 @@ class CentralStack(QWidget):
         )
 
     @cached_property
-    def command_palette(self) -> CommandPalette:
+    def command_palette(self) -> help_pages.CommandPalette:
         """The command palette; created when first used."""
-        from app.gui.help import CommandPalette
-
-        return self._add_cover(CommandPalette())
+        return self._add_cover(help_pages.CommandPalette())
 
     @cached_property
-    def settings_page(self) -> SettingsPage:
+    def settings_page(self) -> help_pages.SettingsPage:
         """The settings page; created when first used."""
-        from app.gui.help import SettingsPage
-
-        return self._add_cover(SettingsPage(self.settings()))
+        return self._add_cover(help_pages.SettingsPage(self.settings()))
 
     @cached_property
-    def specimen_page(self) -> SpecimenPage:
+    def specimen_page(self) -> specimen_pages.SpecimenPage:
         """The page with the sheet of a specimen; created when first used."""
-        from app.gui.specimen import SpecimenPage
-
-        page = self._add_cover(SpecimenPage())
+        page = self._add_cover(specimen_pages.SpecimenPage())
         page.saved.connect(self._on_sheet_saved)
         return page
 
     @cached_property
-    def problem_page(self) -> ProblemPage:
+    def problem_page(self) -> help_pages.ProblemPage:
         """The page that saves a problem report; created when first used."""
-        from app.gui.help import ProblemPage
-
-        return self._add_cover(ProblemPage(self.problem_facts))
+        return self._add_cover(help_pages.ProblemPage(self.problem_facts))
 
     def toggle(self, cover: str, show: Callable[[], object]) -> None:
         """Show one of the covers, or the pages again where it is shown."""
@@ -116,25 +102,20 @@ class CentralStack(QWidget):
 
     def show_problem(self) -> None:
         """Show the page that saves a problem report."""
-        self._show_cover(self.problem_page)
-        self.problem_page.activate()
+        self._show_cover(self.problem_page).activate()
 
-    def show_specimen(self, folder: Path, specimen: str) -> None:
-        """Show the sheet of a specimen."""
-        self._show_cover(self.specimen_page)
-        self.specimen_page.show_specimen(folder, specimen)
+    def show_specimen(self) -> None:
+        """Show the sheet of the specimen of the visible page."""
+        self._show_cover(self.specimen_page).show_specimen(*self.tabs.subject.specimen)
 
     @cached_property
-    def identification_page(self) -> IdentificationPage:
+    def identification_page(self) -> specimen_pages.IdentificationPage:
         """The page that identifies a specimen; created when first used."""
-        from app.gui.specimen import IdentificationPage
+        return self._add_cover(specimen_pages.IdentificationPage(self._theme))
 
-        return self._add_cover(IdentificationPage(self._theme))
-
-    def show_identification(self, subject: IdentificationSubject) -> None:
-        """Show the identification of a specimen."""
-        self._show_cover(self.identification_page)
-        self.identification_page.show_subject(subject)
+    def show_identification(self, subject: specimen_pages.IdentificationSubject | None = None) -> None:
+        """Show the identification of a specimen; None: the visible page's."""
+        self._show_cover(self.identification_page).show_subject(subject or self.tabs.subject.identification)
 
     def shutdown(self) -> None:
         """Stop background threads; files that are being written are finished."""
@@ -147,10 +128,10 @@ class CentralStack(QWidget):
         if "identification_page" in self.__dict__:
             self.identification_page.outdate()
 
-    def _add_cover(self, cover: C) -> C:
-        cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+    def _add_cover(self, cover: W) -> W:
+        cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)  # it does not enlarge the window
         self.stack.addWidget(cover)
-        cover.closed.connect(self.show_pages)
+        cover.closed.connect(self.show_pages)  # type: ignore[attr-defined]
         return cover
 
     def start_tutorial(self, name: str) -> None:
@@ -166,13 +147,11 @@ class CentralStack(QWidget):
     def show_palette(self) -> None:
         """Show the command palette."""
         entries = list(self.palette_entries())
-        self._show_cover(self.command_palette)
-        self.command_palette.show_entries(entries)
+        self._show_cover(self.command_palette).show_entries(entries)
 
     def show_settings(self, search: str = "") -> None:
         """Show the settings that match a search."""
-        self._show_cover(self.settings_page)
-        self.settings_page.show_settings(search)
+        self._show_cover(self.settings_page).search_for(search)
 
     @property
     def is_covered(self) -> bool:
@@ -183,13 +162,11 @@ class CentralStack(QWidget):
         """Show the shortcuts of the visible page."""
         shown = self.stack.currentWidget()
         title = getattr(shown, "title", "") or self.tabs.tabText(self.tabs.currentIndex())
-        self._show_cover(self.shortcut_sheet)
-        self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [title]))
+        self._show_cover(self.shortcut_sheet).show_shortcuts(shortcuts_by_group(self.window(), [title]))
 
     def show_welcome(self) -> None:
         """Show the welcome page."""
-        self._show_cover(self.welcome)
-        self.welcome.show_page(str(self.tabs.folder))
+        self._show_cover(self.welcome).show_page(str(self.tabs.folder))
 
     def show_pages(self) -> bool:
         """Show the pages and return whether they were covered."""
@@ -208,10 +185,11 @@ class CentralStack(QWidget):
         if not self.show_pages():
             self.tabs.go_back()
 
-    def _show_cover(self, widget: QWidget) -> None:
+    def _show_cover(self, widget: W) -> W:
         if not self.is_covered:
             self._previous_focus = QApplication.focusWidget()
         self.stack.setCurrentWidget(widget)
+        return widget
 
     def _select_page(self, index: int) -> None:
         """Show a page, whatever lies over the pages."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from PySide6.QtCore import QSettings, Signal
 
@@ -30,6 +30,18 @@ if TYPE_CHECKING:
     from app.gui.runs import RunsPage
     from protocols.runner import RunRequest
 
+P = TypeVar("P")
+
+
+class CreatedPage(Generic[P]):
+    """Attribute of the tabs: one of their pages, created if necessary."""
+
+    def __init__(self, index: int) -> None:
+        self._index = index
+
+    def __get__(self, tabs: PageHost, _: object = None) -> P:
+        return cast("P", tabs.page(self._index))
+
 
 class MainTabs(PageHost):
     """Makes the pages, connects them, and saves and restores their state; the Measure page is made immediately."""
@@ -38,6 +50,12 @@ class MainTabs(PageHost):
     """Path or name of the bench to open."""
     identification_requested = Signal()
     """The specimen of the visible page is to be identified."""
+
+    campaign: CreatedPage[CampaignPage] = CreatedPage(CAMPAIGN)
+    explore: CreatedPage[ExplorePage] = CreatedPage(EXPLORE)
+    runs: CreatedPage[RunsPage] = CreatedPage(RUNS)
+    bench: CreatedPage[BenchPage] = CreatedPage(BENCH)
+    laboratory: CreatedPage[LaboratoryPage] = CreatedPage(LABORATORY)
 
     def __init__(
         self,
@@ -93,33 +111,6 @@ class MainTabs(PageHost):
         super().set_state(view)
         if ended:  # the first run of a simulated specimen writes its sheet
             self.sheets.update()
-
-    # -- the pages -----------------------------------------------------------------------------------------------------
-
-    @property
-    def campaign(self) -> CampaignPage:
-        """The Campaign page, created if necessary."""
-        return cast("CampaignPage", self.page(CAMPAIGN))
-
-    @property
-    def explore(self) -> ExplorePage:
-        """The Explore page, created if necessary."""
-        return cast("ExplorePage", self.page(EXPLORE))
-
-    @property
-    def runs(self) -> RunsPage:
-        """The Runs page, created if necessary."""
-        return cast("RunsPage", self.page(RUNS))
-
-    @property
-    def bench(self) -> BenchPage:
-        """The Bench page, created if necessary."""
-        return cast("BenchPage", self.page(BENCH))
-
-    @property
-    def laboratory(self) -> LaboratoryPage:
-        """The Laboratory page, created if necessary."""
-        return cast("LaboratoryPage", self.page(LABORATORY))
 
     @property
     def folder(self) -> Path:

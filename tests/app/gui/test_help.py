@@ -31,7 +31,7 @@ def test_f1_explains_words_and_answers_how_to(stage: Stage, search: str, found: 
     sheet = stage.window.central.shortcut_sheet
     assert next(iter(sheet.concepts)) == "Safety"
     QTest.keyClicks(sheet.search, search)
-    names = [concept.name for group in sheet.concepts.values() for concept in group]
+    names = [name for group in sheet.concepts.values() for name in group]
     assert (found or "Continue a stopped run") in names
     assert len(names) < sum(map(len, CONCEPTS.values()))
 
