@@ -6,7 +6,7 @@ from typing import Any
 
 from app.common import UsageError, record_audit
 from protocols.base import RunStatus, file_hash
-from protocols.runfile import Run, RunCheck, change_notes, notes_path, read_notes, translate_read_errors
+from protocols.runfile import Run, RunCheck, change_notes, notes_path, translate_read_errors
 
 
 def read_tags(text: str) -> tuple[str, ...]:
@@ -15,7 +15,7 @@ def read_tags(text: str) -> tuple[str, ...]:
 
 
 def write_notes(run: Path, **changes: Any) -> None:
-    """Replace tags, note or checks of a run, atomically.
+    """Replace tags, note or checks of a run as `change_notes` does.
 
     Raises:
         NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.
@@ -41,7 +41,7 @@ def check_run(path: Path, name: str, remark: str = "") -> RunCheck:
     if status is RunStatus.RUNNING:
         raise UsageError(f"{path.name} has not ended; check it when it has")
     check = RunCheck(name, datetime.now(UTC).isoformat(timespec="seconds"), sha256, remark)
-    write_notes(path, checks=(*read_notes(notes_path(path)).checks, check))
+    write_notes(path, checks=lambda notes: (*notes.checks, check))
     return check
 
 

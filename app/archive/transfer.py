@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from app.archive.exporting import Format, export_run
@@ -14,7 +15,7 @@ from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
 from app.config import AmplifierTable
 from protocols.base import file_hash, replacing
-from protocols.runfile import Run, RunReadError, notes_path
+from protocols.runfile import Notes, Run, RunReadError, notes_path
 
 COPY_CHUNK_BYTES = 1 << 20
 """Bytes copied between two checks for cancellation."""
@@ -24,16 +25,20 @@ def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -
     """Write tags and a note of one run; for several runs, add the tags to each and keep the notes.
 
     Args:
-        runs: path, current tags and current note of each.
+        runs: path, listed tags and listed note of each.
         tags: separated by commas.
         note: for a single run.
     """
-    new = read_tags(tags)
-    for path, its_tags, its_note in runs:
+    for path, listed_tags, listed_note in runs:
         if len(runs) == 1:
-            write_notes(path, tags=new, note=note)
+            write_notes(path, tags=read_tags(tags), note=note)
         else:
-            write_notes(path, tags=read_tags(f"{its_tags},{','.join(new)}"), note=its_note)
+            added = partial(_with_tags, f"{listed_tags},{tags}")
+            write_notes(path, tags=added, note=lambda notes, listed=listed_note: notes.note or listed)
+
+
+def _with_tags(added: str, notes: Notes) -> tuple[str, ...]:
+    return read_tags(",".join((*notes.tags, added)))
 
 
 def export_runs(
@@ -68,7 +73,7 @@ def copy_runs_into(
     """Copy run files with their sidecars into a folder without replacing files. After cancellation, complete copies are kept.
 
     Raises:
-        RunReadError: a file is not a run, or cannot be copied.
+        RunReadError: a file is not a run, cannot be copied, or has other notes in the folder.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -81,10 +86,14 @@ def copy_runs_into(
             continue
         with Run(path):  # rejects files that are not runs
             pass
+        if (left := notes_path(folder / path.name)).exists() and file_hash(left) != file_hash(notes_path(path)):
+            raise RunReadError(
+                f"{path.name} is not copied into {folder}: the notes {left.name} of another run are there; move them away"
+            )
         try:
             copy_file(path, folder / path.name, file_progress)
-            if (notes := notes_path(path)).is_file():
-                copy_file(notes, notes_path(folder / path.name))
+            if notes_path(path).is_file():
+                copy_file(notes_path(path), left)
         except OperationCancelled:
             break
         except OSError as error:
@@ -92,7 +101,7 @@ def copy_runs_into(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; free space there, or choose another folder"
             ) from None
         copied.append(path.name)
-        record_audit("copy", folder / path.name, notes_path(folder / path.name), source=str(path))
+        record_audit("copy", folder / path.name, left, source=str(path))
     return CopyResult(tuple(copied), tuple(there))
 
 

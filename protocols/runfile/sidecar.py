@@ -6,7 +6,8 @@ A run file is not touched after its end. What belongs to one state of it is boun
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from protocols.runfile.record import RunRecord
 NOTES_SUFFIX = ".notes.json"
 MAX_HASHED_BYTES = 16_000_000
 """Files up to this length are hashed at the end of a run and where a list finds a copy; reading longer ones by HDF5 is faster."""
+LOCK_TIMEOUT_S = 30.0
 _DIGEST_BYTES = 16
 _FIELDS = " ".join(field.name for field in fields(RunRecord))
 
@@ -115,21 +117,43 @@ def read_notes(path: Path) -> Notes:
 def change_notes(run: Path, **changes: Any) -> Notes:
     """Replace fields of a run's sidecar, atomically, and return it; a sidecar without content is removed.
 
+    A function among the changes is called with the notes as they are and returns the value. Other programs wait meanwhile.
+
     Raises:
         NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.
     """
     path = notes_path(run)
-    notes = replace(read_notes(path), **changes)
-    record = {name: value for name, value in asdict(notes).items() if value}
     try:
-        if record:
-            shown = {"tags": [], "note": ""} | record if record.keys() - {"listed", "later_verdict"} else record
-            write_atomic(path, json.dumps(to_jsonable(shown), indent=2, ensure_ascii=False) + "\n")
-        else:
-            path.unlink(missing_ok=True)
+        with _locked(path):
+            before = read_notes(path)
+            notes = replace(before, **{name: new(before) if callable(new) else new for name, new in changes.items()})
+            record = {name: value for name, value in asdict(notes).items() if value}
+            if record:
+                shown = {"tags": [], "note": ""} | record if record.keys() - {"listed", "later_verdict"} else record
+                write_atomic(path, json.dumps(to_jsonable(shown), indent=2, ensure_ascii=False) + "\n")
+            else:
+                path.unlink(missing_ok=True)
     except OSError as error:
         raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None
     return notes
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock of a sidecar, which ends with its process; the lock file is removed."""
+    from filelock import FileLock, Timeout  # slow to import, and reading needs none
+
+    lock = FileLock(path.with_name(f".{path.name}.lock"), LOCK_TIMEOUT_S)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise NotesError(f"the notes {path} are locked by another program for more than {LOCK_TIMEOUT_S:g} s") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # Windows removes no open file
+            Path(lock.lock_file).unlink()
+        lock.release()
 
 
 def store_listed(run: Path, record: RunRecord) -> None:

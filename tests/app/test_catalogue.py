@@ -5,6 +5,8 @@ import json
 import math
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from unittest import mock
@@ -20,6 +22,7 @@ from app.cli.main import main
 from app.common import Progress
 from protocols.base import CheckResult, Outcome, RunStatus, Verdict
 from protocols.rejudgement import judge_file
+from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import Run
 from protocols.runfile.sidecar import Notes, NotesError, _digest, change_notes, listed_record, notes_path, read_notes
 from tests.helpers.run_files import begun_run, crashed_run, finished_run, newer_run
@@ -352,6 +355,41 @@ def test_a_run_file_is_not_touched_after_its_end(folder: Path, tmp_path: Path) -
     (trashed,) = move_to_trash([path])
     assert read_notes(notes_path(trashed.trashed)) == copied
     assert notes_path(path).exists() is False
+
+
+ADD_TAGS = """
+import sys, pathlib
+from app.archive import annotate_runs
+run = pathlib.Path(sys.argv[1])
+for number in range(20):
+    annotate_runs([(run, "", ""), (run, "", "")], f"{sys.argv[2]}{number}", "")
+"""
+
+
+def test_two_programs_that_change_a_sidecar_lose_no_change(folder: Path) -> None:
+    run = next(folder.glob("*_T7_*.h5"))
+    programs = [subprocess.Popen([sys.executable, "-c", ADD_TAGS, str(run), name]) for name in "ab"]
+    assert [program.wait(120) for program in programs] == [0, 0]
+    assert set(read_notes(notes_path(run)).tags) == {f"{name}{number}" for name in "ab" for number in range(20)}
+    assert not list(folder.glob(".*.lock"))
+
+
+def test_the_lock_of_a_program_that_died_blocks_nobody(folder: Path) -> None:
+    run = next(folder.glob("*_T7_*.h5"))
+    notes_path(run).with_name(f".{notes_path(run).name}.lock").write_text("left by a program that was killed")
+    write_notes(run, tags=("good",))
+    assert read_notes(notes_path(run)).tags == ("good",)
+
+
+def test_a_copied_run_replaces_no_other_notes(folder: Path, tmp_path: Path) -> None:
+    run, target = next(folder.glob("*_T7_*.h5")), tmp_path / "other"
+    left = notes_path(target / run.name)
+    target.mkdir()
+    left.write_text('{"note": "of another run"}')
+    with pytest.raises(RunReadError, match="move them away"):
+        copy_runs_into([run], target)
+    assert left.read_text() == '{"note": "of another run"}'
+    assert not (target / run.name).exists()
 
 
 def test_folders_with_new_files_are_noticed_without_a_list_of_them(
