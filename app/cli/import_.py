@@ -126,29 +126,29 @@ def _import_result(runs: Sequence[ImportedPoints], written: Sequence[Path]) -> C
     tables, notes = [], list[str]()
     for taken in runs:
         names = ", ".join(name for name, _ in taken.files)
-        sources = taken.sources
+        read, unused = list(taken.mapping.read()), [cells.heading for cells in taken.mapping.unused]
         tables.append(
             Table(
                 f"columns of {names}",
                 f"{taken.protocol.title} from {names}: {len(taken.points)} points"
                 + (", SIMULATED" if taken.simulated else ""),
                 (
-                    Column("quantity", "", [s.name for s in sources]),
-                    Column("column", "", [s.heading for s in sources]),
-                    Column("unit", "", [s.unit for s in sources]),
-                    Column("meaning", "", [s.description for s in sources]),
+                    Column("quantity", "", [spec.name for spec, _ in read]),
+                    Column("column", "", [cells.heading for _, cells in read]),
+                    Column("unit", "", [cells.unit or spec.unit for spec, cells in read]),
+                    Column("meaning", "", [spec.description for spec, _ in read]),
                 ),
                 max_rows=200,
             )
         )
         notes += [f"caution: {text}" for text in taken.warnings]
-        if taken.unused_columns:
-            notes.append(f"left out: {', '.join(repr(head) for head in taken.unused_columns)}")
+        if unused:
+            notes.append(f"left out: {', '.join(map(repr, unused))}")
     notes += [f"wrote {path}" for path in written] or ["nothing was written (--dry-run)"]
     more = {
         "written": [str(path) for path in written],
         "points": sum(len(taken.points) for taken in runs),
         "cautions": [text for taken in runs for text in taken.warnings],
-        "left_out": [head for taken in runs for head in taken.unused_columns],
+        "left_out": [cells.heading for taken in runs for cells in taken.mapping.unused],
     }
     return CommandResult("import", {}, tuple(tables), tuple(notes), extra=more)

@@ -63,7 +63,8 @@ class SineDwellAspects(Aspects):
         ),
         required=(("frequency",), MEASURED_COLUMNS),
         ambiguous={
-            **dict.fromkeys(("amplitude", "displacement", "deflection", "a", "response"), ("peak_to_peak", "fundamental")),
+            **dict.fromkeys(("amplitude", "displacement", "deflection", "a"), ("peak_to_peak", "fundamental")),
+            "response": MEASURED_COLUMNS,
             **dict.fromkeys(("drive", "voltage", "drivevoltage"), ("drive_peak_to_peak", "drive_amplitude")),
         },
         input_uncertainties=INPUT_UNCERTAINTIES,

@@ -11,6 +11,7 @@ from app.archive.importing.importer import read_table
 from app.cli.main import main
 from protocols.base import RunStatus, Series, SeriesAxis, TableImportError
 from protocols.runfile.reader import Run
+from tests.helpers.importing import brought, points, refused
 from tests.helpers.run_files import begun_run, finished_run
 
 FREQUENCIES = (100.0, 155.123, 160.0)
@@ -199,6 +200,28 @@ def test_a_tdms_waveform_is_read_with_its_times_and_units(tmp_path: Path) -> Non
     file.write_bytes(file.read_bytes()[:60])
     with pytest.raises(TableImportError, match="cut off"):
         read_table(file)
+
+
+def test_the_two_matlab_formats_do_not_replace_each_other(path: Path, tmp_path: Path) -> None:
+    with Run(path) as run:
+        (old,), (new,) = (export_run(run, tmp_path, kind, ("points",)) for kind in ("mat", "mat73"))
+    assert (old.read_bytes()[:19], new.read_bytes()[:19]) == (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+    assert new.name == f"{old.stem}_v73.mat"
+
+
+def test_exported_series_come_back_with_their_own_columns(
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Run(sweep) as run:
+        files = export_run(run, tmp_path, "csv", ("points", "series"))
+        (response,) = run.series()
+    (table,) = [file for file in files if "_series-" in file.name]
+    stem = table.name.partition("_series-")[0]
+    assert f"import {stem}_points.csv; or name the measurement" in refused(table, capsys)
+    imported = points(brought(table, "--as", "sine-dwell", "--set", "peak_to_peak_v=5 V"))
+    np.testing.assert_allclose(imported["fundamental"], 2.5 * np.abs(response.y))
+    np.testing.assert_allclose(imported["fundamental_errors"], 7.5e-9)
+    np.testing.assert_allclose(imported["phase"], np.angle(response.y))
 
 
 def test_a_missing_library_is_named(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

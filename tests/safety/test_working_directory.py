@@ -43,7 +43,7 @@ from app.archive.importing.mat_table import read_mat_table
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 scipy.io.savemat("a.mat", {"frequency_Hz": np.arange(3.0), "amplitude_um": np.ones(3)})
-table = read_mat_table(Path("a.mat"), "")
+table = read_mat_table(Path("a.mat"))
 source = "tests.helpers.watchdog_sources:RecordingSource"
 watchdog = WatchdogClient(WatchdogConfig(source, "", 1.0, options={"record": "calls.txt"}))
 watchdog.arm()

@@ -41,8 +41,8 @@ def export_run(
 ) -> list[Path]:
     """Write `parts` of a run into `folder` and return the files written. Files of the same names are replaced.
 
-    CSV and Parquet make one file for each part and each kind of series, the others one file; a Universal File has the series
-    whatever the parts. `progress` receives the completed share, 0 to 1. If it is cancelled, the unfinished file is removed.
+    CSV and Parquet have one file for each part and each kind of series, all other formats one file. A Universal File contains the
+    series for any selection of parts. `progress` receives the completed share, 0 to 1. If it is cancelled, the unfinished file is removed.
 
     Raises:
         RunReadError: the run is damaged.
@@ -92,7 +92,7 @@ def _files(run: Run, kind: Format, parts: Sequence[Part]) -> Iterator[tuple[str,
         return
     modules = {"json": "text_files", "xlsx": "workbook", "uff": "universal_file"}
     writer: FileWriter = _function(modules.get(kind, "matlab"), f"{kind}_writer")(run, parts)
-    yield f"{stem}.{'mat' if kind == 'mat73' else kind}", writer
+    yield f"{stem}_v73.mat" if kind == "mat73" else f"{stem}.{kind}", writer
 
 
 def _function(module: str, name: str) -> Callable[..., Any]:

@@ -4,13 +4,15 @@ Ambiguous columns that change a number are not guessed: an `amplitude` may be ma
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.archive.importing.import_table import ImportTable, TableColumn, split_heading
 from app.common import UnitError, to_number
+from model import Array
 from protocols import PROTOCOLS
 from protocols.base import ImportColumn, TableImportError
 from protocols.runfile import ENTRY_COLUMN, point_columns
@@ -83,9 +85,22 @@ class ColumnMapping:
     columns: Mapping[str, TableColumn]
     unused: tuple[TableColumn, ...]
 
+    def read(self) -> Iterator[tuple[ImportColumn, TableColumn]]:
+        """Yield each quantity with its column."""
+        specs = {spec.name: spec for spec in self.kind.columns}
+        return ((specs[name], column) for name, column in self.columns.items())
 
-def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str]) -> ColumnMapping:
-    """Return the columns of a table by the quantities of a kind; `columns` of the options name them by heading.
+
+def match_columns(
+    table: ImportTable, kind: TableKind, named: Mapping[str, str], units: Mapping[str, str]
+) -> ColumnMapping:
+    """Return the columns of a table by the quantities of a kind.
+
+    Args:
+        table: as it was read.
+        kind: of the table.
+        named: headings of columns by quantity, as the user gives them.
+        units: by heading, name or quantity of a column, as the user gives them.
 
     Raises:
         TableImportError: a quantity is unknown, missing, or there twice; or a name may mean several.
@@ -102,7 +117,7 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
         *(name for name in kind.measured_columns if name in there),
     )  # a column `sigma` belongs to the first
     for cells in table.columns:
-        if any(cells is known for known in of.values()):
+        if cells in of.values():
             continue
         slot = _find_spec(kind, cells, values)
         if slot is None:
@@ -115,8 +130,11 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
                 f'choose one: --column "{slot.name}={cells.heading}"'
             )
         of[slot.name] = cells
-    left = tuple(cells for cells in table.columns if all(cells is not known for known in of.values()))
+    left = tuple(cells for cells in table.columns if cells not in of.values())
     _check_required(table, kind, of, left)
+    for name, cells in of.items():
+        stated = next((units[key] for key in (cells.heading, cells.name, name) if key in units), cells.unit)
+        of[name] = replace(cells, unit=stated)
     return ColumnMapping(kind, of, left)
 
 
@@ -126,42 +144,39 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
     Raises:
         TableImportError: none, or several.
     """
-    found: list[tuple[int, TableKind]] = []
-    for kind in table_kinds().values():
-        named = [_find_spec(kind, cells, {}) for cells in table.columns]
-        names = {slot.name for slot in named if slot is not None} | {
-            name for name in named_columns if kind.column(name)
-        }
-        unclear = {name for cells in table.columns for name in kind.ambiguous.get(normalize_name(cells.name), ())}
-        if all(names & set(group) or unclear & set(group) for group in kind.required):
-            found.append((sum(slot is None for slot in named), kind))
-    least = min((missed for missed, _ in found), default=0)
-    best = [kind for missed, kind in found if missed == least]
+    missed = {name: _unknown_columns(table, kind, named_columns) for name, kind in table_kinds().items()}
+    least = min((count for count in missed.values() if count is not None), default=0)
+    best = [kind for name, kind in table_kinds().items() if missed[name] == least]
     best = [kind for kind in best if kind.described] or best
     series = [kind for kind in best if kind.name == TIME_SERIES]
     if len(best) > 1 and series and _is_sampled(table, series[0]):
         best = series
     if len(best) == 1:
         return best[0]
-    heads = ", ".join(f"'{cells.heading}'" for cells in table.columns)
-    if not best:
-        forms = "; ".join(
-            f"{kind.name}: {' and '.join(' or '.join(g) for g in kind.required)}"
-            for kind in table_kinds().values()
-            if kind.described
-        )
+    if best:
+        choices = " or ".join(f"--as {kind.name}" for kind in best)
         raise TableImportError(
-            f"{table.path} has the columns {heads}, which belong to no known measurement; name the measurement and its columns with --as and --column. Required are, for {forms}"
+            f"{table.path} has the columns {table.headings}, which fit {len(best)} kinds of measurement; choose one: {choices}"
         )
-    names_ = " or ".join(f"--as {kind.name}" for kind in best)
+    required = {kind.name: map(" or ".join, kind.required) for kind in table_kinds().values() if kind.described}
+    forms = "; ".join(f"{name}: {' and '.join(groups)}" for name, groups in required.items())
     raise TableImportError(
-        f"{table.path} has the columns {heads}, which fit {len(best)} kinds of measurement; choose one: {names_}"
+        f"{table.path} has the columns {table.headings}, which belong to no known measurement; name the measurement and its columns with --as and --column. Required are, for {forms}"
     )
+
+
+def _unknown_columns(table: ImportTable, kind: TableKind, named_columns: Iterable[str]) -> int | None:
+    """Return how many columns are no quantity of a kind; None if the table lacks a required one."""
+    found = [_find_spec(kind, cells, {}) for cells in table.columns]
+    names = {slot.name for slot in found if slot is not None} | {name for name in named_columns if kind.column(name)}
+    names.update(*(kind.ambiguous.get(normalize_name(cells.name), ()) for cells in table.columns))
+    return found.count(None) if all(names.intersection(group) for group in kind.required) else None
 
 
 MIN_SERIES_ROWS = 30
 """A table with more rows, at even steps of time, is a time series."""
 TIME_STEP_TOLERANCE = 0.02
+"""Tolerated unevenness of the steps of time, relative to the median step."""
 MAX_ROWS_LOOKED_AT = 1000
 
 
@@ -178,11 +193,14 @@ def _is_sampled(table: ImportTable, series: TableKind) -> bool:
         time = np.array([table.parse_number(column, row) for row in range(count)])
     except TableImportError:
         return False
+    return bool(np.median(np.diff(time)) > 0) and not uneven_steps(time).size
+
+
+def uneven_steps(time: Array) -> NDArray[np.intp]:
+    """Return the rows at which a step of time begins that is not the median one."""
     steps = np.diff(time)
-    middle = float(np.median(steps))
-    return bool(
-        middle > 0 and (np.abs(steps - middle) <= TIME_STEP_TOLERANCE * middle + 2 * np.spacing(abs(time[-1]))).all()
-    )
+    middle = np.median(steps)
+    return np.flatnonzero(~(np.abs(steps - middle) <= TIME_STEP_TOLERANCE * middle + 2 * np.spacing(abs(time[-1]))))
 
 
 def unit_factor(unit: str, expected: str) -> float:
@@ -195,14 +213,13 @@ def unit_factor(unit: str, expected: str) -> float:
     return to_number(f"1 {'thou' if length_in_mil else unit}", expected)
 
 
-def si_factor(table: ImportTable, spec: ImportColumn, column: TableColumn, units: Mapping[str, str]) -> float:
-    """Return the factor that converts a column to SI; `units` given by the user, by heading, name or quantity.
+def si_factor(table: ImportTable, spec: ImportColumn, column: TableColumn) -> float:
+    """Return the factor that converts a column to SI.
 
     Raises:
         TableImportError: no unit, an unknown one, or one of something else.
     """
-    unit = next((units[key] for key in (column.heading, column.name, spec.name) if key in units), column.unit)
-    where = f"{table.path}, column '{column.heading}'"
+    unit, where = column.unit, table.location(column=column)
     if unit == spec.unit or (spec.unit == "1" and unit is None):
         return 1.0
     if unit is None:
@@ -219,15 +236,13 @@ def si_factor(table: ImportTable, spec: ImportColumn, column: TableColumn, units
 
 def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> ImportColumn | None:
     """Return the quantity of a heading; an error column belongs to its quantity, or to the only value."""
-    if normalize_name(column.name) in kind.ambiguous:
-        return None
     name = normalize_name(column.name)
+    if meant := _meanings(kind, column):
+        return meant[0] if len(meant) == 1 else None
     fitting = [slot for slot in kind.columns if name == normalize_name(slot.name)]
     fitting += [slot for slot in kind.columns if name in slot.aliases]
-    if len(fitting) > 1 and column.unit is not None:  # a load in grams is a mass
-        fitting = [slot for slot in fitting if _has_dimension(column.unit, slot.unit)] or fitting
     if fitting:
-        return fitting[0]
+        return _of_dimension(fitting, column)[0]  # a load in grams is a mass
     if found := UNCERTAINTY_PATTERN.fullmatch(column.name.casefold().replace(" ", "_").replace("±", "error_")):
         of, _ = split_heading(found[1] or found[2] or "")
         if not normalize_name(of):
@@ -238,6 +253,17 @@ def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> Im
         base = _find_spec(kind, TableColumn(of, of, column.unit, ()), named)
         return kind.column(f"{base.name}_errors") if base is not None else None
     return None
+
+
+def _meanings(kind: TableKind, column: TableColumn) -> list[ImportColumn]:
+    """Return the quantities that an ambiguous name may mean; those of the column's unit if there are any."""
+    meant = kind.ambiguous.get(normalize_name(column.name), ())
+    return _of_dimension([slot for slot in kind.columns if slot.name in meant], column)
+
+
+def _of_dimension(slots: list[ImportColumn], column: TableColumn) -> list[ImportColumn]:
+    """Return the quantities that a column's unit is one of; all of them if it has none, or fits none."""
+    return [slot for slot in slots if column.unit is not None and _has_dimension(column.unit, slot.unit)] or slots
 
 
 def _has_dimension(unit: str, expected: str) -> bool:
@@ -257,28 +283,23 @@ def _column_by_heading(table: ImportTable, heading: str, option: str) -> TableCo
         found = [cells for cells in table.columns if same(cells)]
         if len(found) == 1:
             return found[0]
-    have = ", ".join(f"'{cells.heading}'" for cells in table.columns)
-    raise TableImportError(f"{option}: {table.path} has no such column; it has: {have}")
+    raise TableImportError(f"{option}: {table.path} has no such column; it has: {table.headings}")
 
 
 def _check_required(
-    table: ImportTable, kind: TableKind, columns: Mapping[str, TableColumn], unused: Sequence[TableColumn]
+    table: ImportTable, kind: TableKind, columns: Mapping[str, TableColumn], unused: Iterable[TableColumn]
 ) -> None:
     """Reject a table with missing or ambiguous columns."""
     for cells in unused:
-        meant = kind.ambiguous.get(normalize_name(cells.name), ())
-        if meant and not any(name in columns for name in meant):
-            which = " or ".join(
-                f'--column "{name}={cells.heading}" ({kind.column(name).description})'  # type: ignore[union-attr]
-                for name in meant
-            )
+        meant = _meanings(kind, cells)
+        if meant and not any(slot.name in columns for slot in meant):
+            which = " or ".join(f'--column "{slot.name}={cells.heading}" ({slot.description})' for slot in meant)
             raise TableImportError(
-                f"{table.path}, column '{cells.heading}': its quantity does not follow from its name; give it: {which}"
+                f"{table.location(column=cells)}: its quantity does not follow from its name; give it: {which}"
             )
     for group in kind.required:
         if not any(name in columns for name in group):
-            have = ", ".join(f"'{cells.heading}'" for cells in table.columns)
             wanted = " or ".join(group)
             raise TableImportError(
-                f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {have}. Name it: --column {group[0]}=NAME"
+                f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {table.headings}. Name it: --column {group[0]}=NAME"
             )

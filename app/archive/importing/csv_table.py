@@ -7,13 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from app.archive.importing.import_table import (
-    ImportTable,
-    LineLocations,
-    TableColumn,
-    is_unit,
-    split_heading,
-)
+from app.archive.importing.import_table import UNIT_SUFFIXES, ImportTable, TableColumn, split_heading
 from app.archive.importing.numeric_text import numeric_columns
 from app.common import NO_PROGRESS, Progress, truncate_text
 from protocols.base import TableImportError
@@ -31,14 +25,14 @@ SCAN_SHARE, SPLIT_SHARE = 0.4, 0.9
 DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?")
 
 
-def read_text_table(path: Path, sha256: str, data: bytes, progress: Progress = NO_PROGRESS) -> ImportTable:
+def read_text_table(path: Path, data: bytes, progress: Progress = NO_PROGRESS) -> ImportTable:
     """Read the table in a file's bytes.
 
     Raises:
         TableImportError: the file is not text, or has no table.
     """
     try:
-        return _parse_table(path, sha256, _decode(path, data), progress, data)
+        return _parse_table(path, _decode(path, data), progress, data)
     except csv.Error as error:
         raise TableImportError(f"{path} is not a table of cells ({error}); save it again as CSV") from None
 
@@ -55,25 +49,12 @@ def _decode(path: Path, data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def _parse_table(path: Path, sha256: str, text: str, progress: Progress, data: bytes = b"") -> ImportTable:
+def _parse_table(path: Path, text: str, progress: Progress, data: bytes = b"") -> ImportTable:
     if "\r" in text:
         text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if (
-        len(text) >= LONG_TABLE_CHARACTERS
-        and (table := _read_plain_numbers(path, sha256, data, text, progress)) is not None
-    ):
+    if len(text) >= LONG_TABLE_CHARACTERS and (table := _read_plain_numbers(path, data, text, progress)) is not None:
         return table
-    lines = [
-        (at, line)
-        for at, line in enumerate(progress.part(0.0, SCAN_SHARE).iterate(text.split("\n")), 1)
-        if (bare := line.lstrip(' "')) and not bare.isspace() and not bare.startswith(COMMENT_MARKS)
-    ]
-    mark: str | None = None
-    if lines and (declared := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
-        mark, lines = declared[1], lines[1:]
-    if not lines:
-        raise TableImportError(f"{path} holds remarks only; give a header line and values below it")
-    mark = mark or _find_delimiter(path, lines)
+    mark, lines = _delimited_lines(path, text, progress.part(0.0, SCAN_SHARE))
     # Without quotation marks a plain split gives the same cells five times faster.
     cut = partial(_split_line, delimiter=mark) if len(mark) > 1 or '"' in text else partial(str.split, sep=mark)
     rows = [
@@ -95,20 +76,34 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress, data: b
         body = body[1:]
     if not body:
         raise TableImportError(f"{path} has a header (line {first}) and no values below it")
-    columns = []
-    for i, (head, (name, unit)) in enumerate(zip(heads, split, strict=True)):
-        below = [row[i] for _, row in body]
-        if head or any(below):  # a mark at the end of every line makes an empty column
-            columns.append(TableColumn(head, name, unit, below))
-    return ImportTable(path, sha256, tuple(columns), [f"line {at}" for at, _ in body], _uses_decimal_comma(path, body))
+    columns = tuple(
+        TableColumn(head, name, unit, below)
+        for head, (name, unit), below in zip(heads, split, zip(*(cells for _, cells in body), strict=True), strict=True)
+        if head or any(below)  # a mark at the end of every line makes an empty column
+    )
+    return ImportTable(path, columns, [at for at, _ in body], decimal_comma=_uses_decimal_comma(path, body))
 
 
-def _read_plain_numbers(path: Path, sha256: str, data: bytes, text: str, progress: Progress) -> ImportTable | None:
+def _delimited_lines(path: Path, text: str, progress: Progress) -> tuple[str, list[tuple[int, str]]]:
+    """Return the delimiter, and the lines with their numbers, without empty ones and remarks."""
+    lines = [
+        (at, line)
+        for at, line in enumerate(progress.iterate(text.split("\n")), 1)
+        if (bare := line.lstrip(' "')) and not bare.isspace() and not bare.startswith(COMMENT_MARKS)
+    ]
+    declared = re.fullmatch(r"sep=(.)", lines[0][1].strip()) if lines else None
+    if not (lines := lines[1:] if declared else lines):
+        raise TableImportError(f"{path} holds remarks only; give a header line and values below it")
+    return declared[1] if declared else _find_delimiter(path, lines), lines
+
+
+def _read_plain_numbers(path: Path, data: bytes, text: str, progress: Progress) -> ImportTable | None:
     """Read a table of plain numbers in consecutive lines below its header; None if it is anything else.
 
     The faults of a table and their places are found by reading it cell by cell.
     """
-    begin, end = _first_line_of_numbers(text), len(text)
+    found, end = FIRST_NUMBER.search(text), len(text)
+    begin = found.start() if found else -1
     while end > 0 and text[end - 1].isspace():
         end -= 1
     first_end, last = text.find("\n", begin), text.rfind("\n", 0, end) + 1
@@ -116,7 +111,7 @@ def _read_plain_numbers(path: Path, sha256: str, data: bytes, text: str, progres
         return None
     header, first, final = text[:begin], text[begin:first_end], text[last:end]
     try:
-        sample = _parse_table(path, sha256, f"{header}{first}\n{final}", NO_PROGRESS)
+        sample = _parse_table(path, f"{header}{first}\n{final}", NO_PROGRESS)
     except TableImportError:
         return None
     width = len(sample.columns)
@@ -125,13 +120,8 @@ def _read_plain_numbers(path: Path, sha256: str, data: bytes, text: str, progres
     if values is None or len(values) != width:
         return None
     columns = tuple(replace(column, cells=cells) for column, cells in zip(sample.columns, values, strict=True))
-    return replace(sample, columns=columns, row_locations=LineLocations(header.count("\n") + 1, len(values[0])))
-
-
-def _first_line_of_numbers(text: str) -> int:
-    """Return the offset of the first line that starts with a number, or -1."""
-    found = FIRST_NUMBER.search(text)
-    return found.start() if found else -1
+    first_line = header.count("\n") + 1
+    return replace(sample, columns=columns, row_numbers=range(first_line, first_line + len(values[0])))
 
 
 def _find_delimiter(path: Path, lines: Sequence[tuple[int, str]]) -> str:
@@ -182,7 +172,7 @@ def _is_number(cell: str) -> bool:
 def _are_units(cells: Sequence[str]) -> bool:
     """Return whether a line holds only units."""
     texts = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(texts) and all(is_unit(cell) or cell in ("°", "%", "1") for cell in texts)
+    return bool(texts) and all(cell.casefold() in UNIT_SUFFIXES or cell in ("°", "%", "1") for cell in texts)
 
 
 def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:

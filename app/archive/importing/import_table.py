@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from app.common import truncate_text
 from model import Array
@@ -49,27 +49,7 @@ UNIT_SUFFIXES = {
 """Units that may end a name: `amplitude_um`."""
 
 
-@dataclass(frozen=True, slots=True)
-class LineLocations(Sequence[str]):
-    """Locations of rows in consecutive lines of a text file."""
-
-    first_line: int
-    rows: int
-
-    def __len__(self) -> int:
-        return self.rows
-
-    @overload
-    def __getitem__(self, row: int) -> str: ...
-    @overload
-    def __getitem__(self, row: slice) -> list[str]: ...
-    def __getitem__(self, row: int | slice) -> str | list[str]:
-        if isinstance(row, slice):
-            return [self[i] for i in range(*row.indices(self.rows))]
-        return f"line {range(self.first_line, self.first_line + self.rows)[row]}"
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TableColumn:
     """One column: heading as in the file, name and unit parsed from it, and cells: texts, or numbers, (rows,)."""
 
@@ -81,14 +61,21 @@ class TableColumn:
 
 @dataclass(frozen=True, slots=True)
 class ImportTable:
-    """A table with the location of each row, and metadata of the file."""
+    """A table with the number of each row in its file, and metadata of the file."""
 
     path: Path
-    sha256: str
     columns: tuple[TableColumn, ...]
-    row_locations: Sequence[str]
+    row_numbers: Sequence[int]
+    row_name: str = "line {}"
+    """Name of a row by its number."""
     decimal_comma: bool = False
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    sha256: str = ""
+
+    @property
+    def headings(self) -> str:
+        """The headings of all columns as text."""
+        return ", ".join(f"'{column.heading}'" for column in self.columns)
 
     def parse_number(self, column: TableColumn, row: int) -> float:
         """Return the number in a cell, NaN for a cell marked as missing.
@@ -111,12 +98,17 @@ class ImportTable:
         except ValueError:
             hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
             raise TableImportError(
-                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is not a number; {hint}, or correct the line"
+                f"{self.location(row, column)}: '{truncate_text(cell)}' is not a number; {hint}, or correct the line"
             ) from None
 
-    def cell_location(self, row: int, column: TableColumn) -> str:
-        """Return file, line and column as text."""
-        return f"{self.path}, {self.row_locations[row]}, column '{column.heading}'"
+    def row_location(self, row: int) -> str:
+        """Return the name of a row in the file."""
+        return self.row_name.format(self.row_numbers[row])
+
+    def location(self, row: int | None = None, column: TableColumn | None = None) -> str:
+        """Return file, row and column as text."""
+        line = "" if row is None else f", {self.row_location(row)}"
+        return f"{self.path}{line}" + ("" if column is None else f", column '{column.heading}'")
 
 
 def split_heading(heading: str) -> tuple[str, str | None]:
@@ -130,8 +122,3 @@ def split_heading(heading: str) -> tuple[str, str | None]:
     if name and suffix.casefold() in UNIT_SUFFIXES:
         return name, UNIT_SUFFIXES[suffix.casefold()]
     return heading, None
-
-
-def is_unit(text: str) -> bool:
-    """Return whether the text is a unit that may be part of a heading."""
-    return text.casefold() in UNIT_SUFFIXES

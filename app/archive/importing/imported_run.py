@@ -15,11 +15,9 @@ from annotated_types import Unit
 from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.import_table import ImportTable
 from app.archive.importing.si_columns import (
-    ColumnSource,
     ImportOptions,
     add_stated_uncertainties,
     check_repeats,
-    column_sources,
     missing_uncertainty_warning,
     table_values,
 )
@@ -39,11 +37,11 @@ class ImportedPoints:
     points: tuple[Any, ...]
     entries: tuple[int, ...]
     parameters: Mapping[str, Any]
-    sources: tuple[ColumnSource, ...]
+    mapping: ColumnMapping
+    """Columns of the table; of several time series, of the first."""
     files: tuple[tuple[str, str], ...]
     """Name and SHA-256 of every file."""
     warnings: tuple[str, ...] = ()
-    unused_columns: tuple[str, ...] = ()
     series: tuple[Series, ...] = ()
 
     @property
@@ -60,16 +58,13 @@ def build_points(
     Raises:
         TableImportError: a cell is wrong; the message names it and the remedy.
     """
-    values, cautions = table_values(table, mapping, options, progress)
+    values, cautions = table_values(table, mapping, progress)
     kind = mapping.kind
     protocol = PROTOCOLS[kind.protocol]
     completed = add_stated_uncertainties(kind, values, options.uncertainties, last=False)
 
     def place(row: int | None, quantity: str | None) -> str:
-        if row is None:
-            return str(table.path)
-        column = "" if quantity is None else f", column '{mapping.columns[quantity].heading}'"
-        return f"{table.path}, {table.row_locations[row]}{column}"
+        return table.location(row, None if row is None or quantity is None else mapping.columns[quantity])
 
     headings = {name: cells.heading for name, cells in mapping.columns.items()}
     amplifier = options.amplifier.amplifier_map
@@ -91,10 +86,9 @@ def build_points(
         points,
         tuple(int(e) for e in entries),
         whole.parameters,
-        tuple(column_sources(mapping, options)),
+        mapping,
         ((table.path.name, table.sha256),),
         tuple(cautions),
-        tuple(cells.heading for cells in mapping.unused),
     )
 
 
@@ -120,8 +114,11 @@ def write_imported_run(run: ImportedPoints, options: ImportOptions, folder: Path
         specimen=options.specimen,
         imported={
             "files": [{"name": name, "sha256": sha256} for name, sha256 in run.files],
-            "columns": {s.name: {"column": s.heading, "unit": s.unit} for s in run.sources},
-            "left_out": list(run.unused_columns),
+            "columns": {
+                spec.name: {"column": cells.heading, "unit": cells.unit or spec.unit}
+                for spec, cells in run.mapping.read()
+            },
+            "left_out": [cells.heading for cells in run.mapping.unused],
             "uncertainty": dict(options.uncertainties),
             "cautions": list(run.warnings),
             "measured": options.measured.isoformat() if options.measured else None,

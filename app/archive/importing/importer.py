@@ -37,8 +37,8 @@ from protocols.runfile import HDF5_SIGNATURE, StorageError, notes_path
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
 MAX_FILE_BYTES = 400_000_000
-POINTS_SUFFIX, ABOUT_SUFFIX = "_points.csv", "_about.csv"
-"""Ends of the names of tables that an export writes side by side."""
+POINTS_SUFFIX, ABOUT_SUFFIX, SERIES_MARK = "_points.csv", "_about.csv", "_series-"
+"""Ends of the names of tables that an export writes side by side, and the mark in those of its series."""
 
 
 def import_files(
@@ -62,12 +62,7 @@ def import_files(
     with usage_errors(TableImportError, StorageError):
         parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
-        kinds = [
-            known_kinds[options.kind]
-            if options.kind
-            else known_kinds.get(str(sheet.metadata.get("protocol"))) or detect_kind(sheet, options.columns)
-            for sheet in sheets
-        ]
+        kinds = [known_kinds[options.kind] if options.kind else _kind_of(sheet, options) for sheet in sheets]
         taken = _import_tables(sheets, kinds, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
         written = (
             []
@@ -77,6 +72,23 @@ def import_files(
     if written:
         record_audit("import", *written, *map(notes_path, written), sources=[str(path) for path in options.files])
     return [each for each, _ in taken], written
+
+
+def _kind_of(table: ImportTable, options: ImportOptions) -> TableKind:
+    """Return the kind of a table by the metadata of an export, or else by its columns.
+
+    Raises:
+        TableImportError: it is none, several, or a table of series.
+    """
+    if known := table_kinds().get(str(table.metadata.get("protocol"))):
+        return known
+    stem, exported, _ = table.path.name.rpartition(SERIES_MARK)
+    if exported and [column.name for column in table.columns[:2]] == ["entry", "label"]:
+        raise TableImportError(
+            f"{table.path} has the series of an exported run, one below the other, and a run needs its points: import {stem}{POINTS_SUFFIX}; "
+            "or name the measurement that the columns of this table are of with --as"
+        )
+    return detect_kind(table, options.columns)
 
 
 def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
@@ -128,11 +140,11 @@ def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:
     if data.startswith(b"MATLAB 7.3 MAT-file"):
         from app.archive.importing.mat_table import read_mat73_table
 
-        return read_mat73_table(path, "")
+        return read_mat73_table(path)
     if data.startswith(tdms.SIGNATURE):
-        return tdms.read_tdms(path, "")
+        return tdms.read_tdms(path)
     if is_universal_file(data):
-        return read_universal_file(path, "", data)
+        return read_universal_file(path, data)
     if data.startswith(HDF5_SIGNATURE):
         raise TableImportError(
             f"{path} is an HDF5 file: a run is used as it is; of anything else save the table as CSV or MAT"
@@ -142,8 +154,8 @@ def _read_content(path: Path, data: bytes, progress: Progress) -> ImportTable:
     if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
         from app.archive.importing.mat_table import read_mat_table  # scipy.io takes a while, and CSV needs none of it
 
-        return read_mat_table(path, "")
-    return read_text_table(path, "", data, progress)
+        return read_mat_table(path)
+    return read_text_table(path, data, progress)
 
 
 def read_time(text: str) -> datetime:
@@ -170,14 +182,12 @@ def _import_tables(
     progress: Progress,
 ) -> list[tuple[ImportedPoints, ImportOptions]]:
     made, series = [], list[tuple[ImportTable, ColumnMapping]]()
-    raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, kinds, strict=True) if kind.name == TIME_SERIES)
-    sizes = [
-        0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, kinds, strict=True)
-    ]
-    *parts, raw_progress = progress.split([*sizes, raw])
+    rows = [len(sheet.row_numbers) for sheet in sheets]
+    sizes = [0 if kind.name == TIME_SERIES else count for count, kind in zip(rows, kinds, strict=True)]
+    *parts, raw_progress = progress.split([*sizes, sum(rows) - sum(sizes)])
     for sheet, kind, file_progress in zip(sheets, kinds, parts, strict=True):
         table_options = _import_options(sheet, kind, options, amplifier, kinds)
-        matched = match_columns(sheet, kind, options.columns)
+        matched = match_columns(sheet, kind, options.columns, options.units)
         if kind.name == TIME_SERIES:
             series.append((sheet, matched))
         else:

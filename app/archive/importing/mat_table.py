@@ -15,17 +15,17 @@ from drivers.watchdog import python_command, python_environment
 from protocols.base import TableImportError
 
 
-def read_mat_table(path: Path, sha256: str) -> ImportTable:
+def read_mat_table(path: Path) -> ImportTable:
     """Read the table of a MAT file.
 
     Raises:
         TableImportError: it cannot be read, or holds no vectors.
     """
     _check_sizes(path)
-    return _table(path, sha256, _load_mat(path, READER_SCRIPT))
+    return _table(path, _load_mat(path, READER_SCRIPT))
 
 
-def read_mat73_table(path: Path, sha256: str) -> ImportTable:
+def read_mat73_table(path: Path) -> ImportTable:
     """Read the table of a MAT file of version 7.3, which is HDF5.
 
     Raises:
@@ -36,10 +36,10 @@ def read_mat73_table(path: Path, sha256: str) -> ImportTable:
             f"{path} is a MATLAB file of version 7.3, which needs the library hdf5storage; install it with: pip install 'tactor-bench[formats]', "
             "or save the file again: save('file.mat', '-v7')"
         )
-    return _table(path, sha256, _load_mat(path, READER_SCRIPT_73))
+    return _table(path, _load_mat(path, READER_SCRIPT_73))
 
 
-def _table(path: Path, sha256: str, whole: Mapping[str, Any]) -> ImportTable:
+def _table(path: Path, whole: Mapping[str, Any]) -> ImportTable:
     named = {name: value for name, value in whole.items() if not name.startswith("__")}
     structures = {name: value for name, value in named.items() if isinstance(value, dict)}
     table = named
@@ -63,7 +63,7 @@ def _table(path: Path, sha256: str, whole: Mapping[str, Any]) -> ImportTable:
         columns.append(TableColumn(head, name, unit, values))
     longest = max(len(column.cells) for column in columns)
     about = structures.get("about", {}) if "points" in structures else {}
-    return ImportTable(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], metadata=about)
+    return ImportTable(path, tuple(columns), range(1, longest + 1), "element {}", metadata=about)
 
 
 MATRIX_TYPE, COMPRESSED_TYPE = 14, 15

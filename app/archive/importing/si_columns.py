@@ -1,7 +1,7 @@
 """Values of an imported table in SI, with checks for invalid, duplicate and implausible cells."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -58,18 +58,8 @@ class ImportOptions:
     dry_run: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnSource:
-    """One column of the table as it was read."""
-
-    name: str
-    heading: str
-    unit: str
-    description: str
-
-
 def table_values(
-    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress = NO_PROGRESS
+    table: ImportTable, mapping: ColumnMapping, progress: Progress = NO_PROGRESS
 ) -> tuple[dict[str, Array], list[str]]:
     """Every quantity in SI, and warnings."""
     lengths = {cells.heading: len(cells.cells) for cells in mapping.columns.values()}
@@ -82,21 +72,19 @@ def table_values(
     cautions: list[str] = []
     needed = {name for group in mapping.kind.required for name in group}
     whole = "quality" in mapping.columns  # an export of this program: its flags mark missing values
-    for (name, cells), column_progress in zip(
-        mapping.columns.items(), progress.split([1.0] * len(mapping.columns)), strict=True
-    ):
-        slot = mapping.kind.column(name)
-        assert slot is not None
+    shares = progress.split([1.0] * len(mapping.columns))
+    for (slot, cells), column_progress in zip(mapping.read(), shares, strict=True):
+        name = slot.name
         if slot.codes:
             values[name] = np.array([_parse_code(table, slot, cells, row, whole) for row in range(len(cells.cells))])
             continue
-        column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, column_progress)
+        column = si_factor(table, slot, cells) * _parse_numbers(table, cells, column_progress)
         wrong = ~np.isfinite(column) if name in needed and not whole else np.isinf(column)
         refuse_cells(table, cells, wrong, "'{}' is not a number; give the number, or delete the line")
         if name.endswith("_errors"):
             refuse_cells(table, cells, column < 0, "{} is not an uncertainty: it must not be negative")
         if slot.usual_range is not None and column.size:
-            cautions += _plausibility_warnings(table, cells, name, slot.unit, column, slot.usual_range)
+            cautions += _plausibility_warnings(table, cells, slot, column, slot.usual_range)
         if slot.lowest > -math.inf:
             wrong = column <= slot.lowest if slot.lowest_excluded else column < slot.lowest
             fault = (
@@ -110,7 +98,7 @@ def table_values(
 def refuse_cells(table: ImportTable, column: TableColumn, wrong: Mask, fault: str) -> None:
     """Raise TableImportError for the first wrong cell; `{}` in `fault` is its content."""
     for row in np.flatnonzero(wrong)[:1].tolist():
-        raise TableImportError(f"{table.cell_location(row, column)}: {fault.format(column.cells[row])}")
+        raise TableImportError(f"{table.location(row, column)}: {fault.format(column.cells[row])}")
 
 
 def _parse_numbers(table: ImportTable, column: TableColumn, progress: Progress) -> Array:
@@ -145,16 +133,16 @@ def _parse_plain_numbers(cells: Sequence[str | float], decimal_comma: bool) -> A
 
 
 def _plausibility_warnings(
-    table: ImportTable, cells: TableColumn, name: str, unit: str, column: Array, usual_range: tuple[float, float]
+    table: ImportTable, cells: TableColumn, slot: ImportColumn, column: Array, usual_range: tuple[float, float]
 ) -> Iterator[str]:
     """Return a warning if the values of a column are implausible: most likely its unit is wrong."""
     low, high = usual_range
     size = np.abs(column) if low > 0 else column
     at = np.flatnonzero(np.isfinite(size) & ((size > high) | ((size < low) & (size != 0))))
     if at.size:
-        row = int(at[0])
+        row, name, unit = int(at[0]), slot.name, slot.unit
         yield (
-            f"{table.cell_location(row, cells)}: {cells.cells[row]} is {column[row]:.4g} {unit}, and {name.replace('_', ' ')} is usually "
+            f"{table.location(row, cells)}: {cells.cells[row]} is {column[row]:.4g} {unit}, and {name.replace('_', ' ')} is usually "
             f"{low:g} to {high:g} {unit} ({at.size} of {column.size} values are not): is the unit right? Give another with --unit {name}=UNIT"
         )
 
@@ -171,45 +159,37 @@ def _parse_code(table: ImportTable, slot: ImportColumn, cells: TableColumn, row:
         number = 0.0
     if number in slot.codes.values() or (exported and math.isnan(number)):
         return number
-    raise TableImportError(f"{table.cell_location(row, cells)}: '{cell}' is not a {slot.name}; {slot.code_hint}")
+    raise TableImportError(f"{table.location(row, cells)}: '{cell}' is not a {slot.name}; {slot.code_hint}")
 
 
 def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], rows: int) -> list[str]:
     """Reject duplicate lines; warn of repeated or unsorted values."""
     names = [name for name in values if not name.endswith("_errors") and values[name].ndim == 1]
-    seen: dict[tuple[float, ...], int] = {}
-    for row in range(rows):
-        key = tuple(float(np.nan_to_num(values[name][row], nan=-1e300)) for name in names)
-        if (first := seen.setdefault(key, row)) != row:
-            raise TableImportError(
-                f"{table.path}, {table.row_locations[row]} is the same as {table.row_locations[first]}; take one out, or number them in a column 'repeat' or 'entry'"
-            )
+    if same := _equal_rows([values[name] for name in names], rows):
+        first, row = min(same, key=lambda group: group[1])[:2]
+        raise TableImportError(
+            f"{table.location(row)} is the same as {table.row_location(first)}; take one out, or number them in a column 'repeat' or 'entry'"
+        )
     if ENTRY_COLUMN in values:
         return []
     x = next(name for name in mapping.kind.required[0] if name in values)
-    places: dict[tuple[float, ...], list[int]] = {}
-    for row in range(rows):
-        key = tuple(
-            float(np.nan_to_num(values[name][row], nan=-1e300))
-            for name in (x, "elongation", "side", "repeat", "drive_amplitude")
-            if name in values
-        )
-        places.setdefault(key, []).append(row)
-    twice = [group for group in places.values() if len(group) > 1]
-    messages = []
-    if twice:
-        where = ", ".join(table.row_locations[row] for row in twice[0][:5])
-        messages.append(
-            f"{x} {values[x][twice[0][0]]:g} occurs {len(twice[0])} times ({where}): all are kept, as repeats"
-        )
-    elif (
-        PROTOCOLS[mapping.kind.name].aspects.import_form.rising
-        and "elongation" not in values
-        and (np.diff(values[x]) < 0).any()
-    ):
-        row = int(np.flatnonzero(np.diff(values[x]) < 0)[0]) + 1
-        messages.append(f"{x} does not rise ({table.row_locations[row]}): kept in the order of the file")
-    return messages
+    conditions = (x, "elongation", "side", "repeat", "drive_amplitude")
+    if twice := _equal_rows([values[name] for name in conditions if name in values], rows):
+        where = ", ".join(map(table.row_location, twice[0][:5]))
+        return [f"{x} {values[x][twice[0][0]]:g} occurs {len(twice[0])} times ({where}): all are kept, as repeats"]
+    back = np.flatnonzero(np.diff(values[x]) < 0)
+    if back.size and PROTOCOLS[mapping.kind.name].aspects.import_form.rising and "elongation" not in values:
+        return [f"{x} does not rise ({table.row_location(int(back[0]) + 1)}): kept in the order of the file"]
+    return []
+
+
+def _equal_rows(columns: Iterable[Array], rows: int) -> list[list[int]]:
+    """Return the rows with equal values, in groups of two or more; missing values are equal."""
+    plain = [np.nan_to_num(column, nan=-1e300).tolist() for column in columns]
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for row, key in zip(range(rows), zip(*plain, strict=True), strict=True):
+        groups.setdefault(key, []).append(row)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def add_stated_uncertainties(
@@ -268,14 +248,3 @@ def missing_uncertainty_warning(kind: TableKind, values: Mapping[str, Array]) ->
         )
         return [message]
     return []
-
-
-def column_sources(mapping: ColumnMapping, options: ImportOptions) -> Iterator[ColumnSource]:
-    """Return source column and unit of each quantity."""
-    for name, cells in mapping.columns.items():
-        slot = mapping.kind.column(name)
-        assert slot is not None
-        unit = next(
-            (options.units[key] for key in (cells.heading, cells.name, name) if key in options.units), cells.unit
-        )
-        yield ColumnSource(name, cells.heading, unit or slot.unit, slot.description)

@@ -17,7 +17,7 @@ INCREMENT_PROPERTY = "wf_increment"
 """Seconds between two samples of a waveform channel."""
 
 
-def read_tdms(path: Path, sha256: str) -> ImportTable:
+def read_tdms(path: Path) -> ImportTable:
     """Read the channels of the only group with channels; waveforms get a column of times.
 
     Raises:
@@ -51,7 +51,7 @@ def read_tdms(path: Path, sha256: str) -> ImportTable:
     if not columns:
         raise TableImportError(f"{path} holds no channels of numbers; save the columns as channels")
     rows = max(len(column.cells) for column in columns)
-    return ImportTable(path, sha256, columns, [f"sample {i}" for i in range(1, rows + 1)])
+    return ImportTable(path, columns, range(1, rows + 1), "sample {}")
 
 
 def _columns(channels: Any) -> Iterator[TableColumn]:

@@ -6,17 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.archive.importing.columns import ColumnMapping
+from app.archive.importing.columns import ColumnMapping, uneven_steps
 from app.archive.importing.import_table import ImportTable
 from app.archive.importing.imported_run import ImportedPoints
-from app.archive.importing.si_columns import ImportOptions, column_sources, refuse_cells, table_values
+from app.archive.importing.si_columns import ImportOptions, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from model import Array
 from protocols import PROTOCOLS, aspects_of
 from protocols.base import ImportedSamples, Protocol, RunOfSamples, TableImportError
-
-SAMPLING_TOLERANCE = 0.01
-"""Tolerated unevenness of the times, in sample intervals."""
 
 
 class _Source(NamedTuple):
@@ -40,7 +37,7 @@ def build_series_runs(
             f"--uncertainty {next(iter(options.uncertainties))}=...: a time series has the uncertainties of its sine fit; leave it "
             "away, and give the sensor's gain by --gain-error"
         )
-    parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
+    parts = progress.split([len(sheet.row_numbers) for sheet, _ in series])
     sources: dict[ImportedSamples, _Source] = {}
     by_protocol: dict[str, list[ImportedSamples]] = {name: [] for name in PROTOCOLS}
     for (sheet, matched), file_progress in zip(series, parts, strict=True):
@@ -70,7 +67,7 @@ def _protocol_of(series: ImportedSamples) -> str:
 def _read_series(
     table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress
 ) -> tuple[ImportedSamples, tuple[str, ...]]:
-    values, cautions = table_values(table, mapping, options, progress)
+    values, cautions = table_values(table, mapping, progress)
     for name, cells in mapping.columns.items():
         refuse_cells(table, cells, ~np.isfinite(values[name]), "'{}' is a gap in the series; cut it off there")
     series = ImportedSamples(
@@ -98,14 +95,13 @@ def _imported_run(
         run.points,
         tuple(range(len(run.points))),
         run.parameters,
-        tuple(column_sources(tables[0].mapping, options)),
+        tables[0].mapping,
         tuple((each.table.path.name, each.table.sha256) for each in tables),
         (
             *(caution for each in tables for caution in each.cautions),
             *run.warnings,
             *(delay_caution(options) if run.has_phases else ()),
         ),
-        tuple(cells.heading for cells in tables[0].mapping.unused),
         run.series,
     )
 
@@ -128,15 +124,12 @@ def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> flo
     if (back := np.flatnonzero(steps <= 0)).size:
         row = int(back[0]) + 1
         raise TableImportError(
-            f"{table.cell_location(row, cells)}: {cells.cells[row]} does not come after {cells.cells[row - 1]}; sort the samples by time"
+            f"{table.location(row, cells)}: {cells.cells[row]} does not come after {cells.cells[row - 1]}; sort the samples by time"
         )
-    step = float(np.median(steps))
-    if (
-        uneven := np.flatnonzero(np.abs(steps - step) > max(SAMPLING_TOLERANCE, 0.02) * step + 2 * np.spacing(time[-1]))
-    ).size:
+    if (uneven := uneven_steps(time)).size:
         row = int(uneven[0]) + 1
         raise TableImportError(
-            f"{table.cell_location(row, cells)}: {steps[row - 1]:.6g} s after the sample before, {step:.6g} s elsewhere; a series must be even: cut it at its gaps, "
+            f"{table.location(row, cells)}: {steps[row - 1]:.6g} s after the sample before, {np.median(steps):.6g} s elsewhere; a series must be even: cut it at its gaps, "
             "or write more digits of the time"
         )
     return float((time.size - 1) / (time[-1] - time[0]))

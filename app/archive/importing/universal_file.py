@@ -29,7 +29,7 @@ def is_universal_file(data: bytes) -> bool:
     return START.match(data[:400]) is not None
 
 
-def read_universal_file(path: Path, sha256: str, data: bytes) -> ImportTable:
+def read_universal_file(path: Path, data: bytes) -> ImportTable:
     """Read the one frequency response of a Universal File.
 
     Raises:
@@ -41,15 +41,7 @@ def read_universal_file(path: Path, sha256: str, data: bytes) -> ImportTable:
             f"{path} is a Universal File that is cut off: its last data set has no end; copy it again"
         )
     sets = _read_sets(path)
-    responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
-    if len(responses) != 1:
-        count = (
-            f"{len(responses)} frequency responses"
-            if responses
-            else "no frequency response (data set 58, function type 4)"
-        )
-        raise TableImportError(f"{path} has {count}; give a file with one")
-    (response,) = responses
+    response = _only_response(path, sets)
     metres = next((MILLIMETRE_CODES.get(int(s.get("units_code", 1)), 1.0) for s in sets if s.get("type") == 164), 1.0)
     frequency_hz = np.asarray(response["x"], float)
     if not frequency_hz.size == np.size(response["data"]) == int(response["num_pts"]):
@@ -62,20 +54,31 @@ def read_universal_file(path: Path, sha256: str, data: bytes) -> ImportTable:
         _column("receptance", "m/V", np.abs(receptance)),
         _column("phase", "rad", np.angle(receptance)),
     ]
-    about: dict[str, Any] = {}
     text = " ".join(str(response.get(f"id{i}", "")) for i in range(1, 6))
     if found := DRIVE_AMPLITUDE.search(text):
         columns.append(_column("drive_amplitude", "V", np.full(frequency_hz.size, float(found[1]))))
-    if "SIMULATED" in text:
-        about["simulated"] = 1
+    about: dict[str, Any] = {"simulated": 1} if "SIMULATED" in text else {}
     for each in sets:
         if each.get("type") == 151 and (name := str(each.get("model_name", "")).strip()) not in ("", "NONE"):
             about["specimen"] = name
-        same = each.get("type") == 58 and each.get("func_id") == response.get("func_id")
-        if same and each.get("func_type") == GENERAL and "uncertainty" in str(each.get("id1", "")):
+        if _is_uncertainty(each, response):
             columns.append(_column("receptance_errors", "m/V", metres * np.asarray(each["data"], float)))
-    places = [f"line {i} of the response" for i in range(1, frequency_hz.size + 1)]
-    return ImportTable(path, sha256, tuple(columns), places, metadata=about)
+    rows = range(1, frequency_hz.size + 1)
+    return ImportTable(path, tuple(columns), rows, "line {} of the response", metadata=about)
+
+
+def _only_response(path: Path, sets: list[dict[str, Any]]) -> dict[str, Any]:
+    found = [each for each in sets if each.get("type") == 58 and each.get("func_type") == FREQUENCY_RESPONSE]
+    if len(found) == 1:
+        return found[0]
+    count = f"{len(found)} frequency responses" if found else "no frequency response (data set 58, function type 4)"
+    raise TableImportError(f"{path} has {count}; give a file with one")
+
+
+def _is_uncertainty(one: dict[str, Any], response: dict[str, Any]) -> bool:
+    """Whether a data set is the standard uncertainty of a response."""
+    same = one.get("type") == 58 and one.get("func_id") == response.get("func_id")
+    return same and one.get("func_type") == GENERAL and "uncertainty" in str(one.get("id1", ""))
 
 
 def _read_sets(path: Path) -> list[dict[str, Any]]:

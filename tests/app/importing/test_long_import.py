@@ -88,7 +88,7 @@ def test_numbers_read_in_bulk_are_those_read_cell_by_cell(
         assert isinstance(one.cells, np.ndarray)
         assert (one.name, one.unit) == (other.name, other.unit)
         assert np.array_equal(one.cells, [cell_by_cell.parse_number(other, row) for row in range(20_000)])
-    assert list(bulk.row_locations) == cell_by_cell.row_locations
+    assert list(bulk.row_numbers) == cell_by_cell.row_numbers
 
 
 @pytest.mark.parametrize("odd", ["", "1;2", "1;2;3;4", "# remark", "1;2;"])
@@ -98,11 +98,11 @@ def test_a_long_table_with_an_odd_line_is_read_cell_by_cell(odd: str, tmp_path: 
     lines.insert(15_000, odd)
     path.write_text("\n".join(lines))
     if odd in ("", "# remark"):
-        assert read_table(path).row_locations[14_999] == "line 15002"
+        assert read_table(path).row_location(14_999) == "line 15002"
     elif odd == "1;2;":  # an empty cell: where the value is needed, it is refused by its line
         table = read_table(path)
         assert table.columns[2].cells[14_999] == ""
-        assert table.row_locations[14_999] == "line 15001"
+        assert table.row_location(14_999) == "line 15001"
     else:
         with pytest.raises(TableImportError, match="line 15001"):
             read_table(path)
