@@ -192,7 +192,9 @@ def current_name(stored: str) -> str:
 
 
 def current_column(stored: str, columns: Container[str]) -> str:
-    """Return the name of a column of points that a run file of any version stores beside other columns."""
+    """Return the name of a column of points, or of a parameter, that a file of any version stores beside others of its kind."""
+    if stored == "wanted" and "settle_tolerance" in columns:
+        return "target_relative_uncertainty"
     if stored in ("resonance", "resonance_errors") and "damping" in columns:
         return stored.replace("resonance", "natural_frequency")
     return "peak_frequency" if stored == "peak" and "peak_response" in columns else stored

@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel, StrictBool, StrictStr, ValidationError
 
 from app.common import UndoHistory
-from protocols import PAPER_CAMPAIGN
+from model import current_column
+from protocols import PAPER_CAMPAIGN, PROTOCOLS
 from protocols.base import Prompt, read_json_file, visible_values, write_atomic
 from protocols.runfile import folded_name, safe_name
 
@@ -171,7 +172,12 @@ class CampaignItem:
         """Restore an item from `as_record`. Raises TypeError or KeyError for other records."""
         lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted", "values") if name in record}
         prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
-        return cls(**{**record, **lists, "prepare": prepare})
+        settings, varied = record.get("settings", {}), record.get("varied", "")
+        if settings or varied:  # files of earlier versions may have former names
+            known = PROTOCOLS[record["protocol"]].model_fields if record["protocol"] in PROTOCOLS else ()
+            settings = {current_column(name, known): value for name, value in settings.items()}
+            varied = current_column(varied, known)
+        return cls(**{**record, **lists, "prepare": prepare, "settings": settings, "varied": varied})
 
 
 PAPER_ITEMS = tuple(

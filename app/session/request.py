@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from app.common import UnitError, UsageError, read_value, unit_of
 from app.config import MAX_SPEED, BenchConfig, ConfigError, load_bench, validation_messages
+from model import current_column
 from protocols import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 from protocols.base import Protocol
 
@@ -77,7 +78,8 @@ def build_protocol(kind: type[Protocol], values: Mapping[str, Any]) -> Protocol:
     """
     read: dict[str, Any] = {}
     wrong: list[str] = []
-    for key, value in values.items():
+    for given, value in values.items():
+        key = given if given in kind.model_fields else current_column(given, kind.model_fields)
         if key not in kind.model_fields:
             raise UsageError(f"{kind.name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
         try:

@@ -9,9 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from drivers import Drive
+from model import current_column
 from protocols.base.aspects import Aspects, AspectsOfModule
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
@@ -62,6 +63,25 @@ class Protocol(BaseModel, ABC):
     """What fit, import, figures and lists need of it; a laboratory's protocol assigns an instance of its own subclass."""
 
     sample_rate_hz: float
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        aspects = vars(cls).get("aspects")
+        if isinstance(aspects, type):
+            raise TypeError(
+                f"the aspects of {cls.__name__} are the class {aspects.__name__}, not an instance of it; "
+                f"write aspects = {aspects.__name__}()"
+            )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_former_names(cls, values: Any) -> Any:
+        """Return the values under the present names of the parameters: files of earlier versions have others."""
+        if not isinstance(values, dict):
+            return values
+        known = cls.model_fields
+        return {name if name in known else current_column(name, known): value for name, value in values.items()}
 
     @property
     def meters(self) -> tuple[str, ...]:

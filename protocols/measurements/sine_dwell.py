@@ -234,7 +234,7 @@ class SineDwell(Protocol):
         Interval(ge=0, le=10),
         "decay time of the resonance, from a sweep: lower limit of the windows; 0 unknown",
     ] = 0.0
-    wanted: Annotated[
+    target_relative_uncertainty: Annotated[
         float,
         Unit("1"),
         Interval(ge=0, le=0.5),
@@ -310,17 +310,21 @@ class SineDwell(Protocol):
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
         # The card is not read during this, and the point follows: a first part of a long recording suffices.
-        looked_at = PART_SCANS if self.wanted else LOOK_SCANS
+        looked_at = PART_SCANS if self.target_relative_uncertainty else LOOK_SCANS
         have = [(yield Record(self._record_s(f))).parts(looked_at)[0]]
         point = sine_point(have, simulated=False)
         most = self._max_recordings(f)
-        while self.wanted and point.relative_uncertainty > self.wanted and len(have) < most:
-            needed = math.ceil(len(have) * (point.relative_uncertainty / self.wanted) ** 2)
+        while (
+            self.target_relative_uncertainty
+            and point.relative_uncertainty > self.target_relative_uncertainty
+            and len(have) < most
+        ):
+            needed = math.ceil(len(have) * (point.relative_uncertainty / self.target_relative_uncertainty) ** 2)
             missing = max(min(needed, most) - len(have), 1)
             limit = "" if needed <= most else f" of {needed - len(have)}, as many as the time allows,"
             yield Log(
                 f"{entry.label}: {format_percent(point.relative_uncertainty)} after {len(have)}; {missing} more{limit} "
-                f"to reach {format_percent(self.wanted)}"
+                f"to reach {format_percent(self.target_relative_uncertainty)}"
             )
             for _ in range(missing):
                 again = yield Record(self._record_s(f))
@@ -395,7 +399,7 @@ class SineDwell(Protocol):
         return 0.4 + 4 * self._window_s(f) + self._record_s(f)
 
     def _max_recordings(self, f: float) -> int:
-        if not self.wanted:
+        if not self.target_relative_uncertainty:
             return 1
         if not self.budget_s:
             return MAX_RECORDINGS

@@ -49,7 +49,7 @@ from protocols.runfile.open import (
     translate_read_errors,
 )
 from protocols.runfile.presence import writer_is_alive
-from protocols.runfile.record import LargestPoint, RunRecord
+from protocols.runfile.record import LargestPoint, RunRecord, current_parameters
 from protocols.runfile.schema import CONTINUED_EVENT, ENTRY_COLUMN, EVENT_DTYPE, REPAIRED, VERDICT_VERSION
 from protocols.runfile.series import SERIES_GROUP, read_series
 from protocols.runfile.sidecar import NotesError, notes_path, read_notes, with_later_verdict
@@ -223,7 +223,7 @@ class Run(Closeable):
             specimen=self._text("specimen"),
             start_time=self._text("start_time"),
             simulated=bool(read_integer(entry, "simulated")),
-            parameters=read_object(entry, "parameters"),
+            parameters=current_parameters(read_object(entry, "parameters")),
             requested=read_object(entry, "requested") if "requested" in entry else {},
             imported=read_object(entry, "imported") if "imported" in entry else {},
             continues=self._text("continues") if "continues" in entry else "",

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any, Self
 
 from drivers import LaserSensor
-from model import AmplifierMap
+from model import AmplifierMap, current_column
 from protocols.base import (
     EstimatedQuantity,
     ReferenceModel,
@@ -178,6 +178,11 @@ def decode_record(text: str) -> RunRecord:
     return RunRecord.from_json(text)
 
 
+def current_parameters(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all parameters of a run under their present names."""
+    return {current_column(name, stored): value for name, value in stored.items()}
+
+
 def _numbers(plain: Mapping[str, Any], *texts: str) -> dict[str, Any]:
     """Return the fields of a class of numbers, null as NaN, and texts."""
     return {
@@ -192,6 +197,7 @@ _PLAIN: Mapping[str, Any] = {
 } | {"duration_s": (int, float)}
 """Types of the fields that are stored as they are."""
 _COMPOSED: Mapping[str, Any] = {
+    "parameters": current_parameters,
     "conditions": lambda plain: RunConditions(**plain),
     "sensor": lambda plain: LaserSensor(**_numbers(plain, "name", "serial", "calibrated", "expires")),
     "axes": lambda plain: (str(plain[0]), str(plain[1])),

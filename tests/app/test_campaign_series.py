@@ -29,6 +29,13 @@ SERIES = CampaignItem("levels", "sine-dwell", QUICK, varied="peak_to_peak_v", va
 PLAIN = CampaignItem("dwell", "sine-dwell", {"record_s": 0.2})
 
 
+def test_an_item_of_an_earlier_version_has_the_present_names_of_parameters() -> None:
+    stored = {**PLAIN.as_record(), "settings": {"wanted": 0.01}, "varied": "wanted", "values": [0.02]}
+    item = CampaignItem.from_record(stored)
+    assert item.settings == {"target_relative_uncertainty": 0.01}
+    assert item.varied == "target_relative_uncertainty"
+
+
 def measure(campaign: Campaign, most: int) -> list[tuple[str, float]]:
     """Measure the next items as a queue does; return items and drives."""
     done: list[tuple[str, float]] = []

@@ -1,11 +1,12 @@
 """Aspects of protocols: where a built-in protocol, a laboratory's and an unknown one have theirs."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from protocols import Aspects
-from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS, aspects_of, load_protocol_file
+from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS, ProtocolFileError, aspects_of, load_protocol_file
 
 OWN = """
 from protocols import Aspects
@@ -35,6 +36,14 @@ def test_a_protocol_file_carries_its_own_aspects(tmp_path: Path) -> None:
         assert kind.model_validate({}).aspects is kind.aspects
     finally:
         del PROTOCOLS["mine"]
+
+
+def test_a_class_in_the_place_of_aspects_is_refused_when_the_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(OWN.replace("OwnAspects()", "OwnAspects"))
+    message = "the aspects of Mine are the class OwnAspects, not an instance of it; write aspects = OwnAspects()"
+    with pytest.raises(ProtocolFileError, match=re.escape(message)):
+        load_protocol_file(tmp_path / "mine.py")
+    assert "mine" not in PROTOCOLS
 
 
 def test_a_protocol_file_of_the_environment_is_found_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

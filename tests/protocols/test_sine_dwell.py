@@ -28,6 +28,7 @@ from protocols.base import (
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies, sine_point
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
+from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import initial_record
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
@@ -261,11 +262,20 @@ def test_an_entry_that_lost_scans_is_measured_again(tmp_path: Path) -> None:
     assert all(Quality(p.quality).usable for p in ran.points)
 
 
+def test_a_former_name_of_a_parameter_is_read_as_the_present_one() -> None:
+    assert SineDwell.model_validate({"wanted": 0.01}).target_relative_uncertainty == 0.01
+    assert RunRecord.from_json('{"parameters": {"wanted": 0.01, "settle_tolerance": 0.005}}').parameters == {
+        "target_relative_uncertainty": 0.01,
+        "settle_tolerance": 0.005,
+    }
+    assert RunRecord.from_json('{"parameters": {"wanted": 0.01}}').parameters == {"wanted": 0.01}, "another protocol's"
+
+
 @pytest.mark.deep
 def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path: Path) -> None:
-    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, record_s=0.2, wanted=0.015)
+    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, record_s=0.2, target_relative_uncertainty=0.015)
     with laboratory(simulated(sensor={"noise_m": 2e-6})) as lab:
-        once = run(protocol.model_copy(update={"wanted": 0.0}), tmp_path, lab).points[0]
+        once = run(protocol.model_copy(update={"target_relative_uncertainty": 0.0}), tmp_path, lab).points[0]
         ran = run(protocol, tmp_path, lab)
     (point,) = ran.points
     recorded = sum(isinstance(e, RecordingFinished) for e in ran.events)
@@ -282,7 +292,7 @@ def test_averaging_continues_to_target_uncertainty_and_reports_progress(tmp_path
 
 @pytest.mark.deep
 def test_averaging_stops_where_the_time_budget_ends(tmp_path: Path) -> None:
-    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, wanted=1e-4, budget_s=4.0)
+    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, target_relative_uncertainty=1e-4, budget_s=4.0)
     with laboratory() as lab:
         begin = lab.bench.clock.now()
         ran = run(protocol, tmp_path, lab)

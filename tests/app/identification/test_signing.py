@@ -238,7 +238,7 @@ def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, c
     "protocol",
     [
         VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.3, read_s=0.3, hold_s=0.5),
-        SineDwell(frequencies_hz=(100, 160), record_s=0.1, wanted=2e-5),
+        SineDwell(frequencies_hz=(100, 160), record_s=0.1, target_relative_uncertainty=2e-5),
         StaticLoading(weights_kg=(0.1, 0.2), repeats=1, sides="MFC up"),
         MembraneSag(repeats=1),
     ],
@@ -264,7 +264,7 @@ def test_with_the_same_calibration_every_point_is_the_same(protocol: Protocol, t
 @pytest.mark.deep
 def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
     """Several recordings a frequency: those before the pause were given up, and are not averaged in."""
-    protocol = SineDwell(frequencies_hz=(160,), record_s=0.1, wanted=2e-5)
+    protocol = SineDwell(frequencies_hz=(160,), record_s=0.1, target_relative_uncertainty=2e-5)
     pause = threading.Event()
     with laboratory() as lab:
         hold = Trigger(lambda event: isinstance(event, RecordingFinished), pause.set)
