@@ -1,6 +1,6 @@
 """Description of a run file as text for a terminal and as a plain record for JSON."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, NamedTuple
@@ -10,22 +10,10 @@ import numpy as np
 from app.archive.figures import figures_and_fault
 from app.archive.notes import describe_check
 from app.archive.run_summary import instruments_text
-from app.common import (
-    format_bytes,
-    format_duration,
-    format_outcome,
-    format_point,
-)
-from model import format_quantity, format_value, format_with_uncertainty, quantity_label
+from app.common import format_bytes, format_duration, format_outcome, format_point
+from model import Array, format_quantity, format_value, format_with_uncertainty, quantity_label
 from protocols import PROTOCOLS, aspects_of, measured_points
-from protocols.base import (
-    InjectedFaultChanged,
-    Outcome,
-    Quality,
-    RunConditions,
-    RunStatus,
-    to_jsonable,
-)
+from protocols.base import InjectedFaultChanged, Outcome, Quality, RunConditions, RunStatus, to_jsonable
 from protocols.runfile import NotesError, Run, RunReadError, RunRecord, notes_path, read_notes
 
 
@@ -62,7 +50,7 @@ def run_record(run: Run) -> dict[str, Any]:
 
 def run_text(run: Run) -> str:
     """Return a page about a run for a terminal."""
-    record, points = run.record, run.points()
+    record = run.record
     length = format_duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
         f"{record.title}" + ("   SIMULATED" if record.simulated else ""),
@@ -75,53 +63,53 @@ def run_text(run: Run) -> str:
         *(f"channel {name}, in {unit}" for name, unit in run.trace.further_channels.items()),
         *_fault_lines(run),
         "",
+        *_point_lines(run),
     ]
-    if not len(next(iter(points.values()), ())):
-        lines.append("no points")
-    elif points.keys() >= {"peak_to_peak", "fundamental", "phase", "thd"}:
-        stretched = points.get("elongation")
-        lines.append(
-            (f"{'mm':>6} " if stretched is not None else "")
-            + f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>18} {'phase/°':>8} {'THD/%':>6}  quality"
-        )
-        lines += [
-            ("" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free"))
-            + f"{f:9.3f} {1e6 * p:11.1f} {format_with_uncertainty(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
-            f"{Quality(int(q)).description}".replace("nan", "  -")
-            for row, (f, p, a, u, phase, thd, q) in enumerate(zip(
-                *(
-                    points[name]
-                    for name in (
-                        "frequency", "peak_to_peak", "fundamental", "fundamental_errors", "phase", "thd", "quality",
-                    )
-                ),
-                strict=True,
-            ))
-        ]  # fmt: skip
-    elif not record.imported and (kind := PROTOCOLS.get(record.protocol)) and hasattr(kind.point_type, "summary"):
-        lines += [format_point(point) for _, point in measured_points(run, kind.point_type)]
-    else:
-        units = run.units()
-        shown = [
-            name
-            for name, column in points.items()
-            if column.ndim == 1 and name not in ("entry", "quality") and not name.endswith("_errors")
-        ]
-        for row, quality in enumerate(points["quality"]):
-            values = [
-                f"{name.replace('_', ' ')} {format_quantity(points[name][row], _standard_error(points, name, row), units[name])}"
-                for name in shown
-                if np.isfinite(points[name][row])
-            ]
-            lines.append(f"{row + 1}: {', '.join(values)}; {Quality(int(quality)).description}")
     for curve in run.series():
         if curve.x.size:
             unit, low, high = curve.x_axis.unit, curve.x.min(), curve.x.max()
             rows = "lines" if unit == "Hz" else "values"
             lines.append(f"{curve.title}: {curve.x.size} {rows}, {low:.4g} to {high:.4g} {unit}")
-    for estimate in record.estimates:
-        lines.append(f"{quantity_label(estimate.name)}: {format_value(estimate)}   ({estimate.source})")
+    lines += [f"{quantity_label(each.name)}: {format_value(each)}   ({each.source})" for each in record.estimates]
     return "\n".join([*lines, *_remark_lines(record)])
+
+
+DWELL_COLUMNS = ("frequency", "peak_to_peak", "fundamental", "fundamental_errors", "phase", "thd", "quality")
+"""Columns of points under a sine, which are listed as a table."""
+
+
+def _point_lines(run: Run) -> Iterator[str]:
+    """Yield the points: a table of those under a sine, a line of its protocol for each other one, or all its values."""
+    points, kind = run.points(), PROTOCOLS.get(run.record.protocol)
+    if not len(next(iter(points.values()), ())):
+        yield "no points"
+    elif points.keys() >= set(DWELL_COLUMNS):
+        stretched = points.get("elongation")
+        mm = f"{'mm':>6} " if stretched is not None else ""
+        yield f"{mm}{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>18} {'phase/°':>8} {'THD/%':>6}  quality"
+        rows = zip(*(points[name] for name in DWELL_COLUMNS), strict=True)
+        for row, (f, p, a, u, phase, thd, q) in enumerate(rows):
+            mm = "" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free")
+            values = f"{f:9.3f} {1e6 * p:11.1f} {format_with_uncertainty(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}"
+            yield f"{mm}{values.replace('nan', '  -')}  {Quality(int(q)).description}"
+    elif kind is not None and not run.record.imported and hasattr(kind.point_type, "summary"):
+        yield from (format_point(point) for _, point in measured_points(run, kind.point_type))
+    else:
+        yield from _value_lines(points, run.units())
+
+
+def _value_lines(points: dict[str, Array], units: Mapping[str, str]) -> Iterator[str]:
+    """Yield the finite values of each point with their standard errors."""
+    for row, quality in enumerate(points["quality"]):
+        values = [
+            f"{name.replace('_', ' ')} {format_quantity(column[row], _standard_error(points, name, row), units[name])}"
+            for name, column in points.items()
+            if column.ndim == 1
+            and name not in ("entry", "quality")
+            and not name.endswith("_errors")
+            and np.isfinite(column[row])
+        ]
+        yield f"{row + 1}: {', '.join(values)}; {Quality(int(quality)).description}"
 
 
 def _remark_lines(record: RunRecord) -> Iterator[str]:

@@ -53,14 +53,6 @@ class RestoredFiles:
     already_present: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Member:
-    """A file of the archive: its path there, where it comes from, and the data set it belongs to."""
-
-    name: str
-    path: Path
-
-
 def write_archive(
     folder: Path,
     specimen: str,
@@ -85,6 +77,36 @@ def write_archive(
         ArchiveError: there are no runs, one is being written, two have the same name, or a file cannot be read or written.
         OperationCancelled: `progress` is cancelled.
     """
+    _check_runs(folder, specimen, runs)
+    members: dict[str, list[Path]] = {}
+    for run in runs:
+        path = folder / run.path
+        members[path.stem] = [each for each in (path, notes_path(path)) if each.is_file()]
+    if documents:
+        members[SPECIMEN_FOLDER] = list(documents)
+    root = archive.name.removesuffix(SUFFIX)
+    every = {f"{name}/{path.name}": path for name, part in members.items() for path in part}
+    try:
+        archive.parent.mkdir(parents=True, exist_ok=True)
+        with (
+            replacing(archive) as working,
+            zipfile.ZipFile(working, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+        ):
+            parts = progress.split_by_files(list(every.values()))
+            files = {
+                name: _add(file, f"{root}/{name}", path, part)
+                for (name, path), part in zip(every.items(), parts, strict=True)
+            }
+            record = _crate(specimen, runs, members, files, licence)
+            file.writestr(f"{root}/{METADATA_NAME}", json.dumps(record, indent=1, ensure_ascii=False))
+    except OSError as error:
+        raise ArchiveError(
+            f"{archive} cannot be written: {error.strerror or error}; free space there, or choose another place with --out"
+        ) from None
+    return archive
+
+
+def _check_runs(folder: Path, specimen: str, runs: Sequence[RunSummary]) -> None:
     if not runs:
         raise ArchiveError(
             f"there are no runs of {specimen} in {folder}; 'tactor-bench runs {folder}' lists what there is"
@@ -94,33 +116,6 @@ def write_archive(
     names = [run.name for run in runs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ArchiveError(f"there are several files {twice[0]} below {folder}; move all but one of them away")
-    members: dict[str, list[_Member]] = {}
-    for run in runs:
-        path = folder / run.path
-        beside = [each for each in (path, notes_path(path)) if each.is_file()]
-        members[path.stem] = [_Member(f"{path.stem}/{each.name}", each) for each in beside]
-    if documents:
-        members[SPECIMEN_FOLDER] = [_Member(f"{SPECIMEN_FOLDER}/{each.name}", each) for each in documents]
-    root = archive.name.removesuffix(SUFFIX)
-    every = [member for part in members.values() for member in part]
-    try:
-        archive.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            replacing(archive) as working,
-            zipfile.ZipFile(working, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
-        ):
-            parts = progress.split_by_files([member.path for member in every])
-            files = {
-                member.name: _add(file, f"{root}/{member.name}", member.path, part)
-                for member, part in zip(every, parts, strict=True)
-            }
-            record = _crate(specimen, runs, members, files, licence)
-            file.writestr(f"{root}/{METADATA_NAME}", json.dumps(record, indent=1, ensure_ascii=False))
-    except OSError as error:
-        raise ArchiveError(
-            f"{archive} cannot be written: {error.strerror or error}; free space there, or choose another place with --out"
-        ) from None
-    return archive
 
 
 def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRESS) -> RestoredFiles:
@@ -226,7 +221,7 @@ def _copy(source: IO[bytes], target: IO[bytes], progress: Progress, size: int = 
 def _crate(
     specimen: str,
     runs: Sequence[RunSummary],
-    members: Mapping[str, Sequence[_Member]],
+    members: Mapping[str, Sequence[Path]],
     files: Mapping[str, Mapping[str, Any]],
     licence: str,
 ) -> dict[str, Any]:
@@ -266,7 +261,7 @@ def _crate(
         record: dict[str, Any] = {
             "@id": f"./{name}/",
             "@type": "Dataset",
-            "hasPart": [{"@id": f"./{m.name}"} for m in part],
+            "hasPart": [{"@id": f"./{name}/{path.name}"} for path in part],
         }
         if (run := by_stem.get(name)) is None:
             record |= {"name": f"{mark}{specimen}: sheet, calibrations, campaign and report", "dateCreated": now}
@@ -275,13 +270,13 @@ def _crate(
         graph.append(record)
         graph += [
             {
-                "@id": f"./{member.name}",
+                "@id": f"./{name}/{path.name}",
                 "@type": "File",
-                "name": member.path.name,
-                "encodingFormat": MEDIA_TYPES.get(member.path.suffix, "application/octet-stream"),
-                **files[member.name],
+                "name": path.name,
+                "encodingFormat": MEDIA_TYPES.get(path.suffix, "application/octet-stream"),
+                **files[f"{name}/{path.name}"],
             }
-            for member in part
+            for path in part
         ]
     return {"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph + values}
 

@@ -118,12 +118,9 @@ def connect(
             else:
                 further = [each.channel for each in config.channels]
                 server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
+            clock = virtual.clock
             source = open_source(
-                config,
-                virtual.clock,
-                lambda timeout_s: wrap_link(virtual.link(timeout_s), virtual.clock),
-                server,
-                stack,
+                config, clock, lambda timeout_s: wrap_link(virtual.link(timeout_s), clock), server, stack
             )
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
             bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
@@ -141,13 +138,7 @@ def connect(
             )
             clock = HeartbeatClock(speed, process.time)
             connection = _open_instruments(
-                config,
-                stack,
-                clock,
-                process.resource,
-                process.server,
-                wrap_link,
-                process.laser_reading_m,
+                config, stack, clock, process.resource, process.server, wrap_link, process.laser_reading_m
             )
             _gate(config, connection.bench)
             yield BenchConnection(
@@ -193,13 +184,47 @@ def _open_instruments(
         InstrumentError: one does not reply, is another one, or is controlled by another program.
         UnsafeError: the same, after a program that ended without releasing the bench.
     """
-    from drivers import InstrumentLocks
+    from drivers import InstrumentLocks, VisaLink
 
+    def open_link(timeout_s: float) -> Link:
+        wire = VisaLink(resource, timeout_s, backend=_backend(config), baud=config.source_connection.baud)
+        return wrap_link(wire, clock)
+
+    open_source_here = partial(open_source, config, clock, open_link, server, stack)
+    own_source, card = config.source.kind != "card-output", f"{server or 'this computer'}/{config.card.device}"
     locks = stack.enter_context(InstrumentLocks(config.name, config.simulated))
+    with _unsafe_if_left(locks):
+        locks.lock_address("the card", card)
+        try:
+            digitizer = open_digitizer(config, clock, server, stack)
+        except InstrumentError as error:
+            if own_source:
+                with suppress(
+                    InstrumentError
+                ):  # a source that does not answer either leaves nothing that could be done
+                    locks.lock_address("the source", resource)
+                    rest_without_card(config, open_source_here(), clock, error)
+            raise
+        locks.lock_identity("the card", digitizer.identity, card)
+        if own_source:
+            locks.lock_address("the source", resource)
+        source = open_source_here()
+        if own_source:
+            locks.lock_identity("the source", source.identity, resource)
+        for name, table in config.meters.items():
+            locks.lock_address(f"the meter '{name}'", table.port)
+        meters = open_meters(config.meters, clock, stack, read_displacement)
+        watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
+        connection = BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
+    locks.forget_earlier_program()
+    return connection
+
+
+@contextmanager
+def _unsafe_if_left(locks: "InstrumentLocks") -> Iterator[None]:
+    """Turn an InstrumentError into an UnsafeError if the last program ended without releasing the bench."""
     try:
-        connection = _open_locked_instruments(
-            config, stack, clock, resource, server, wrap_link, read_displacement, locks
-        )
+        yield
     except InstrumentError as error:
         if locks.left_by:
             raise UnsafeError(
@@ -207,48 +232,6 @@ def _open_instruments(
                 f"or a level on the specimen: {locks.left_by}"
             ) from error
         raise
-    locks.forget_earlier_program()
-    return connection
-
-
-def _open_locked_instruments(
-    config: BenchConfig,
-    stack: ExitStack,
-    clock: HeartbeatClock,
-    resource: str,
-    server: str,
-    wrap_link: LinkWrapper,
-    read_displacement: ReadDisplacement | None,
-    locks: "InstrumentLocks",
-) -> BenchConnection:
-    from drivers import VisaLink
-
-    card = f"{server or 'this computer'}/{config.card.device}"
-    locks.lock_address("the card", card)
-
-    def open_link(timeout_s: float) -> Link:
-        wire = VisaLink(resource, timeout_s, backend=_backend(config), baud=config.source_connection.baud)
-        return wrap_link(wire, clock)
-
-    try:
-        digitizer = open_digitizer(config, clock, server, stack)
-    except InstrumentError as error:
-        if config.source.kind != "card-output":
-            with suppress(InstrumentError):  # a source that does not answer either leaves nothing that could be done
-                locks.lock_address("the source", resource)
-                rest_without_card(config, open_source(config, clock, open_link, server, stack), clock, error)
-        raise
-    locks.lock_identity("the card", digitizer.identity, card)
-    if config.source.kind != "card-output":
-        locks.lock_address("the source", resource)
-    source = open_source(config, clock, open_link, server, stack)
-    if config.source.kind != "card-output":
-        locks.lock_identity("the source", source.identity, resource)
-    for name, table in config.meters.items():
-        locks.lock_address(f"the meter '{name}'", table.port)
-    meters = open_meters(config.meters, clock, stack, read_displacement)
-    watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
-    return BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
 
 
 def rest_without_card(config: BenchConfig, source: Source, clock: Clock, error: Exception) -> None:

@@ -55,7 +55,7 @@ def commissioning_state(
 
     record = load_record(identity)
     if record is not None and record.is_valid:
-        stop_s, reply_s = (s if math.isfinite(s) else None for s in (record.stop_s, record.reply_s))
+        stop_s, reply_s = (s if math.isfinite(s) else None for s in (record.times.stop_s, record.times.reply_s))
         stored = {
             "status": "commissioned",
             "date": record.date,
@@ -95,7 +95,7 @@ def _state_of_simulated_bench(identity: Identity, simulated_bench: str) -> Commi
 
 
 def _level_stop_s(record: "CommissioningRecord") -> float:
-    return record.level_stop_s if math.isfinite(record.level_stop_s) else 0.0
+    return record.times.level_stop_s if math.isfinite(record.times.level_stop_s) else 0.0
 
 
 def _describe_missing(identity: Identity, record: "CommissioningRecord | None") -> str:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from drivers import Identity
 from drivers.evidence import OutputCheck, assumptions_about, assumptions_about_card
 from drivers.watchdog import version
 from protocols.base import write_atomic
-from protocols.commissioning import CheckedOutput, OutputVerdict, checked_assumptions, worst_verdict
+from protocols.commissioning import CheckedOutput, MeasuredTimes, OutputVerdict, checked_assumptions, worst_verdict
 
 if TYPE_CHECKING:
     from protocols.commissioning import Commissioned
@@ -63,21 +63,17 @@ class CommissioningRecord:
         verdict: the worst of its checks.
         date: when it was made, ISO 8601.
         failed: the checks that did not pass, as sentences.
-        stop_s: measured duration of Stop, NaN if unknown.
-        reply_s: longest measured time from a message to its reply, NaN if unknown.
+        times: measured times.
         simulated: whether the instrument was a simulated one.
         path: of its file.
-        level_stop_s: measured duration of Stop from a level whose end it hastened, NaN if the output did not follow.
     """
 
     verdict: OutputVerdict
     date: str
     failed: tuple[str, ...]
-    stop_s: float
-    reply_s: float
+    times: MeasuredTimes
     simulated: bool
     path: Path
-    level_stop_s: float = math.nan
 
     @property
     def is_valid(self) -> bool:
@@ -141,14 +137,7 @@ def make_record(identity: Identity, simulated: bool, rate_hz: float, found: "Com
                 found.checks,
             )
         ],
-        "times": {
-            "stop_s": _finite(found.times.stop_s),
-            "start_s": _finite(found.times.start_s),
-            "second_client_s": _finite(found.times.second_client_s),
-            "reply_s": _finite(found.times.reply_s),
-            "level_stop_s": _finite(found.times.level_stop_s),
-            "upload_s": _finite(found.times.upload_s),
-        },
+        "times": {name: _finite(value) for name, value in asdict(found.times).items()},
         "commands": [asdict(each) for each in found.commands],
         "errors": list(found.errors),
     }
@@ -175,17 +164,11 @@ def load_record(identity: Identity, simulated_bench: str = "") -> CommissioningR
             )
             for check in read["checks"]
         ]
-        times = {name: math.nan if value is None else float(value) for name, value in read["times"].items()}
+        known = {each.name for each in fields(MeasuredTimes)} & read["times"].keys()  # older records have fewer
+        times = {name: math.nan if (value := read["times"][name]) is None else float(value) for name in known}
         failed = tuple(describe_check(check) for check in checks if not check.passed)
         return CommissioningRecord(
-            worst_verdict(checks),
-            str(read["date"]),
-            failed,
-            times["stop_s"],
-            times.get("reply_s", math.nan),  # older records have none
-            bool(read["simulated"]),
-            path,
-            times.get("level_stop_s", math.nan),
+            worst_verdict(checks), str(read["date"]), failed, MeasuredTimes(**times), bool(read["simulated"]), path
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

@@ -48,8 +48,8 @@ def test_a_record_is_that_of_the_instrument_and_its_firmware() -> None:
     assert found is not None
     assert found.path == path
     assert found.is_valid
-    assert found.stop_s == 0.2
-    assert found.reply_s == 0.4
+    assert found.times.stop_s == 0.2
+    assert found.times.reply_s == 0.4
     for other in (
         Identity("Keysight Technologies", "33511B", "MY/12 34", "5.03-3.02"),
         Identity("Keysight Technologies", "33511B", "MY/12 35", "5.02-3.02"),
