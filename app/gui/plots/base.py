@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pyqtgraph as pg
@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel
 
 from app.common import typeset
 from app.gui.plots.copy import PlotCopyButtons
-from app.gui.plots.items import place, place_end
+from app.gui.plots.items import LogPlaced, place, place_end
 from app.gui.plots.series import series_as_text, series_of
 from app.gui.plots.threshold_items import ThresholdItems
 from app.gui.plots.tools import PlotTools
@@ -91,6 +91,15 @@ def style_axes(plot: Any, font: QFont) -> None:
         changed.connect(lambda *_: _shorten_long_name(plot.getAxis("left"), box.height()))
 
 
+def color_axes(plot: Any, theme: Theme) -> None:
+    """Draw the axes of a plot in the colours of a theme."""
+    for side in ("left", "bottom"):
+        axis = plot.getAxis(side)
+        axis.setPen(pg.mkPen(theme.line))
+        axis.setTextPen(pg.mkPen(theme.text))
+        axis.label.setDefaultTextColor(QColor(theme.text))
+
+
 def log_tick_texts(values: Sequence[float], scale: float, _spacing: float) -> list[str]:
     """Return the labels of the ticks of a logarithmic axis: 1, 2 and 5 of each decade, or all where there are few."""
     texts = []
@@ -163,7 +172,7 @@ def legend_share(legend: Any, plot: Any) -> float:
     return min((float(legend.boundingRect().height()) + 8) / max(height, 1.0), MAX_LEGEND_SHARE)
 
 
-class BandFill(QGraphicsPathItem):
+class BandFill(LogPlaced, QGraphicsPathItem):
     """A translucent band between two curves: the error band of a curve."""
 
     ALPHA = 56
@@ -174,7 +183,6 @@ class BandFill(QGraphicsPathItem):
         self.setZValue(-10)
         self.ends: tuple[Array, Array, Array] | None = None
         """x, lower and upper ends, each (N,), in the units of the axes."""
-        self._log = (False, False)
         plot.addItem(self, ignoreBounds=True)
 
     def set_color(self, color: str) -> None:
@@ -197,12 +205,9 @@ class BandFill(QGraphicsPathItem):
                     path.addPath(pg.arrayToQPath(np.concatenate((x[part], x[part][::-1])), around))
         self.setPath(path)
 
-    def setLogMode(self, x: bool, y: bool) -> None:
-        """Draw the band on logarithmic or linear axes."""
-        if (x, y) != self._log:
-            self._log = (x, y)
-            if self.ends is not None:
-                self.show_band(self.ends[0], self.ends[1:])
+    def _place_again(self) -> None:
+        if self.ends is not None:
+            self.show_band(self.ends[0], self.ends[1:])
 
 
 def stable_range(low: float, high: float, current: tuple[float, float] | None) -> tuple[float, float]:
@@ -276,6 +281,9 @@ def caption_label(text: str = "") -> QLabel:
     return make_label(text, "caption", wrap=False)
 
 
+S = TypeVar("S", bound="PlotBase")
+
+
 class PlotBase(QWidget):
     """A canvas with one plot, or with several, below an optional head row.
 
@@ -343,11 +351,7 @@ class PlotBase(QWidget):
         for canvas in self._canvases:
             canvas.setBackground(theme.panel)
         for plot in self._plots:
-            for side in ("left", "bottom"):
-                axis = plot.getAxis(side)
-                axis.setPen(pg.mkPen(theme.line))
-                axis.setTextPen(pg.mkPen(theme.text))
-                axis.label.setDefaultTextColor(QColor(theme.text))
+            color_axes(plot, theme)
         for tools in self.tools:
             tools.apply_theme(theme)
         for simulated, text in zip(self.simulated_labels, self.corner_labels, strict=True):
@@ -398,9 +402,8 @@ class PlotBase(QWidget):
         self._canvases.append(canvas)
         self._plots += plots
         self.copy_buttons.append(PlotCopyButtons(canvas, self._table))
-        self.tools.append(PlotTools(canvas, plots, self.copy_buttons[-1], self._fill_menu))
-        if canvas is self.canvas and any(self.LOG_AXES):
-            self.tools[-1].offer_log_axes(self.LOG_AXES, lambda: self.log_axes, self.set_log_axes)
+        log_axes = self if canvas is self.canvas and any(self.LOG_AXES) else None
+        self.tools.append(PlotTools(canvas, plots, self.copy_buttons[-1], self._fill_menu, log_axes))
 
     @property
     def log_axes(self) -> tuple[bool, bool]:
@@ -420,11 +423,15 @@ class PlotBase(QWidget):
     def _rescale(self) -> None:
         """Set the range anew where it does not follow from the range that was set last."""
 
-    def _align(self, strip: "PlotBase") -> None:
-        """Keep the left edge of a plot below in line with this one, and its x axis like this one's."""
+    def _add_strip(self, strip: S, shares: tuple[int, int] | None = None) -> S:
+        """Lay out a plot below this one, with its left edge in line and its x axis like this one's; `shares` of the height."""
+        self._layout.addWidget(strip)
+        for widget, share in zip((self.canvas, strip), shares or (), strict=False):
+            self._layout.setStretch(self._layout.indexOf(widget), share)
         self.aligned_plots.append(strip.plot)
         strip.aligned_plots.append(self.plot)
         _set_log(strip.plot, self.log_axes[0], False)
+        return strip
 
     def _fit_axes(self, least: int, *_: object) -> None:
         """Widen the left axes to their longest tick label, all alike, so that no label is printed over the axis's name."""

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QWidget
 from app.gui.plots.base import (
     TRACE_AXIS_WIDTH,
     CornerLabel,
+    color_axes,
     curve_color,
     limit_ticks,
     stable_range,
@@ -46,9 +47,7 @@ class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
             color = curve_color(at, theme).name()
             curve.setPen(trace_pen(color))
             label.set_color(color)
-            for side in ("left", "bottom"):
-                plot.getAxis(side).setPen(pg.mkPen(theme.line))
-                plot.getAxis(side).setTextPen(pg.mkPen(theme.text))
+            color_axes(plot, theme)
 
     def draw(self, span: TimeSpan, shown_s: float, fresh: bool) -> None:
         """Draw the channels so that `shown_s`, bench time of the stream, is the right edge; `fresh` with new samples."""

@@ -21,7 +21,7 @@ class PlotCopyButtons(QWidget):
 
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
         super().__init__(canvas)
-        self._canvas, self._text = canvas, text
+        self._canvas, self.table = canvas, text
         self._button_frame = QFrame(canvas)
         self._button_frame.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         set_style_kind(self._button_frame, "ring")
@@ -60,10 +60,6 @@ class PlotCopyButtons(QWidget):
         for child in over:
             child.show()
         return picture
-
-    def table(self) -> str:
-        """Return the numbers as a table."""
-        return self._text()
 
     def copy_picture(self) -> None:
         """Copy the plot as it is displayed, without these buttons."""

@@ -187,10 +187,7 @@ class CurvesPlot(PlotBase):
     @cached_property
     def strip(self) -> LowerStrip:
         """The plot below the curves; created when first used."""
-        strip = LowerStrip(self.plot, self._theme)
-        self._layout.addWidget(strip)
-        self._align(strip)
-        return strip
+        return self._add_strip(LowerStrip(self.plot, self._theme))
 
     @property
     def layer(self) -> str:

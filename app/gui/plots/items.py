@@ -35,46 +35,50 @@ def linear_data(item: Any) -> tuple[Any, Any]:
     return item.getData() if given is None else given
 
 
-class CurveItem(pg.PlotCurveItem):  # type: ignore[misc]  # pyqtgraph has no types
-    """A line."""
+class LogPlaced:
+    """Item of a plot that is placed anew when an axis becomes logarithmic, or linear again."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:
-        self.linear: tuple[Array, Array] | None = None
-        self._log = (False, False)
-        super().__init__(*args, **options)
+    linear: tuple[Array, Array] | None = None
+    """x and y in the units of the axes."""
+    _log = (False, False)
+
+    def setLogMode(self, x: bool, y: bool) -> None:
+        """Place the item on logarithmic or linear axes."""
+        if (x, y) != self._log:
+            self._log = (x, y)
+            self._place_again()
+
+    def _place_again(self) -> None:
+        raise NotImplementedError
+
+    def _placed(self) -> tuple[Array, ...]:
+        """Return x and y as coordinates of the axes."""
+        assert self.linear is not None
+        return tuple(place(values, log) for values, log in zip(self.linear, self._log, strict=True))
+
+
+class CurveItem(LogPlaced, pg.PlotCurveItem):  # type: ignore[misc]  # pyqtgraph has no types
+    """A line."""
 
     def setData(self, *args: Any, **options: Any) -> None:
         if len(args) == 2:
             options["x"], options["y"] = args
         if "x" in options:
             self.linear = (np.asarray(options["x"], float), np.asarray(options["y"], float))
-            self._place(options)
-        super().setData(**options)
+            self._place_again(**options)
+        else:
+            super().setData(**options)
 
-    def setLogMode(self, x: bool, y: bool) -> None:
-        if (x, y) != self._log:
-            self._log = (x, y)
-            if self.linear is not None:
-                options: dict[str, Any] = {}
-                self._place(options)
-                super().setData(**options)
-
-    def _place(self, options: dict[str, Any]) -> None:
-        if any(self._log) and self.linear is not None:
-            options["x"], options["y"] = (place(v, log) for v, log in zip(self.linear, self._log, strict=True))
-            options["connect"] = "finite"
-        elif self.linear is not None:
-            options["x"], options["y"] = self.linear
+    def _place_again(self, **options: Any) -> None:
+        if self.linear is not None:
+            options["x"], options["y"] = self._placed()
+            super().setData(**options | ({"connect": "finite"} if any(self._log) else {}))
 
 
-class ScatterItem(pg.ScatterPlotItem):  # type: ignore[misc]  # pyqtgraph has no types
+class ScatterItem(LogPlaced, pg.ScatterPlotItem):  # type: ignore[misc]  # pyqtgraph has no types
     """Symbols; those that a logarithmic axis cannot show are hidden."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:
-        self.linear: tuple[Array, Array] | None = None
-        self._given: dict[str, Any] = {}
-        self._log = (False, False)
-        super().__init__(*args, **options)
+    _given: dict[str, Any] | None = None
 
     def setData(self, *args: Any, **options: Any) -> None:
         if "x" not in options:
@@ -85,7 +89,7 @@ class ScatterItem(pg.ScatterPlotItem):  # type: ignore[misc]  # pyqtgraph has no
         if not any(self._log):
             super().setData(**options)
             return
-        x, y = (place(values, log) for values, log in zip(self.linear, self._log, strict=True))
+        x, y = self._placed()
         there = np.isfinite(x) & np.isfinite(y)  # Qt crashes when it paints a point that is not finite
         options["x"], options["y"] = (np.where(there, v, v[there].min() if there.any() else 0.0) for v in (x, y))
         super().setData(**options)
@@ -100,43 +104,38 @@ class ScatterItem(pg.ScatterPlotItem):  # type: ignore[misc]  # pyqtgraph has no
         below = [values <= 0 for values, log in zip(self.linear, self._log, strict=True) if log]
         return int(np.any(below, axis=0).sum()) if below else 0
 
-    def setLogMode(self, x: bool, y: bool) -> None:
-        if (x, y) != self._log:
-            self._log = (x, y)
-            if self._given:
-                self.setData(**self._given)
+    def _place_again(self) -> None:
+        if self._given is not None:
+            self.setData(**self._given)
 
 
-class BarsItem(pg.ErrorBarItem):  # type: ignore[misc]  # pyqtgraph has no types
+class BarsItem(LogPlaced, pg.ErrorBarItem):  # type: ignore[misc]  # pyqtgraph has no types
     """Vertical error bars."""
 
-    def __init__(self, **options: Any) -> None:
-        self._given: dict[str, Any] = {}
-        self._log = (False, False)
-        super().__init__(**options)
+    _given: dict[str, Array] | None = None
 
     @property
     def errors(self) -> Array:
         """Half the heights of the bars, in the units of the axis."""
+        assert self._given is not None
         return np.asarray(self._given["height"], float) / 2
 
     def setData(self, **options: Any) -> None:
         if "x" in options:
             self._given = {name: np.asarray(options[name], float) for name in ("x", "y", "height")}
-            options |= self._placed()
+            options |= self._placed_bars()
         super().setData(**options)
 
-    def setLogMode(self, x: bool, y: bool) -> None:
-        if (x, y) != self._log:
-            self._log = (x, y)
-            if self._given:
-                super().setData(**self._placed())
+    def _place_again(self) -> None:
+        if self._given is not None:
+            super().setData(**self._placed_bars())
 
     def dataBounds(self, *_: Any, **__: Any) -> tuple[None, None]:
         """Leave the range to the points: on a logarithmic axis a bar may reach down without end."""
         return (None, None)
 
-    def _placed(self) -> dict[str, Any]:
+    def _placed_bars(self) -> dict[str, Any]:
+        assert self._given is not None
         if not any(self._log):
             return {**self._given, "top": None, "bottom": None}
         x, y, height = (self._given[name] for name in ("x", "y", "height"))

@@ -148,12 +148,7 @@ class PointsPlot(PlotBase):
     @cached_property
     def strip(self) -> LowerStrip:
         """The residual below the points; created when first used."""
-        strip = LowerStrip(self.plot, self._theme)
-        self._layout.addWidget(strip)
-        self._align(strip)
-        self._layout.setStretch(self._layout.indexOf(self.canvas), 3)
-        self._layout.setStretch(self._layout.indexOf(strip), 1)
-        return strip
+        return self._add_strip(LowerStrip(self.plot, self._theme), (3, 1))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

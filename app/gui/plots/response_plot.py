@@ -230,10 +230,7 @@ class ResponsePlot(PlotBase):
     @cached_property
     def residual_strip(self) -> ResidualStrip:
         """The plot below the response; created when first used."""
-        strip = ResidualStrip(self.plot, self._theme)
-        self._layout.addWidget(strip)
-        self._align(strip)
-        return strip
+        return self._add_strip(ResidualStrip(self.plot, self._theme))
 
     def _draw_strip(self) -> None:
         if "residual_strip" in vars(self):

@@ -1,9 +1,10 @@
 """Plot tools: zoom, cursor read-out, marker, context menu, and files of picture and data; the same on every plot."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyqtgraph as pg
@@ -22,8 +23,16 @@ CLOSER, FURTHER = 0.7, 1 / 0.7
 MARGIN = 6
 LOG_TEXTS = ("Logarithmic x axis", "Logarithmic y axis")
 
-MenuFiller = Callable[[Menu], None]
-"""Adds the entries of one kind of plot to its context menu."""
+
+class LogAxes(Protocol):
+    """Plot with axes that can be logarithmic."""
+
+    LOG_AXES: tuple[bool, bool]
+
+    @property
+    def log_axes(self) -> tuple[bool, bool]: ...
+
+    def set_log_axes(self, x: bool, y: bool) -> None: ...
 
 
 class PlotTools(QObject):
@@ -34,9 +43,17 @@ class PlotTools(QObject):
         plots: its plots, the first of which has the marker.
         copying: copies picture and numbers.
         fill_menu: adds entries to the context menu.
+        log_axes: the plot whose axes can be logarithmic; None for none.
     """
 
-    def __init__(self, canvas: Any, plots: Sequence[Any], copying: PlotCopyButtons, fill_menu: MenuFiller) -> None:
+    def __init__(
+        self,
+        canvas: Any,
+        plots: Sequence[Any],
+        copying: PlotCopyButtons,
+        fill_menu: Callable[[Menu], None],
+        log_axes: LogAxes | None = None,
+    ) -> None:
         super().__init__(canvas)
         self._canvas, self._plots, self._copying, self._fill_menu = canvas, list(plots), copying, fill_menu
         self.label = configure(QLabel("", canvas), "plot.read-out", kind="read-out")
@@ -50,10 +67,7 @@ class PlotTools(QObject):
         """One vertical line through all plots of the canvas, at the pointer; created when first used."""
         self.units: Sequence[str] = ()
         """Units of the plots of a canvas with several, whose axes have no names."""
-        self._log: tuple[tuple[bool, bool], Callable[[], tuple[bool, bool]], Callable[[bool, bool], object]] | None = (
-            None
-        )
-        """Which axes can be logarithmic, which are, and what makes them so."""
+        self._log = log_axes
         canvas.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         canvas.customContextMenuRequested.connect(lambda at: self.make_menu().popup(canvas.mapToGlobal(at)))
         canvas.scene().sigMouseMoved.connect(self._on_mouse_moved)
@@ -72,23 +86,15 @@ class PlotTools(QObject):
                 "plot.save-data": self.save_data,
             },
         )
-
-    def offer_log_axes(
-        self,
-        possible: tuple[bool, bool],
-        present: Callable[[], tuple[bool, bool]],
-        change: Callable[[bool, bool], object],
-    ) -> None:
-        """Add logarithmic axes to the menu and the keys; the axes that are `possible` can be changed."""
-        self._log = (possible, present, change)
-        add_actions(self._canvas, {"plot.log-x": lambda: self.toggle_log(0), "plot.log-y": lambda: self.toggle_log(1)})
+        if log_axes is not None:
+            add_actions(canvas, {"plot.log-x": lambda: self.toggle_log(0), "plot.log-y": lambda: self.toggle_log(1)})
 
     def toggle_log(self, axis: int) -> None:
         """Make the x axis (0) or the y axis (1) logarithmic, or linear again."""
-        if self._log is None or not self._log[0][axis]:
+        if self._log is None or not self._log.LOG_AXES[axis]:
             return
-        x, y = self._log[1]()
-        self._log[2](x is not (axis == 0), y is not (axis == 1))
+        x, y = self._log.log_axes
+        self._log.set_log_axes(x is not (axis == 0), y is not (axis == 1))
         self._remove_marker()
         hidden = sum(item.hidden_count for item in self._plots[0].items if isinstance(item, ScatterItem))
         if hidden:
@@ -267,46 +273,32 @@ class PlotTools(QObject):
         if self._log is None:
             return
         menu.addSeparator()
-        possible, present, _ = self._log
         for axis, name in enumerate(("plot.log-x", "plot.log-y")):
             action = menu.addAction(f"{LOG_TEXTS[axis]}\t{ACTIONS[name].shortcut}", partial(self.toggle_log, axis))
             action.setCheckable(True)
-            action.setChecked(present()[axis])
-            action.setEnabled(possible[axis])
+            action.setChecked(self._log.log_axes[axis])
+            action.setEnabled(self._log.LOG_AXES[axis])
 
     def save_picture(self) -> None:
         """Save the plot as a PNG file."""
-        choose_files(
-            self._canvas,
-            "Save the picture of this plot",
-            self._write_picture,
-            "Pictures (*.png)",
-            "plot.png",
-            Mode.AnyFile,
-        )
+        self._choose_file("picture", "Pictures (*.png)", "plot.png", self._write_picture)
 
     def save_data(self) -> None:
         """Save the numbers of the plot as a table with tabs."""
-        choose_files(
-            self._canvas, "Save the data of this plot", self._write_data, "Tables (*.tsv)", "plot.tsv", Mode.AnyFile
-        )
+        self._choose_file("data", "Tables (*.tsv)", "plot.tsv", self._write_data)
+
+    def _choose_file(self, what: str, kinds: str, name: str, write: Callable[[list[Path]], None]) -> None:
+        choose_files(self._canvas, f"Save the {what} of this plot", write, kinds, name, Mode.AnyFile)
 
     def _write_picture(self, paths: list[Path]) -> None:
         path = paths[0] if paths[0].suffix else paths[0].with_suffix(".png")
         self._report(self._copying.picture().save(str(path)), path)
 
     def _write_data(self, paths: list[Path]) -> None:
-        path = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv")
-        try:
-            path.write_text(self._copying.table(), encoding="utf-8")
-        except OSError:
-            self._report(False, path)
-        else:
-            self._report(True, path)
+        path, written = paths[0] if paths[0].suffix else paths[0].with_suffix(".tsv"), False
+        with suppress(OSError):
+            written = path.write_text(self._copying.table(), encoding="utf-8") > 0
+        self._report(written, path)
 
     def _report(self, written: bool, path: Path) -> None:
         self._show_text(f"{path} is written" if written else f"{path} cannot be written; choose another folder")
-
-
-def no_entries(_menu: Menu) -> None:
-    """Add nothing to a context menu."""
