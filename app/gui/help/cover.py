@@ -1,9 +1,9 @@
 """Cover with a search: a page that lies over the pages of the window, with a heading, a search field and a button that closes it."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets import Item, column, configure, make_button, make_label, row, shortcut_label
+from app.gui.widgets import Item, column, make_button, make_label, make_line_edit, row, shortcut_label
 
 
 class SearchCover(QWidget):
@@ -21,13 +21,7 @@ class SearchCover(QWidget):
     def __init__(self, name: str, heading: str, hint: str, accessible_name: str) -> None:
         super().__init__()
         self._name, self._heading = name, heading
-        self.search = configure(
-            QLineEdit(),
-            f"{name}.search",
-            placeholderText=hint,
-            accessibleName=accessible_name,
-            clearButtonEnabled=True,
-        )
+        self.search = make_line_edit(f"{name}.search", accessible_name, placeholderText=hint, clearButtonEnabled=True)
         self.search.textChanged.connect(self._fill)
 
     def search_for(self, text: str = "") -> None:

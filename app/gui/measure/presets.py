@@ -10,9 +10,9 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import ValidationError
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QMenu, QMessageBox, QToolButton, QWidgetAction
+from PySide6.QtWidgets import QMenu, QMessageBox, QToolButton, QWidgetAction
 
-from app.gui.widgets import Menu, configure
+from app.gui.widgets import Menu, configure, make_line_edit
 from protocols.base import Protocol, write_atomic
 
 MAINS_SHIFT, MAINS_SHIFT_HZ = "mains_shift_hz", 3.0
@@ -157,12 +157,8 @@ class PresetButton(QToolButton):
 
     def _name_field(self, menu: QMenu) -> QWidgetAction:
         """Return a text field of the menu that keeps the form's parameters under the name typed into it."""
-        field = configure(
-            QLineEdit(),
-            "measure.preset-name",
-            placeholderText="Keep these as … (name, Enter)",
-            accessibleName="name of the preset",
-        )
+        hint = "Keep these as … (name, Enter)"
+        field = make_line_edit("measure.preset-name", "name of the preset", placeholderText=hint)
         field.setMinimumWidth(32 * field.fontMetrics().averageCharWidth())
         field.setEnabled(self._current() is not None)
         field.returnPressed.connect(lambda: self._save_preset(field.text().strip()))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QComboBox, QFileDialog, QLineEdit, QToolButton, QWidget
+from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
 from app.common import format_bytes, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
@@ -19,8 +19,10 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
+    make_combo,
     make_label,
     make_labelled_grid,
+    make_line_edit,
     make_scroll_area,
     row,
     set_style_kind,
@@ -72,26 +74,18 @@ class RunPanel(QWidget):
         self._can_run, self._blocked_reason = False, ""
         self._rehearsed_inputs: tuple[object, ...] = ()
         self._rehearsal_result = ("", False)
-        self.protocol_box = configure(
-            QComboBox(), "measure.protocol", kind="heading", toolTip="What to measure", accessibleName="protocol"
+        choices = ((PROTOCOLS.title(name), name) for name in PROTOCOLS)
+        self.protocol_box = make_combo(
+            "measure.protocol", "protocol", choices, kind="heading", toolTip="What to measure"
         )
-        for name in PROTOCOLS:
-            self.protocol_box.addItem(PROTOCOLS.title(name), name)
         self.about_label = make_label(kind="note", name="measure.about")
-        self.specimen_edit = configure(
-            QLineEdit(),
-            "measure.specimen",
-            accessibleName="specimen",
-            toolTip="Name of the specimen, written into the run file and its name",
-        )
+        tip = "Name of the specimen, written into the run file and its name"
+        self.specimen_edit = make_line_edit("measure.specimen", "specimen", toolTip=tip)
         self.sheet_button = SheetButton("measure")
-        self.folder_edit = configure(
-            QLineEdit(), "measure.folder", accessibleName="folder", toolTip="Where run files are kept"
-        )
-        self.operator_edit = configure(
-            QLineEdit(),
+        self.folder_edit = make_line_edit("measure.folder", "folder", toolTip="Where run files are kept")
+        self.operator_edit = make_line_edit(
             "measure.operator",
-            accessibleName="operator",
+            "operator",
             placeholderText="who measures today?",
             toolTip="Who measures, until midnight; stored in every run. Empty: the login of the computer",
         )

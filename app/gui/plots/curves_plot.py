@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.common import minmax_decimate
 from app.gui.plots.base import (
@@ -31,9 +31,9 @@ from app.gui.plots.curve_layers import (
     layers_of,
 )
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
-from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
+from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer_box
 from app.gui.plots.series import series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
 from app.live import OverlayCurve
 from model import Array, shown_unit
 from protocols.base import Series
@@ -65,17 +65,12 @@ class CurvesPlot(PlotBase):
         self.drawn_curves: list[tuple[CurveItem, BandFill]] = []
         self._further_items: list[Any] = []
         """Fit lines, and error bars of lines that stand out."""
-        self.layer_box = configure(QComboBox(), minimumContentsLength=10)
-        self.layer_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.layer_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self.layer_box.setToolTip("Quantity drawn below the curves, on the same axis")
-        self.layer_box.setAccessibleName("lower plot")
+        self.layer_box = make_layer_box("Quantity drawn below the curves, on the same axis")
         self.layer_box.activated.connect(self._on_layer_chosen)
         self._chosen_layers: dict[str, str] = {}
         """Chosen layer by the names of a curve's axes."""
-        self.caption, self.source = ElidedLabel("Curves"), ElidedLabel()
-        set_style_kind(self.caption, "caption")
-        set_style_kind(self.source, "note")
+        self.caption = configure(ElidedLabel("Curves"), kind="caption")
+        self.source = configure(ElidedLabel(), kind="note")
         self.points_button = make_choice("Show the points")
         self._add_head(row(self.caption, (self.source, 1), self.layer_box, self.points_button, spacing=10))
         self.plot.getViewBox().sigResized.connect(self._scale)

@@ -6,15 +6,28 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QComboBox, QSizePolicy
 
 from app.gui.plots.base import BandFill, PlotBase, limit_ticks
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
-from app.gui.widgets import Theme, WindowTheme
+from app.gui.widgets import Theme, WindowTheme, make_combo
 from model import Mask, Series
 
 MIN_HEIGHT = 60
 MIN_HEIGHT_OF_BOTH = 250
 """Height of a page's plot from which there is space for a lower one."""
+
+
+def make_layer_box(tip: str = "") -> QComboBox:
+    """Return an empty list of what a lower plot can show."""
+    return make_combo(
+        "",
+        "lower plot",
+        minimumContentsLength=10,
+        sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
+        sizePolicy=QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed),
+        toolTip=tip,
+    )
 
 
 class StripBase(PlotBase):

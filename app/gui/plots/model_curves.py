@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QCheckBox
 from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.items import CurveItem, linear_data
 from app.gui.plots.series import SERIES, series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, set_style_kind
 from app.live import COVERAGE, OverlayCurve
 from model import Series
 
@@ -60,13 +60,10 @@ class ModelCurveItems:
         self.on_membrane: list[DrawnCurve] = []
         """On the membrane, in order of rising elongation."""
         self.legend = plot.addLegend(offset=(-8, 4), colCount=LEGEND_COLUMNS, **LEGEND_STYLE)
-        self.band_box = QCheckBox(f"{100 * COVERAGE:g} % band")
-        self.band_box.setChecked(True)
-        self.band_box.setEnabled(False)
-        self.band_box.setIconSize(QSize(24, 14))
+        box = QCheckBox(f"{100 * COVERAGE:g} % band")
+        self.band_box = configure(box, checked=True, enabled=False, iconSize=QSize(24, 14))
         self.band_box.toggled.connect(lambda _: self._update_visibility())
-        self.source_label = ElidedLabel()
-        set_style_kind(self.source_label, "note")
+        self.source_label = configure(ElidedLabel(), kind="note")
         self._series: Sequence[bool] = [True for _ in SERIES]
 
     @property

@@ -10,16 +10,16 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QComboBox, QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.common import axis_name
 from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.curve_layers import LAYER_LABELS, NOTHING, RESIDUAL
 from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
-from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip
+from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer_box
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
-from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row, set_style_kind
+from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
 from app.live import OverlayCurve
 from app.session import describe_point
 from model import ParameterError, shown_unit
@@ -58,16 +58,10 @@ class PointsPlot(PlotBase):
         self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self.model, self._bars, self.scatter):
             self.plot.addItem(item)
-        self.caption, self.hint_label = caption_label(), ElidedLabel(HOLLOW_HINT)
-        set_style_kind(self.hint_label, "note")
-        self.hint_label.setToolTip(HOLLOW_HINT)
-        self.fit_label = ElidedLabel()
-        set_style_kind(self.fit_label, "note")
-        self.strip_box = configure(QComboBox(), minimumContentsLength=10)
-        self.strip_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.strip_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self.caption, self.fit_label = caption_label(), configure(ElidedLabel(), kind="note")
+        self.hint_label = configure(ElidedLabel(HOLLOW_HINT), kind="note", toolTip=HOLLOW_HINT)
+        self.strip_box = make_layer_box()
         self.strip_box.addItems([LAYER_LABELS[layer] for layer in (RESIDUAL, NOTHING)])
-        self.strip_box.setAccessibleName("lower plot")
         self.strip_box.currentIndexChanged.connect(lambda _: self._draw())
         self.curves_button = make_choice("Show the curves")
         self.curves_button.hide()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QLabel, QPlainTextEdit, QWidget
 
 from app.archive import FORMAT_NAMES, FORMATS, LoadedRun, MeasuredResponse, RunSummary
 from app.common import typeset
@@ -22,8 +22,9 @@ from app.gui.widgets import (
     column,
     configure,
     grid,
-    make_button,
+    make_choice,
     make_label,
+    make_line_edit,
     make_scroll_area,
     row,
     set_style_kind,
@@ -67,9 +68,6 @@ class RunDetailsPane(QWidget):
     """Shows the selected runs; tags and note are saved when their field loses the focus."""
 
     notes_changed = Signal(str, str)
-    open_pressed = Signal()
-    explore_pressed = Signal()
-    continue_pressed = Signal()
     export_pressed = Signal(str)
 
     def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
@@ -83,34 +81,26 @@ class RunDetailsPane(QWidget):
         self.progress_row = ProgressRow()
         self.plot = configure(_LowComparePlot(theme), "runs.plot", minimumHeight=MIN_PLOT_HEIGHT)
         self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
-        self.tags_edit = configure(
-            QLineEdit(),
-            "runs.tags",
-            placeholderText=shortcut_label("good, second try", "runs.notes"),
-            accessibleName="tags",
-        )
+        hint = shortcut_label("good, second try", "runs.notes")
+        self.tags_edit = make_line_edit("runs.tags", "tags", placeholderText=hint)
         self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
-        self.open_button = make_button("Open", self.open_pressed.emit, "choice", "Enter", "runs.open")
-        self.continue_button = make_button(
-            "Continue", self.continue_pressed.emit, "choice", tooltip("runs.continue"), "runs.continue-button"
+        self.open_button, self.continue_button, self.explore_button = (
+            configure(make_choice(text, tip), f"runs.{name}")
+            for text, tip, name in (
+                ("Open", "Enter", "open"),
+                ("Continue", tooltip("runs.continue"), "continue-button"),
+                ("Explore", tooltip("runs.explore"), "explore"),
+            )
         )
         self.result_plots = configure(
             _LowResultPlots(theme), "runs.result", minimumHeight=MIN_PLOT_HEIGHT, minimumWidth=120
         )
         self.result_plots.hide()
-        self.explore_button = make_button(
-            "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
-        )
-        self.export_button = make_button(
-            "Export",
-            lambda: None,
-            "choice",
-            tooltip("runs.export"),
-            "runs.export",
-            accessibleName="export the selected runs",
+        self.export_button = configure(
+            make_choice("Export", tooltip("runs.export")), "runs.export", accessibleName="export the selected runs"
         )
         menu = Menu(self.export_button)
         for kind in FORMATS:

@@ -51,7 +51,8 @@ class RunFolderModel(QObject):
         self._worker = BackgroundWorker("runs", self)
         self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
-        self._excluded: tuple[Path, ...] = ()
+        self.active_file: Path | None = None
+        """The file that this program is writing; scans skip it."""
         self._busy = self._rescan_due = self._scanning = False
         self._looked_s = 0.0
         self._progress = ScanProgress(self.progressed.emit)
@@ -71,10 +72,6 @@ class RunFolderModel(QObject):
         self._rescan_due = self._rescan_due or (self._busy and not busy)
         self._busy = busy
 
-    def set_active_file(self, path: Path | None) -> None:
-        """Set the file that this program is writing; scans skip it."""
-        self._excluded = () if path is None else (path,)
-
     def refresh_if_changed(self) -> None:
         """Scan if the folder is another one or a run has ended; look for other programs' files every second."""
         if self._catalogue is None or self._catalogue.folder != self._folder() or self._rescan_due:
@@ -87,18 +84,14 @@ class RunFolderModel(QObject):
         """List the catalogued runs, then scan for changes."""
         if self._scanning:
             return
-        folder, excluded = self._folder(), self._excluded
+        folder, excluded = self._folder(), () if self.active_file is None else (self.active_file,)
         if self._catalogue is None or self._catalogue.folder != folder:
             self._catalogue = Catalogue(folder, self._index)
             self.summaries = []
             self.cleared.emit()
         catalogue, self._rescan_due, self._scanning, self._progress.cancelled = self._catalogue, False, True, False
         self._worker.submit(catalogue.entries, self._on_listed, self._on_error)
-        self._worker.submit(
-            lambda: catalogue.scan(self._progress, excluded),
-            self._on_scanned,
-            self._on_error,
-        )
+        self._worker.submit(lambda: catalogue.scan(self._progress, excluded), self._on_scanned, self._on_error)
 
     def cancel(self) -> None:
         """Cancel the present scan; runs that were read are kept."""

@@ -86,7 +86,7 @@ class RunsPage(QStackedWidget):
 
     def set_active_file(self, path: Path | None) -> None:
         """Set the run file that this program is writing."""
-        self.list.folder_model.set_active_file(path)
+        self.list.folder_model.active_file = path
 
     def activate(self) -> None:
         """Take the keyboard focus."""
@@ -262,11 +262,11 @@ class RunsPage(QStackedWidget):
             {RUN_SUFFIXES: self.transfers.copy_in, TABLE_SUFFIXES: self.transfers.import_tables},
             own=False,
         )
-        self.details.continue_pressed.connect(self.continue_selected)
+        self.details.continue_button.clicked.connect(self.continue_selected)
         self.transfers.finished.connect(self.list.folder_model.rescan)
         self.transfers.message.connect(self.details.show_message)
-        self.details.open_pressed.connect(self.open_selected)
-        self.details.explore_pressed.connect(self.explore_selected)
+        self.details.open_button.clicked.connect(self.open_selected)
+        self.details.explore_button.clicked.connect(self.explore_selected)
         self.details.export_pressed.connect(self._choose_export_folder)
         self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
         self.viewer.back_pressed.connect(self.go_back)

@@ -23,7 +23,6 @@ from app.gui.widgets import WindowTheme, configure
 from protocols.base import Outcome
 
 Index = QModelIndex | QPersistentModelIndex
-COLUMNS = ("begun", "specimen", "protocol", "verdict", "points", "length", "found", "tags")
 RIGHT_ALIGNED = ("points", "length")
 SORT_KEYS = {
     "begun": lambda e: e.start_time,
@@ -35,6 +34,7 @@ SORT_KEYS = {
     "found": lambda e: e.found,
     "tags": lambda e: e.tags.casefold(),
 }
+COLUMNS = tuple(SORT_KEYS)
 
 
 class RunTableModel(QAbstractTableModel):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
@@ -42,10 +42,20 @@ def _fill_rectangle(painter: QPainter, color: str, box: QRectF) -> None:
     painter.drawRect(box)
 
 
-def _draw_tactor(painter: QPainter, side: float = 1.0, y: float = 60.0) -> None:
-    """Aluminium strip between two clamps, the MFC patch in its middle: above, or below where the side is turned."""
+def _draw_clamps(painter: QPainter, y: float) -> None:
     for x in (8, 160):
         _fill_rectangle(painter, METAL, QRectF(x, y - 12, 22, 24))
+
+
+def _draw_skin(painter: QPainter, *lines: QLineF) -> None:
+    painter.setPen(QPen(QColor(SKIN), 3))
+    painter.drawLines(lines)
+    painter.setPen(QPen(QColor(INK), 1.5))
+
+
+def _draw_tactor(painter: QPainter, side: float = 1.0, y: float = 60.0) -> None:
+    """Aluminium strip between two clamps, the MFC patch in its middle: above, or below where the side is turned."""
+    _draw_clamps(painter, y)
     _fill_rectangle(painter, "#d8dde2", QRectF(30, y - 3, 130, 6))
     patch = QRectF(60, y - 8 if side > 0 else y + 3, 70, 5)
     _fill_rectangle(painter, MFC, patch)
@@ -115,10 +125,7 @@ def _draw_short_electrodes(painter: QPainter, _values: dict[str, float]) -> None
 
 def _draw_membrane(painter: QPainter, values: dict[str, float]) -> None:
     _draw_tactor(painter, y=70)
-    painter.setPen(QPen(QColor(SKIN), 3))
-    painter.drawLine(QPointF(20, 44), QPointF(170, 44))
-    painter.drawLine(QPointF(95, 44), QPointF(95, 62))
-    painter.setPen(QPen(QColor(INK), 1.5))
+    _draw_skin(painter, QLineF(20, 44, 170, 44), QLineF(95, 44, 95, 62))
     elongation_mm = 1e3 * values.get("elongation_m", 0.0)
     if elongation_mm > 0:
         _draw_arrow(painter, QPointF(20, 34), QPointF(2, 34))
@@ -128,23 +135,19 @@ def _draw_membrane(painter: QPainter, values: dict[str, float]) -> None:
 
 def _draw_remove_membrane(painter: QPainter, _values: dict[str, float]) -> None:
     _draw_tactor(painter)
-    painter.setPen(QPen(QColor(SKIN), 3))
-    painter.drawLine(QPointF(40, 20), QPointF(150, 20))
-    painter.setPen(QPen(QColor(INK), 1.5))
+    _draw_skin(painter, QLineF(40, 20, 150, 20))
     _draw_arrow(painter, QPointF(95, 40), QPointF(95, 24))
 
 
 def _draw_hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
-    for x in (8, 160):
-        _fill_rectangle(painter, METAL, QRectF(x, 30, 22, 24))
+    _draw_clamps(painter, 42)
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.setPen(QPen(QColor(SKIN), 3))
     painter.drawArc(QRectF(28, 6, 134, 60), 190 * 16, 160 * 16)
 
 
 def _draw_place_reference(painter: QPainter, values: dict[str, float]) -> None:
-    for x in (8, 160):
-        _fill_rectangle(painter, METAL, QRectF(x, 30, 22, 24))
+    _draw_clamps(painter, 42)
     _fill_rectangle(painter, "#d8dde2", QRectF(60, 60, 70, 14))
     painter.drawLine(QPointF(30, 42), QPointF(160, 42))
     _draw_arrow(painter, QPointF(95, 42), QPointF(95, 59))

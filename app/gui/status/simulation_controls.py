@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QButtonGroup, QComboBox, QLabel, QWidget
+from PySide6.QtWidgets import QButtonGroup, QLabel, QWidget
 
-from app.gui.widgets import STRETCH, configure, make_choice, row
+from app.gui.widgets import STRETCH, configure, make_choice, make_combo, row
 from app.session import AnsweredBy, SimulationSettings, WindowState
 
 SPEEDS: tuple[float | None, ...] = (1.0, 5.0, 20.0, None)
@@ -37,14 +37,12 @@ class SimulationControls(QWidget):
         for speed, button in self.speed_buttons.items():
             group.addButton(button)
             button.clicked.connect(lambda _=False, speed=speed: change_speed(speed))
-        self.answered_by_box = configure(
-            QComboBox(),
+        self.answered_by_box = make_combo(
             f"{name}.answered-by",
-            accessibleName="who answers prompts",
+            "who answers prompts",
+            ((each, each) for each in AnsweredBy),
             toolTip="Practise what a prompt asks for: an answer does it on the simulated bench",
         )
-        for each in AnsweredBy:
-            self.answered_by_box.addItem(each, each)
         self._show_settings()
         self.answered_by_box.currentIndexChanged.connect(self._on_answered_by)
         row(

@@ -34,6 +34,7 @@ from .layouts import make_choice as make_choice
 from .layouts import make_combo as make_combo
 from .layouts import make_label as make_label
 from .layouts import make_labelled_grid as make_labelled_grid
+from .layouts import make_line_edit as make_line_edit
 from .layouts import make_pane as make_pane
 from .layouts import make_panel as make_panel
 from .layouts import make_progress_bar as make_progress_bar

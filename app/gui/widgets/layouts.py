@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLayout,
+    QLineEdit,
     QProgressBar,
     QPushButton,
     QScrollArea,
@@ -20,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-L = TypeVar("L", bound=QLayout)
+B = TypeVar("B", bound=QBoxLayout)
 W = TypeVar("W", bound=QWidget)
 STRETCH = None
 """Item that takes the remaining space."""
@@ -50,14 +51,14 @@ def column(
     *items: Item, parent: QWidget | None = None, margins: Margins = NO_MARGINS, spacing: int | None = None
 ) -> QVBoxLayout:
     """Return a vertical layout of items."""
-    return _fill(_set_margins(QVBoxLayout(parent) if parent else QVBoxLayout(), margins), items, spacing)
+    return _fill(QVBoxLayout(parent) if parent else QVBoxLayout(), items, margins, spacing)
 
 
 def row(
     *items: Item, parent: QWidget | None = None, margins: Margins = NO_MARGINS, spacing: int | None = None
 ) -> QHBoxLayout:
     """Return a horizontal layout of items."""
-    return _fill(_set_margins(QHBoxLayout(parent) if parent else QHBoxLayout(), margins), items, spacing)
+    return _fill(QHBoxLayout(parent) if parent else QHBoxLayout(), items, margins, spacing)
 
 
 def grid(
@@ -76,7 +77,8 @@ def grid(
         spacing: horizontal and vertical, in pixels.
         stretch: of columns, by their index.
     """
-    layout = _set_margins(QGridLayout(parent), margins)
+    layout = QGridLayout(parent)
+    layout.setContentsMargins(*margins)
     layout.setHorizontalSpacing(spacing[0])
     layout.setVerticalSpacing(spacing[1])
     for at, share in (stretch or {}).items():
@@ -146,6 +148,11 @@ def make_combo(
     return combo
 
 
+def make_line_edit(name: str, accessible_name: str, **properties: object) -> QLineEdit:
+    """Return a field for one line of text."""
+    return configure(QLineEdit(), name, accessibleName=accessible_name, **properties)
+
+
 def fill_combo(combo: QComboBox, choices: Iterable[tuple[str, object]], preferred: object = None) -> None:
     """Replace the choices without a signal; the chosen data stay chosen, else the preferred, else the first."""
     chosen = combo.currentData()
@@ -191,31 +198,17 @@ def make_choice(text: str, tip: str = "", checkable: bool = False) -> QPushButto
     return configure(QPushButton(text), kind="choice", toolTip=tip, checkable=checkable)
 
 
-def _set_margins(layout: L, margins: Margins) -> L:
+def _fill(layout: B, items: Iterable[Item], margins: Margins, spacing: int | None) -> B:
     layout.setContentsMargins(*margins)
-    return layout
-
-
-B = TypeVar("B", bound=QBoxLayout)
-
-
-def _fill(layout: B, items: tuple[Item, ...], spacing: int | None) -> B:
     if spacing is not None:
         layout.setSpacing(spacing)
     for item in items:
-        match item:
-            case None:
-                layout.addStretch()
-            case int():
-                layout.addSpacing(item)
-            case (QLayout() as inner, stretch):
-                layout.addLayout(inner, stretch)
-            case (QWidget() as widget, stretch):
-                layout.addWidget(widget, stretch)
-            case (QWidget() as widget, stretch, alignment):
-                layout.addWidget(widget, stretch, alignment)
-            case QWidget():
-                layout.addWidget(item)
-            case QLayout():
-                layout.addLayout(item)
+        if item is None:
+            layout.addStretch()
+        elif isinstance(item, int):
+            layout.addSpacing(item)
+        else:
+            part, *place = item if isinstance(item, tuple) else (item,)
+            add: Callable[..., None] = layout.addLayout if isinstance(part, QLayout) else layout.addWidget
+            add(part, *place)
     return layout

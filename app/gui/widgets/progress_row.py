@@ -1,6 +1,5 @@
 """Progress bar of a background operation with a Stop button."""
 
-import threading
 from collections.abc import Callable
 
 from PySide6.QtCore import QTimer, Signal
@@ -18,23 +17,19 @@ PROGRESS_STEPS = 1000
 class RowProgress(Progress):
     """Progress of the operation that a row shows; updates too small to be seen are dropped."""
 
+    cancelled = False
+
     def __init__(self, show_fraction: Callable[[float], object]) -> None:
         self._show_fraction = show_fraction
-        self._cancel_event = threading.Event()
         self._last = 0.0
 
     def restart(self) -> None:
         """Begin a new operation."""
-        self._cancel_event.clear()
-        self._last = 0.0
+        self.cancelled, self._last = False, 0.0
 
     def cancel(self) -> None:
         """Request that the operation ends."""
-        self._cancel_event.set()
-
-    @property
-    def cancelled(self) -> bool:
-        return self._cancel_event.is_set()
+        self.cancelled = True
 
     def update(self, fraction: float, text: str = "") -> None:  # noqa: ARG002 - the row shows its own text
         if not 0 <= fraction - self._last < 1 / PROGRESS_STEPS:
