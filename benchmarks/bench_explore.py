@@ -18,7 +18,8 @@ from PySide6.QtCore import QEventLoop, QTimer
 from timing import seconds
 
 from app.gui.application import qt_application
-from app.gui.explore.page import PAINT_PAUSE_S, ExplorePage
+from app.gui.explore.model import PAINT_PAUSE_S
+from app.gui.explore.page import ExplorePage
 from app.gui.explore.plot import ExplorePlot
 from app.gui.widgets import WindowTheme
 from model.response.fast_response import response_curve

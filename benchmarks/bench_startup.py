@@ -46,7 +46,7 @@ class Painted:  # notified when the window's module is first imported; requests 
         if name == "app.gui.application":
             sys.meta_path.remove(self)
             from PySide6.QtCore import QTimer
-            from app.gui import main_window
+            from app.gui.shell import main_window
             shown = main_window.MainWindow.showEvent
             def show_event(self, event):
                 shown(self, event)

@@ -166,7 +166,7 @@ class MeasuredRun:
     @cached_property
     def estimates(self) -> EstimateTable:
         """Identified quantities by name: value, standard error and unit."""
-        return self._read(lambda run: EstimateTable(run.record.estimates))
+        return EstimateTable(self.record.estimates)
 
     @cached_property
     def series(self) -> tuple[CurveTable, ...]:

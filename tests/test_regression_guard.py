@@ -1,4 +1,4 @@
-"""Regression guard: no short benchmark is several times slower, beside its reference, than the committed table."""
+"""Benchmarks: every one can be imported, and no short one is several times slower, beside its reference, than the committed table."""
 
 import json
 import subprocess
@@ -11,6 +11,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 GUARD, TABLE = ROOT / "benchmarks" / "regression.py", ROOT / "benchmarks" / "ratios.toml"
 ATTEMPTS = 3
+
+
+@pytest.mark.deep
+def test_every_benchmark_finds_the_names_of_the_product_that_it_uses() -> None:
+    names = [path.stem for path in sorted(GUARD.parent.glob("*.py"))]
+    code = f"import sys; sys.path[:0] = [{str(GUARD.parent)!r}, {str(ROOT)!r}]; import {', '.join(names)}"
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
 
 
 @pytest.mark.deep

@@ -2,7 +2,7 @@
 
 import math
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -78,6 +78,9 @@ class StartedEntry:
     label: str
     key: tuple[float | str, ...]
 
+
+LARGEST_POINT_COLUMNS = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
+"""Columns of points from which the largest response is found."""
 
 MAX_EARLIER_RUNS = 1000
 """Runs that one run continues, one after the other."""
@@ -162,19 +165,20 @@ class Run(Closeable):
 
     def points(self) -> dict[str, Array]:
         """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
-        return self._stored_points()
+        return self._stored_points(self._point_columns)
 
-    def _stored_points(self) -> dict[str, Array]:
-        datasets = self._point_columns()
+    def _stored_points(self, names: Collection[str]) -> dict[str, Array]:
+        datasets = self._point_columns
         length = min((data.shape[0] for data in datasets.values()), default=0)
-        columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
+        columns = {name: np.asarray(data[:length]) for name, data in datasets.items() if name in names}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
         return columns
 
     def units(self) -> dict[str, str]:
         """Return the units of the points' columns."""
-        return {name: attribute_text(data, "units") for name, data in self._point_columns().items()}
+        return {name: attribute_text(data, "units") for name, data in self._point_columns.items()}
 
+    @cached_property
     def _point_columns(self) -> "dict[str, h5py.Dataset]":
         columns = quantity_columns(subgroup(self._entry, "points"))
         return {current_column(name, columns): data for name, data in columns.items()}
@@ -214,7 +218,7 @@ class Run(Closeable):
         Raises:
             RunReadError: a field is damaged.
         """
-        entry, points = self._entry, self._stored_points()
+        entry, points = self._entry, self._stored_points((ENTRY_COLUMN, *LARGEST_POINT_COLUMNS))
         plotted = subgroup(entry, "points")
         status, reason = RunStatus(self._text("status")), self._text("reason")
         return RunRecord(
@@ -287,7 +291,7 @@ class Run(Closeable):
             if event.kind == EntryStarted.kind
         }
 
-    @property
+    @cached_property
     def _entry(self) -> "h5py.Group":
         return subgroup(self._file, "entry")
 
@@ -341,10 +345,9 @@ def _default_plot(entry: "h5py.Group") -> str:
 
 
 def _largest_point(points: Mapping[str, Array]) -> LargestPoint | None:
-    names = ("frequency", "peak_to_peak", "peak_to_peak_errors", "drive_amplitude", "quality")
-    if not all(name in points for name in names):
+    if not all(name in points for name in LARGEST_POINT_COLUMNS):
         return None
-    f, y, errors, drive, quality = (np.asarray(points[name], float) for name in names)
+    f, y, errors, drive, quality = (np.asarray(points[name], float) for name in LARGEST_POINT_COLUMNS)
     good = usable_mask(quality) & np.isfinite(y) & np.isfinite(errors) & (f > 0) & (drive > 0)
     if not good.any():
         return None
