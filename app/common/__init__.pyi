@@ -55,6 +55,7 @@ from .terminal import print_line as print_line
 from .terminal import print_message as print_message
 from .text_files import MAX_TOML_BYTES as MAX_TOML_BYTES
 from .text_files import parse_toml as parse_toml
+from .text_files import read_toml_text as read_toml_text
 from .text_table import CellValue as CellValue
 from .text_table import Column as Column
 from .text_table import Table as Table

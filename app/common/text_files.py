@@ -2,14 +2,41 @@
 
 import re
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from protocols.base import MAX_NESTING, check_values
 
 MAX_TOML_BYTES = 1_000_000
-"""Longest TOML file."""
+"""Most characters of a TOML file; a longer file is something else."""
 TOML_KEY = re.compile(r"^[^,=\n]*(?:=|\])", re.MULTILINE)
 """Beginning of a line with a dotted key; the time to parse one grows with the square of its parts."""
+
+
+def read_toml_text(
+    path: Path, name: str, kind: str, error_of: Callable[[str], Exception], missing: str | None = None
+) -> str:
+    """Return the text of a TOML file.
+
+    Args:
+        path: of the file.
+        name: of the file in messages.
+        kind: what such a file is, in messages.
+        error_of: makes the exception of a message; it is raised for a file that cannot be read, or is too long.
+        missing: text in place of a file that does not exist; None: its absence is an error.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_TOML_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if missing is not None and isinstance(error, FileNotFoundError):
+            return missing
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise error_of(f"{name} cannot be read: {reason}") from error
+    if len(text) > MAX_TOML_BYTES:
+        raise error_of(f"{path} is longer than {MAX_TOML_BYTES / 1e6:g} MB and no {kind}")
+    return text
 
 
 def parse_toml(text: str) -> dict[str, Any]:

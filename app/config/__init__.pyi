@@ -3,7 +3,6 @@ from .bench_editing import bench_files as bench_files
 from .bench_editing import benches_folder as benches_folder
 from .bench_editing import changed_text as changed_text
 from .bench_editing import free_bench_path as free_bench_path
-from .bench_file import MAX_FILE_BYTES as MAX_FILE_BYTES
 from .bench_file import MAX_SPEED as MAX_SPEED
 from .bench_file import SIMULATED_BENCHES as SIMULATED_BENCHES
 from .bench_file import BenchConfig as BenchConfig

@@ -8,9 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from app.common import parse_toml, truncate_text
+from app.common import read_toml_text, truncate_text
 from app.config.bench_tables import (
     AmplifierTable,
     BackupTable,
@@ -26,7 +26,7 @@ from app.config.bench_tables import (
 from app.config.channel_table import ChannelTable, check_channels
 from app.config.config_table import ConfigTable
 from app.config.level_tables import LevelsTable, SpecimenTable
-from app.config.validation import validation_messages
+from app.config.validation import read_toml
 from sim_hardware.plant import SimulationParameters
 
 SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic": "realistic.toml"}
@@ -34,9 +34,6 @@ SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic"
 
 MAX_SPEED = 20.0
 """Most times real speed at which the simulated bench keeps up on its real wires."""
-
-MAX_FILE_BYTES = 1_000_000
-"""Most characters of a bench file; a longer file is something else."""
 
 
 class ConfigError(Exception):
@@ -140,18 +137,12 @@ def bench_text(name: str) -> str:
     """
     if name in SIMULATED_BENCHES:
         return resources.files("sim_hardware").joinpath(SIMULATED_BENCHES[name]).read_text(encoding="utf-8")
-    try:
-        with Path(name).open(encoding="utf-8") as file:
-            text = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        where = truncate_text(name)
-        raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
-    if len(text) > MAX_FILE_BYTES:
-        raise ConfigError(
-            f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
-        )
-    return text
+    return read_toml_text(
+        Path(name),
+        f"bench file {truncate_text(name)!r}",
+        "bench file",
+        lambda words: ConfigError(f"{words}; give a bench file or 'sim'"),
+    )
 
 
 def read_bench(text: str, where: str) -> BenchConfig:
@@ -160,12 +151,7 @@ def read_bench(text: str, where: str) -> BenchConfig:
     Raises:
         ConfigError: the text is wrong.
     """
-    try:
-        return _with_fresh_noise(BenchConfig.model_validate(parse_toml(text)))
-    except ValidationError as error:
-        raise ConfigError(f"{where} has faults:\n" + "\n".join(validation_messages(error, text))) from error
-    except ValueError as error:  # also numbers of thousands of digits, tables nested beyond reason
-        raise ConfigError(f"{where} is not valid TOML: {error}") from error
+    return _with_fresh_noise(read_toml(BenchConfig, text, where, ConfigError))
 
 
 def _with_fresh_noise(config: BenchConfig) -> BenchConfig:

@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
-from app.common import UsageError, parse_toml
-from app.config.bench_file import MAX_FILE_BYTES
+from app.common import UsageError, read_toml_text
 from app.config.config_table import ConfigTable
-from app.config.validation import validation_messages
+from app.config.validation import read_toml
 
 LABORATORY_FILE_NAME = "laboratory.toml"
 """Name of the file in the folder of the runs."""
@@ -89,22 +88,8 @@ def read_laboratory(folder: Path) -> Laboratory:
         UsageError: the file cannot be read, or has faults, all of which are listed.
     """
     path = folder / LABORATORY_FILE_NAME
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_FILE_BYTES + 1)
-    except FileNotFoundError:
-        return Laboratory()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise UsageError(f"{path} cannot be read: {reason}") from None
-    if len(text) > MAX_FILE_BYTES:
-        raise UsageError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no laboratory file")
-    try:
-        read = _File.model_validate(parse_toml(text)).model_dump()
-    except ValidationError as error:
-        raise UsageError(f"{path} has faults:\n" + "\n".join(validation_messages(error, text))) from None
-    except ValueError as error:
-        raise UsageError(f"{path} is not valid TOML: {error}") from None
+    text = read_toml_text(path, str(path), "laboratory file", UsageError, missing="")
+    read = read_toml(_File, text, str(path), UsageError).model_dump()
     threshold, report = read["threshold"], read["report"]
     if threshold.casefold().endswith(".csv"):
         threshold = str(folder / threshold)

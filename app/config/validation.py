@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from app.common import truncate_text
+from app.common import parse_toml, truncate_text
+
+Model = TypeVar("Model", bound=BaseModel)
 
 BOUNDS = {
     "greater_than": ("gt", "greater than"),
@@ -14,6 +16,16 @@ BOUNDS = {
     "less_than": ("lt", "less than"),
     "less_than_equal": ("le", "at most"),
 }
+
+
+def read_toml(kind: type[Model], text: str, where: str, error_of: Callable[[str], Exception]) -> Model:
+    """Return the values of a TOML text; `error_of` makes the exception of a message, which begins with `where`."""
+    try:
+        return kind.model_validate(parse_toml(text))
+    except ValidationError as error:
+        raise error_of(f"{where} has faults:\n" + "\n".join(validation_messages(error, text))) from error
+    except ValueError as error:  # also numbers of thousands of digits, tables nested beyond reason
+        raise error_of(f"{where} is not valid TOML: {error}") from error
 
 
 def validation_messages(

@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from app.common import MAX_TOML_BYTES, UnitError, parse_toml, record_audit, to_number, truncate_text
+from app.common import UnitError, parse_toml, read_toml_text, record_audit, to_number, truncate_text
 from app.identification.specimen_sheet import GROUPS, PAPER_VALUES, SheetEntry, SpecimenSheet, Weighing, sheet_unit
 from app.identification.table_one import TABLE_ONE
 from model import ParameterError
@@ -56,17 +57,10 @@ def read_sheet(path: Path) -> SpecimenSheet:
     Raises:
         SheetError: it cannot be read, or an entry is invalid.
     """
-    try:
+    with suppress(OSError):  # what cannot be looked at cannot be read, either
         if not path.is_file():
             raise SheetError(f"{path} is no file; give the specimen sheet, a TOML file")
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_TOML_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise SheetError(f"the specimen sheet {path} cannot be read: {reason}") from error
-    if len(text) > MAX_TOML_BYTES:
-        raise SheetError(f"{path} is longer than {MAX_TOML_BYTES / 1e6:g} MB and no specimen sheet")
-    return parse_sheet(text, path)
+    return parse_sheet(read_toml_text(path, f"the specimen sheet {path}", "specimen sheet", SheetError), path)
 
 
 def parse_sheet(text: str, path: Path) -> SpecimenSheet:

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common import parse_toml, typeset_unit
-from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
+from app.common import parse_toml, read_toml_text, typeset_unit
+from app.config import ConfigTable, validation_messages
 from app.report.document import LimitOutcome, Verdict
 from app.report.rounding import MINUS, typeset_measurement, typeset_number
 from model import COVERAGE_FACTOR_95, QUANTITIES, EstimatedQuantity, Quantity, format_with_uncertainty
@@ -127,14 +127,7 @@ def read_limits(path: Path) -> Limits:
     Raises:
         LimitsError: the file is missing or invalid; every fault is listed.
     """
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise LimitsError(f"the limits {path} cannot be read: {reason}") from error
-    if len(text) > MAX_FILE_BYTES:
-        raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
+    text = read_toml_text(path, f"the limits {path}", "file of limits", LimitsError)
     try:
         given = parse_toml(text)
         named = given.get("limits")
