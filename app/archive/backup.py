@@ -1,14 +1,19 @@
 """Backup of a folder of runs to a second folder or share: each copy is read back and compared by its hash."""
 
+import hashlib
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
-from app.archive.transfer import copy_file
 from app.common import NO_PROGRESS, OperationCancelled, Progress, UsageError
-from protocols.base import file_hash
+from protocols.base import file_hash, replacing
 from protocols.runfile import FileState, verify_run
+
+COPY_CHUNK_BYTES = 1 << 20
+"""Bytes copied between two checks for cancellation."""
 
 FAT_TIME_STEP_S, TIME_STEP_S = 2.0, 1e-3
 """Steps of the modification time on a FAT file system, as on memory sticks, where it is whole seconds, and on others."""
@@ -91,6 +96,44 @@ def _copy_if_changed(path: Path, copy: Path, compare: bool, progress: Progress) 
     copy.parent.mkdir(parents=True, exist_ok=True)
     copy_file(path, copy, progress)
     return True
+
+
+def copy_file(path: Path, to: Path, progress: Progress = NO_PROGRESS) -> None:
+    """Copy a file in pieces, cancellable between them; the copy is read back and compared by its SHA-256.
+
+    Raises:
+        OSError: it cannot be copied, changes meanwhile, or reads back differently; then `to` is unchanged.
+        OperationCancelled: cancelled; `to` is unchanged.
+    """
+    before = path.stat()
+    with replacing(to) as working:
+        with path.open("rb") as source, working.open("wb") as copy:
+            sha256 = copy_stream(source, copy, progress, before.st_size)
+            copy.flush()
+            os.fsync(copy.fileno())
+        after = path.stat()
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            raise OSError("it is being written; copy it when it is finished")
+        if file_hash(working) != sha256:
+            raise OSError("the copy reads back differently; its disk may be failing")
+        shutil.copystat(path, working)
+
+
+def copy_stream(source: IO[bytes], target: IO[bytes], progress: Progress, size: int = 0) -> str:
+    """Copy bytes and return their SHA-256; `size` is their expected number for the progress, 0 to report none.
+
+    Raises:
+        OperationCancelled: `progress` is cancelled.
+    """
+    digest, done = hashlib.sha256(), 0
+    while piece := source.read(COPY_CHUNK_BYTES):
+        progress.raise_if_cancelled()
+        digest.update(piece)
+        target.write(piece)
+        done += len(piece)
+        if size:
+            progress.update(min(done / size, 1.0))
+    return digest.hexdigest()
 
 
 def _is_damaged(path: Path) -> bool:

@@ -121,22 +121,19 @@ def run_result(run: Run) -> ResultSummary:
 
 
 def _result(path: Path, record: RunRecord, points: tuple[Any, ...], hints: tuple[str, ...]) -> ResultSummary:
+    kind = PROTOCOLS.get(record.protocol)
+    listed = kind is not None and all(isinstance(point, kind.point_type) for point in points)
     return summarize_result(
         record.verdict,
         record.reason,
         record.estimates,
-        _summarized_kind(PROTOCOLS.get(record.protocol), points),
+        kind if listed else None,  # points of another version, or imported ones, are not listed
         points,
         hints,
         str(path),
         record.simulated,
         gain_uncertainty=record.sensor.gain_relative_uncertainty,
     )
-
-
-def _summarized_kind(kind: type[Protocol] | None, points: Sequence[Any]) -> type[Protocol] | None:
-    """Return the protocol on whose axes points are listed; None for points of another version, or imported ones."""
-    return kind if kind is not None and all(isinstance(point, kind.point_type) for point in points) else None
 
 
 def read_measured_response(path: Path) -> MeasuredResponse:

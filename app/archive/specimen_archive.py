@@ -4,7 +4,6 @@ Formats: "Specification for the ELN file format" of The ELN Consortium, and RO-C
 data set of its own, so that electronic lab notebooks import it as an experiment.
 """
 
-import hashlib
 import json
 import shutil
 import zipfile
@@ -13,8 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import IO, Any
+from typing import Any
 
+from app.archive.backup import COPY_CHUNK_BYTES, copy_stream
 from app.archive.run_summary import RunState, RunSummary
 from app.common import NO_PROGRESS, Progress
 from drivers.watchdog import version
@@ -26,7 +26,6 @@ METADATA_NAME = "ro-crate-metadata.json"
 SPECIMEN_FOLDER = "specimen"
 """Of the files that belong to no run: sheet, calibrations, campaign, report."""
 
-CHUNK_BYTES = 1 << 20
 MAX_METADATA_BYTES = 50_000_000
 """Largest size of the metadata, which are read into memory; no specimen has more."""
 MAX_PACKING_RATIO = 1100
@@ -148,7 +147,7 @@ def restore_archive(archive: Path, folder: Path, progress: Progress = NO_PROGRES
                     continue
                 with replacing(target) as working:
                     with file.open(info) as source, working.open("wb") as copy:
-                        found = _copy(source, copy, progress)
+                        found = copy_stream(source, copy, progress)
                     if found != sha256:
                         raise ArchiveError(
                             f"{archive}: {info.filename} is damaged, its SHA-256 is another; take another copy"
@@ -198,24 +197,10 @@ def _add(file: zipfile.ZipFile, name: str, path: Path, progress: Progress) -> di
     """Copy a file into the archive and return its size and hash as they were copied."""
     info = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
     info.compress_type = zipfile.ZIP_DEFLATED
-    with path.open("rb") as source, file.open(info, "w", force_zip64=info.file_size > CHUNK_BYTES) as target:
-        sha256 = _copy(source, target, progress, info.file_size)
+    with path.open("rb") as source, file.open(info, "w", force_zip64=info.file_size > COPY_CHUNK_BYTES) as target:
+        sha256 = copy_stream(source, target, progress, info.file_size)
         size = source.tell()
     return {"contentSize": str(size), "sha256": sha256}
-
-
-def _copy(source: IO[bytes], target: IO[bytes], progress: Progress, size: int = 0) -> str:
-    """Copy and return the SHA-256."""
-    digest = hashlib.sha256()
-    done = 0
-    while piece := source.read(CHUNK_BYTES):
-        progress.raise_if_cancelled()
-        digest.update(piece)
-        target.write(piece)
-        done += len(piece)
-        if size:
-            progress.update(min(done / size, 1.0))
-    return digest.hexdigest()
 
 
 def _crate(

@@ -1,24 +1,19 @@
 """Batch operations on run files: annotate, export, copy, import tables, read for comparison."""
 
-import hashlib
-import os
-import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from app.archive.backup import copy_file
 from app.archive.exporting import Format, export_run
 from app.archive.notes import read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
 from app.common import NO_PROGRESS, OperationCancelled, Progress, record_audit
 from app.config import AmplifierTable
-from protocols.base import file_hash, replacing
+from protocols.base import file_hash
 from protocols.runfile import Notes, Run, RunReadError, notes_path
-
-COPY_CHUNK_BYTES = 1 << 20
-"""Bytes copied between two checks for cancellation."""
 
 
 def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
@@ -103,32 +98,6 @@ def copy_runs_into(
         copied.append(path.name)
         record_audit("copy", folder / path.name, left, source=str(path))
     return CopyResult(tuple(copied), tuple(there))
-
-
-def copy_file(path: Path, to: Path, progress: Progress = NO_PROGRESS) -> None:
-    """Copy a file in pieces, cancellable between them; the copy is read back and compared by its SHA-256.
-
-    Raises:
-        OSError: it cannot be copied, changes meanwhile, or reads back differently; then `to` is unchanged.
-        OperationCancelled: cancelled; `to` is unchanged.
-    """
-    before = path.stat()
-    size, digest = max(before.st_size, 1), hashlib.sha256()
-    with replacing(to) as working:
-        with path.open("rb") as source, working.open("wb") as copy:
-            while piece := source.read(COPY_CHUNK_BYTES):
-                progress.raise_if_cancelled()
-                copy.write(piece)
-                digest.update(piece)
-                progress.update(copy.tell() / size)
-            copy.flush()
-            os.fsync(copy.fileno())
-        after = path.stat()
-        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-            raise OSError("it is being written; copy it when it is finished")
-        if file_hash(working) != digest.hexdigest():
-            raise OSError("the copy reads back differently; its disk may be failing")
-        shutil.copystat(path, working)
 
 
 def import_tables(

@@ -13,11 +13,14 @@ from .bench_file import read_bench as read_bench
 from .bench_tables import AmplifierTable as AmplifierTable
 from .bench_tables import BackupTable as BackupTable
 from .bench_tables import CardTable as CardTable
+from .bench_tables import ChannelTable as ChannelTable
 from .bench_tables import EnvironmentTable as EnvironmentTable
 from .bench_tables import GeneratorTable as GeneratorTable
+from .bench_tables import LevelsTable as LevelsTable
 from .bench_tables import MeterTable as MeterTable
 from .bench_tables import SensorTable as SensorTable
 from .bench_tables import SourceTable as SourceTable
+from .bench_tables import SpecimenTable as SpecimenTable
 from .bench_tables import SupplyTable as SupplyTable
 from .bench_tables import WatchdogTable as WatchdogTable
 from .certificate import ROLES as ROLES
@@ -29,7 +32,6 @@ from .certificate import bench_warnings as bench_warnings
 from .certificate import due_after as due_after
 from .certificate import read_certificates as read_certificates
 from .certificate import store_certificate as store_certificate
-from .channel_table import ChannelTable as ChannelTable
 from .config_table import ConfigTable as ConfigTable
 from .dcc import read_dcc as read_dcc
 from .discovery import FoundDevice as FoundDevice
@@ -42,8 +44,6 @@ from .laboratory import EXAMPLE_LABORATORY as EXAMPLE_LABORATORY
 from .laboratory import LABORATORY_FILE_NAME as LABORATORY_FILE_NAME
 from .laboratory import Laboratory as Laboratory
 from .laboratory import read_laboratory as read_laboratory
-from .level_tables import LevelsTable as LevelsTable
-from .level_tables import SpecimenTable as SpecimenTable
 from .sensor_calibration import CalibrationPoint as CalibrationPoint
 from .sensor_calibration import SensorCalibration as SensorCalibration
 from .sensor_calibration import SensorCalibrationError as SensorCalibrationError

@@ -15,17 +15,19 @@ from app.config.bench_tables import (
     AmplifierTable,
     BackupTable,
     CardTable,
+    ChannelTable,
     EnvironmentTable,
     GeneratorTable,
+    LevelsTable,
     MeterTable,
     SensorTable,
     SourceTable,
+    SpecimenTable,
     SupplyTable,
     WatchdogTable,
+    check_channels,
 )
-from app.config.channel_table import ChannelTable, check_channels
 from app.config.config_table import ConfigTable
-from app.config.level_tables import LevelsTable, SpecimenTable
 from app.config.validation import read_toml
 from sim_hardware.plant import SimulationParameters
 

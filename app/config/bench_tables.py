@@ -1,5 +1,6 @@
-"""Bench file tables of the instruments: what each is, how it is wired, and its calibration."""
+"""Bench file tables: kind, wiring and calibration of each instrument, further inputs of the card, specimen and abort levels."""
 
+import re
 from dataclasses import asdict
 from datetime import date
 from functools import partial
@@ -10,13 +11,16 @@ from pydantic import AfterValidator, field_validator, model_validator
 
 from app.config import driver_registry as drivers
 from app.config.config_table import ConfigTable
-from drivers import DriveLimits, LaserSensor
+from drivers import DriveLimits, InputChannel, LaserSensor, LevelAction, LevelSettings
 from drivers.sensors import PRESETS
 from model import AmplifierMap
 
-SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is rejected"
-
-BACKEND_DESCRIPTION = "VISA library: @py is built in; @ivi is a vendor's, for GPIB, and for USB on Windows"
+SerialNumber = Annotated[str, "serial number; where it is given, another instrument at this address is rejected"]
+ReplyTimeout = Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"]
+BaudRate = Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"]
+VisaLibrary = Annotated[
+    Literal["@py", "@ivi"], "VISA library: @py is built in; @ivi is a vendor's, for GPIB, and for USB on Windows"
+]
 
 
 class GeneratorTable(ConfigTable):
@@ -28,12 +32,10 @@ class GeneratorTable(ConfigTable):
         "which driver: auto asks the instrument who it is",
     ] = drivers.AUTO
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.7::5025::SOCKET"] = ""
-    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
-    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
-        9600
-    )
-    backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
-    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
+    timeout_s: ReplyTimeout = 2.0
+    baud: BaudRate = 9600
+    backend: VisaLibrary = "@py"
+    serial: SerialNumber = ""
     panel_lock: Annotated[bool, "lock the front panel while the bench is open, where the generator can"] = False
 
 
@@ -90,7 +92,7 @@ class CardTable(ConfigTable):
 
     driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.DIGITIZERS))] = "ni"
     device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
-    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
+    serial: SerialNumber = ""
     drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
     displacement_channel: Annotated[str, "terminal that sees the displacement sensor"] = "ai1"
     server: Annotated[str, "host:port of NI's gRPC device server; empty for a local card"] = ""
@@ -200,12 +202,10 @@ class SupplyTable(ConfigTable):
     """The programmable DC supply: it can hold and step, and it falls slowly."""
 
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.8::5025::SOCKET"] = ""
-    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
-    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
-        9600
-    )
-    backend: Annotated[Literal["@py", "@ivi"], BACKEND_DESCRIPTION] = "@py"
-    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
+    timeout_s: ReplyTimeout = 2.0
+    baud: BaudRate = 9600
+    backend: VisaLibrary = "@py"
+    serial: SerialNumber = ""
     channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
     current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "largest current of the amplifier's input"] = 0.1
     fall_time_s: Annotated[
@@ -219,7 +219,7 @@ class MeterTable(ConfigTable):
     driver: Literal["keyence-lkg", "optoncdt"]
     port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; empty on a simulated bench"] = ""
     baud: Annotated[int, Interval(ge=0, le=4_000_000), "bits per second; 0 is the sensor's factory setting"] = 0
-    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 1.0
+    timeout_s: ReplyTimeout = 1.0
     output: Annotated[int, Interval(ge=1, le=2), "keyence-lkg: which output of the controller"] = 1
     range_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "optoncdt: its measuring range"] = 0.01
 
@@ -231,4 +231,124 @@ class EnvironmentTable(ConfigTable):
     driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.ENVIRONMENT_SENSORS))] = "text"
     request: Annotated[str, "line that asks for a reading, e.g. SEND; empty for a sensor that sends by itself"] = ""
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second"] = 9600
-    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    timeout_s: ReplyTimeout = 2.0
+
+
+RESERVED_NAMES = ("drive", "displacement", "sample_rate", "time")
+"""Names in the trace of a run file."""
+
+
+class ChannelTable(ConfigTable):
+    """A further input of the card. Its value is gain times the volts at the terminal, plus offset."""
+
+    name: Annotated[str, "letters, digits and _; its data is trace/<name> in the run file"]
+    channel: Annotated[str, "terminal of the card, e.g. ai2"]
+    unit: Annotated[str, "of its values, e.g. V or A"] = "V"
+    gain: Annotated[float, Interval(ge=-1e12, le=1e12), "units per volt at the terminal"] = 1.0
+    offset: Annotated[float, Interval(ge=-1e12, le=1e12), "value at 0 V, in the unit"] = 0.0
+    kind: Annotated[
+        Literal["voltage-monitor", "current-monitor", "other"],
+        "monitors of the amplifier have the abort levels voltage and current; in V and A at the specimen",
+    ] = "other"
+
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, name: str) -> str:
+        if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+            raise ValueError(f"must be up to 40 small letters, digits and _, beginning with a letter, not {name!r}")
+        if name in RESERVED_NAMES or name.startswith(("drive_", "displacement_")):
+            raise ValueError(f"{name!r} is a name of the run file; choose another one, e.g. amplifier_voltage")
+        return name
+
+    @field_validator("gain")
+    @classmethod
+    def _check_gain(cls, gain: float) -> float:
+        if gain == 0:
+            raise ValueError("must not be 0")
+        return gain
+
+    @field_validator("unit")
+    @classmethod
+    def _check_unit(cls, unit: Any) -> Any:
+        if not unit.isprintable() or not 0 < len(unit) <= 20:
+            raise ValueError(f"must be a unit of at most 20 characters, not {unit!r}")
+        return unit
+
+    @property
+    def input_channel(self) -> InputChannel:
+        return InputChannel(self.name, self.channel, self.unit, self.gain, self.offset, self.kind)
+
+
+def check_channels(tables: "list[ChannelTable]", used_terminals: tuple[str, ...]) -> None:
+    """Check that names and terminals of the channels differ.
+
+    Raises:
+        ValueError: two have the same name, data of one would overwrite another's, or a terminal is used twice.
+    """
+    names = [table.name for table in tables]
+    for at, table in enumerate(tables):
+        if table.name in names[:at]:
+            raise ValueError(f"two channels are named {table.name!r}; each needs a name of its own")
+        if clash := next((other for other in names if table.name.startswith(f"{other}_")), None):
+            raise ValueError(
+                f"channels.name {table.name!r} begins with the name of another channel, {clash!r}; rename one"
+            )
+        if table.channel in (*used_terminals, *(other.channel for other in tables[:at])):
+            raise ValueError(f"the terminal {table.channel} is used twice; each channel needs its own")
+        if table.unit != {"voltage-monitor": "V", "current-monitor": "A"}.get(table.kind, table.unit):
+            raise ValueError(f"channels.unit of {table.name!r} must be V or A, as the kind {table.kind} requires")
+
+
+DEFAULTS = LevelSettings()
+
+
+class SpecimenTable(ConfigTable):
+    """The specimen as it is mounted."""
+
+    gap_m: Annotated[
+        float,
+        Unit("m"),
+        Interval(gt=0, le=0.1),
+        "clear distance from the specimen at rest to the nearest obstacle; the paper's spacers leave 0.77 mm (Sec. II)",
+    ] = DEFAULTS.gap_m
+
+
+class LevelsTable(ConfigTable):
+    """Abort levels, evaluated in every block. Actions: off, warning (points are flagged), ask (at rest), rest (the run ends)."""
+
+    stroke: Annotated[LevelAction, "what happens where the displacement from rest exceeds stroke_m"] = DEFAULTS.stroke
+    stroke_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.1), "largest displacement from rest; 0 is gap_m of [specimen]"
+    ] = DEFAULTS.stroke_m
+    rate: Annotated[LevelAction, "what happens where the displacement rate exceeds rate_m_per_s"] = DEFAULTS.rate
+    rate_m_per_s: Annotated[
+        float, Unit("m/s"), Interval(gt=0, le=1000), "largest displacement rate; 5 Vpp at resonance reach 0.6 m/s"
+    ] = DEFAULTS.rate_m_per_s
+    laser_lost: Annotated[LevelAction, "what happens where the sensor is out of range for longer than laser_lost_s"] = (
+        DEFAULTS.laser_lost
+    )
+    laser_lost_s: Annotated[
+        float, Unit("s"), Interval(ge=0.001, le=60), "longest time out of the sensor's range under a drive"
+    ] = DEFAULTS.laser_lost_s
+    drive: Annotated[LevelAction, "what happens where the drive read back is not the commanded one"] = DEFAULTS.drive
+    drive_tolerance: Annotated[
+        float, Unit("1"), Interval(ge=0.02, le=1), "largest deviation of the drive, relative to its amplitude"
+    ] = DEFAULTS.drive_tolerance
+    voltage: Annotated[LevelAction, "what happens where a voltage monitor exceeds voltage_v"] = DEFAULTS.voltage
+    voltage_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=100_000), "largest magnitude at the specimen; the amplifier gives +1500 V"
+    ] = DEFAULTS.voltage_v
+    current: Annotated[LevelAction, "what happens where a current monitor exceeds current_a"] = DEFAULTS.current
+    current_a: Annotated[float, Unit("A"), Interval(gt=0, le=100), "largest magnitude of the amplifier's current"] = (
+        DEFAULTS.current_a
+    )
+    no_response: Annotated[LevelAction, "what happens after no_response_points points without response"] = (
+        DEFAULTS.no_response
+    )
+    no_response_points: Annotated[int, Unit("1"), Interval(ge=1, le=1000), "points in succession without response"] = (
+        DEFAULTS.no_response_points
+    )
+
+    def settings(self, specimen: SpecimenTable) -> LevelSettings:
+        """Return the levels of a bench with this specimen."""
+        return LevelSettings(gap_m=specimen.gap_m, **self.model_dump())

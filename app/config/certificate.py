@@ -100,18 +100,13 @@ class Certificate:
         return f"{about} is due on {self.due}, in {left} days"
 
 
-def certificates_folder(folder: Path) -> Path:
-    """Return the folder of the certificates, for a folder of runs."""
-    return folder / FOLDER
-
-
 def store_certificate(folder: Path, certificate: Certificate, attachments: Iterable[Path] = ()) -> Path:
     """Store a certificate beside the runs, with copies of the attached files; return its file.
 
     Raises:
         CertificateError: there is one of that number already, or a file cannot be copied or written.
     """
-    place = certificates_folder(folder)
+    place = folder / FOLDER
     stem = safe_name(certificate.number)
     path = place / f"{stem}{SUFFIX}"
     try:
@@ -139,7 +134,7 @@ def store_certificate(folder: Path, certificate: Certificate, attachments: Itera
 def read_certificates(folder: Path) -> tuple[list[Certificate], list[str]]:
     """Return the certificates beside the runs by due date, those without one last; and a sentence for each damaged file."""
     found, problems = list[Certificate](), list[str]()
-    for path in sorted(certificates_folder(folder).glob(f"*{SUFFIX}")):
+    for path in sorted((folder / FOLDER).glob(f"*{SUFFIX}")):
         try:
             found.append(_from_record(visible_values(read_json_file(path))))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -161,15 +156,8 @@ def certificates_of_bench(
     return list(newest.values())
 
 
-def calibration_warnings(certificates: Iterable[Certificate], today: Day) -> tuple[str, tuple[str, ...]]:
-    """Return the warning for expired calibrations, which flags points, and the warnings for calibrations due soon."""
-    expired = [each.warning(today) for each in certificates if each.state(today) == "expired"]
-    soon = tuple(each.warning(today) for each in certificates if each.state(today) == "due soon")
-    return ". ".join(expired), soon
-
-
 def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str) -> tuple[str, tuple[str, ...]]:
-    """Return sentences on expired calibrations of a bench's instruments, and on calibrations that are due soon or cannot be read.
+    """Return sentences on expired calibrations of a bench's instruments, which flag points, and on calibrations that are due soon or cannot be read.
 
     Args:
         folder: of the runs.
@@ -183,9 +171,10 @@ def bench_warnings(folder: Path, configuration: Mapping[str, Any], protocol: str
     serials = {str(table.get("serial", "")) for table in tables}
     identities = configuration.get("identities", {})
     serials |= {str(identity).rpartition("#")[2] for identity in identities.values() if "#" in str(identity)}
-    used = certificates_of_bench(found, serials, protocol)
-    expired, soon = calibration_warnings(used, datetime.now(UTC).date())
-    return expired, (*soon, *problems)
+    today = datetime.now(UTC).date()
+    states = [(each.state(today), each.warning(today)) for each in certificates_of_bench(found, serials, protocol)]
+    expired = ". ".join(warning for state, warning in states if state == "expired")
+    return expired, (*(warning for state, warning in states if state == "due soon"), *problems)
 
 
 def due_after(day: str, months: int) -> str:

@@ -103,7 +103,7 @@ def check_draft(draft: SheetDraft, specimen: str = "") -> CheckedDraft:
         if name:
             faults.setdefault(name, ("value", _in_millimetres(error)))
     questions = {
-        name: "; ".join(_without_name(name, text) for text in question_entry(e)) for name, e in entries.items()
+        name: "; ".join(text.removeprefix(f"{name}: ") for text in question_entry(e)) for name, e in entries.items()
     }
     return CheckedDraft(entries, faults, {name: text for name, text in questions.items() if text})
 
@@ -164,7 +164,7 @@ def _read_entry(name: str, text: EntryText) -> SheetEntry:
                 raise _FieldError("uncertainty", "give its standard uncertainty, or a share such as 1 %")
             uncertainty = table_one_entry(name).uncertainty
         elif stated.endswith("%"):
-            uncertainty = abs(value) * _plain(stated.removesuffix("%"), "uncertainty") / 100
+            uncertainty = abs(value) * _quantity(stated.removesuffix("%"), "1", "uncertainty") / 100
         else:
             uncertainty = _number(name, "uncertainty", stated)
     try:
@@ -220,10 +220,6 @@ def _quantity(text: str, unit: str, field: str) -> float:
         raise _FieldError(field, f"'{truncate_text(stated)}' is no number{shown and ' in'}{shown}; {remedy}") from None
 
 
-def _plain(text: str, field: str) -> float:
-    return _quantity(text, "1", field)
-
-
 def _entry_text(entry: SheetEntry) -> EntryText:
     factor, _ = sheet_unit(entry.name)
     value, uncertainty = f"{factor * entry.value:.9g}", f"{factor * entry.uncertainty:.9g}"
@@ -231,7 +227,3 @@ def _entry_text(entry: SheetEntry) -> EntryText:
         value = f"{1e3 * weighed.mass:.9g} g / {1e3 * weighed.length:.9g} mm"
         uncertainty = f"{1e3 * weighed.mass_uncertainty:.9g} g / {1e3 * weighed.length_uncertainty:.9g} mm"
     return EntryText(value, uncertainty, entry.instrument, entry.date)
-
-
-def _without_name(name: str, question: str) -> str:
-    return question.removeprefix(f"{name}: ")

@@ -26,8 +26,6 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Tables of a sheet with the values that Table I has; any other parameter of a fit may be added to each."""
 DIMENSIONS = tuple(name for names in GROUPS.values() for name in names)
-NO_SHEET = "none"
-"""In place of a file: no sheet and no uncertainties, as if Table I were exact."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,16 +72,12 @@ LinkWrapper = Callable[[Link, Clock], Link]
 """Wraps the link to the source, for a front end that observes its messages."""
 
 
-def _unwrapped(link: Link, _: Clock) -> Link:
-    return link
-
-
 @contextmanager
 def connect(
     config: BenchConfig,
     speed: float | None = None,
     block_s: float = BLOCK_S,
-    wrap_link: LinkWrapper = _unwrapped,
+    wrap_link: LinkWrapper = lambda link, _: link,
     without_commissioning: str = "",
 ) -> Iterator[BenchConnection]:
     """Open the instruments of a bench and close them at the end; the source stays at rest.

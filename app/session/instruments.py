@@ -157,7 +157,7 @@ def open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitSt
     card = config.card
     digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
         card.device,
-        _terminals(config),
+        (card.drive_channel, card.displacement_channel, *(each.channel for each in config.channels)),
         clock,
         server=server or None,
         range_v=card.range_v,
@@ -165,7 +165,3 @@ def open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitSt
     )
     stack.callback(digitizer.close)
     return digitizer
-
-
-def _terminals(config: BenchConfig) -> tuple[str, ...]:
-    return config.card.drive_channel, config.card.displacement_channel, *(each.channel for each in config.channels)

@@ -324,6 +324,7 @@ class Session:
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from app.session.simulated_sheet import provide_sheet
+        from protocols import complete_results
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner
 
@@ -332,7 +333,7 @@ class Session:
         try:
             request = load()
             self._report_watchdog_log(request.folder)
-            for sentence in repair_folder(request.folder, _complete_results):
+            for sentence in repair_folder(request.folder, complete_results):
                 self._events.publish(LogMessage(sentence))
             connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
@@ -417,10 +418,3 @@ class Session:
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
     """Return log messages that the watchdog of an earlier program left in `folder`, once."""
     return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]
-
-
-def _complete_results(path: Path) -> str:
-    """Store the results of a run that had ended without them; return a sentence."""
-    from protocols import complete_results
-
-    return complete_results(path)

@@ -58,7 +58,7 @@ def _write_mat73(run: Run, record: dict[str, Any], with_raw: bool, path: Path, p
         # Texts of this library are vectors, too: only with "row" are they MATLAB's character arrays.
         hdf5storage.savemat(
             str(path),
-            _columns_upright(whole),
+            _upright(whole),
             appendmat=False,
             format="7.3",
             oned_as="row",
@@ -66,14 +66,10 @@ def _write_mat73(run: Run, record: dict[str, Any], with_raw: bool, path: Path, p
         )
 
 
-def _columns_upright(part: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a structure whose vectors of numbers are columns, (N, 1): plain arrays, the library knows no other kind."""
-    return {name: _upright(value) for name, value in part.items()}
-
-
 def _upright(value: Any) -> Any:
+    """Return a structure whose vectors of numbers are columns, (N, 1): plain arrays, the library knows no other kind."""
     if isinstance(value, Mapping):
-        return _columns_upright(value)
+        return {name: _upright(each) for name, each in value.items()}
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype != object:
         return np.asarray(value).reshape(-1, 1)
     return value

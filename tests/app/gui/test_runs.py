@@ -284,7 +284,7 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
 def test_import_shows_progress_and_leaves_nothing_when_cancelled(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.archive.transfer.COPY_CHUNK_BYTES", 4096)
+    monkeypatch.setattr("app.archive.backup.COPY_CHUNK_BYTES", 4096)
     whole, half = (finished_run(tmp_path / "stick", name) for name in ("T8a", "T9a"))
     going, go_on, begun = page.details.progress_row, threading.Event(), threading.Event()
     update = going.progress.update

@@ -95,7 +95,7 @@ def test_a_copy_that_reads_back_differently_or_of_a_changing_file_is_none(tmp_pa
     runs, copies = tmp_path / "runs", tmp_path / "copies"
     path = finished_run(runs)
     notes_path(path).unlink()
-    with mock.patch("app.archive.transfer.file_hash", return_value="0" * 64):
+    with mock.patch("app.archive.backup.file_hash", return_value="0" * 64):
         assert "reads back differently" in back_up(runs, copies).problems[0]
     fsync = os.fsync
 
@@ -103,7 +103,7 @@ def test_a_copy_that_reads_back_differently_or_of_a_changing_file_is_none(tmp_pa
         os.utime(path)
         fsync(number)
 
-    with mock.patch("app.archive.transfer.os.fsync", write_meanwhile):
+    with mock.patch("app.archive.backup.os.fsync", write_meanwhile):
         assert "it is being written" in back_up(runs, copies).problems[0]
     assert list(copies.iterdir()) == []
 
