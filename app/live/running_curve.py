@@ -115,7 +115,7 @@ class RunningCurve:
     def _start_drive(self, drive: Drive) -> None:
         if self._drive is not None and self._blocks:
             self._earlier = (*self._earlier, self._samples(self._drive))
-        self._drive = drive if self._channels and isinstance(drive, self._aspects.live_drives) else None
+        self._drive = drive if self._channels and isinstance(drive, tuple(self._aspects.live_drives)) else None
         self._blocks, self._scans = [], 0
 
     def _add_block(self, drive: Drive, block: Block) -> None:
