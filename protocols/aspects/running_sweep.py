@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers import LinearSweep, PeriodicSweep
 from protocols.base import Aspects, Recording, Series
-from protocols.measurements import SETTLED_S, frequency_response_series
+from protocols.measurements import SETTLED_S
 from protocols.signals import (
     FrequencyResponse,
     concatenate_responses,
@@ -41,12 +41,12 @@ class RunningSweepAspects(Aspects):
                 )
         except ValueError:
             return None
-        return response if response.frequency_hz.size else None
+        return response if response.x.size else None
 
     def live_curve(self, parts: Sequence[FrequencyResponse], running: Recording) -> Series:
         """Return the response of the entry so far; its axis has the whole band of the running sweep."""
         assert isinstance(running.drive, PeriodicSweep | LinearSweep)
-        curve = frequency_response_series(_joined(parts), _progress(running))
+        curve = replace(_joined(parts), label=_progress(running))
         return _over_the_band(curve, running.drive.start_hz, running.drive.stop_hz)
 
 
@@ -66,8 +66,8 @@ def _periods(recording: Recording, drive: PeriodicSweep) -> int:
 
 def _joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Return responses of sweeps that follow each other as one, each up to where the next begins."""
-    parts = sorted(parts, key=lambda part: float(part.frequency_hz[0]))
-    starts = [float(part.frequency_hz[0]) for part in parts[1:]]
+    parts = sorted(parts, key=lambda part: float(part.x[0]))
+    starts = [float(part.x[0]) for part in parts[1:]]
     kept = [part.within(0.0, math.nextafter(start, 0.0)) for part, start in zip(parts, starts, strict=False)]
     return concatenate_responses([*kept, parts[-1]])
 

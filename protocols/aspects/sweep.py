@@ -12,8 +12,8 @@ from protocols.aspects.response_lines import response_lines
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
 from protocols.base import ImportedSamples, Quality, RunOfSamples
-from protocols.measurements import Sweep, check_response_present, frequency_response_series, sweep_point
-from protocols.signals import estimate_swept_response
+from protocols.measurements import Sweep, check_response_present, sweep_point
+from protocols.signals import FREQUENCY_RESPONSE, estimate_swept_response
 
 MAX_SWEPT_CYCLES = 2000
 """Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
@@ -55,7 +55,7 @@ class SweepAspects(RunningSweepAspects):
         its lines, as in the fundamental of a sine.
         """
         run, map_ = points.run, points.run.record.amplifier_map
-        curves = {curve.entry: curve for curve in run.series() if curve.name == "frequency response"}
+        curves = {curve.entry: curve for curve in run.series() if curve.name == FREQUENCY_RESPONSE}
         for i in np.flatnonzero(points.good).tolist():
             curve = curves.get(int(points.columns["entry"][i]))
             if curve is None:
@@ -147,7 +147,7 @@ def _series_run(series: ImportedSamples) -> RunOfSamples:
         warnings.append(
             f"the sweep's frequency does not rise or fall evenly (by {100 * bent:.2g} % of its band): lines are given only where it was slow"
         )
-    stored = frequency_response_series(response), *series.as_series(series.name)
+    stored = response, *series.as_series(series.name)
     return RunOfSamples(
         (series,), (point,), stored, {"peak_to_peak_v": 2 * amplitude_v}, tuple(warnings), has_phases=True
     )

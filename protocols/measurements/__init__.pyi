@@ -1,7 +1,6 @@
 from .membrane_sag import MembraneSag as MembraneSag
 from .membrane_series import MembraneSeries as MembraneSeries
 from .response_series import check_response_present as check_response_present
-from .response_series import frequency_response_series as frequency_response_series
 from .sine_dwell import SinePoint as SinePoint
 from .sine_dwell import sine_point as sine_point
 from .static_loading import StaticLoading as StaticLoading

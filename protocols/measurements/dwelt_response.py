@@ -54,13 +54,12 @@ def dwelt_response(recordings: Sequence[Recording]) -> FrequencyResponse:
     with np.errstate(divide="ignore"):
         noise_share = 2 * (errors / np.abs(response)) ** 2
     return FrequencyResponse(
-        frequency_hz=f,
-        response=response,
-        standard_error=errors,
+        f,
+        response,
+        errors=errors,
         coherence=1 / (1 + noise_share),
         degrees_of_freedom=float(min(recording.drive_v.size for recording in recordings)),
         resolution_hz=float(np.diff(f).min()),
-        correlation=0.0,
     )
 
 

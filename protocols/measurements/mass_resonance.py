@@ -37,14 +37,14 @@ from protocols.base import (
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
 from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
-from protocols.measurements.response_series import FREQUENCY_RESPONSE, check_response_present, frequency_response_series
+from protocols.measurements.response_series import check_response_present, with_fitted_mode
 from protocols.measurements.result_checks import (
     added_mass_checks,
     coherence_check,
     signal_to_noise_check,
     usable_points,
 )
-from protocols.signals import MIN_BINS_PER_LINE, FrequencyResponse, ModalFit
+from protocols.signals import FREQUENCY_RESPONSE, MIN_BINS_PER_LINE, FrequencyResponse, ModalFit
 
 RINGDOWN_S = 0.3
 """Recorded after a sweep, until the free vibration has decayed."""
@@ -209,7 +209,7 @@ class MassResonance(Protocol):
                 recordings.append((yield Record(self._dwell_record_s(sine.frequency_hz))))
             response = dwelt_response(recordings)
             inside = response.within(self.low_hz, self.high_hz)
-            more = next_frequencies(inside.frequency_hz.tolist(), inside.modulus.tolist())
+            more = next_frequencies(inside.x.tolist(), inside.plotted.tolist())
             left = [self._sine(f, rest_v) for f in more]
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
@@ -225,19 +225,14 @@ class MassResonance(Protocol):
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         response = self._response(recordings)
-        return (self._curve(key, response, *self._fit_mode(response)),)
+        return (with_fitted_mode(response, *self._fit_mode(response), f"with {1e3 * float(key[0]):g} g"),)
 
     def results(
         self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
     ) -> Generator[Any, None, None]:
         response = self._response(recordings)
         yield self._point(key, recordings, simulated, response)
-        yield self._curve(key, response, *self._fit_mode(response))
-
-    def _curve(
-        self, key: tuple[float | str, ...], response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit
-    ) -> Series:
-        return frequency_response_series(response, f"with {1e3 * float(key[0]):g} g", (near.frequency_hz, mode.fitted))
+        yield with_fitted_mode(response, *self._fit_mode(response), f"with {1e3 * float(key[0]):g} g")
 
     def _fit_mode(self, response: FrequencyResponse) -> tuple[FrequencyResponse, ModalFit]:
         """Return the lines around the peak, and the mode fitted to them."""
@@ -245,7 +240,7 @@ class MassResonance(Protocol):
 
         peak = response_peak(response, (self.low_hz, self.high_hz))
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
-        return near, fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        return near, fit_sdof(near.x, near.y, near.errors, near.correlation)
 
     def _point(
         self,

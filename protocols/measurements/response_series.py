@@ -1,40 +1,24 @@
-"""Frequency response as a series, with a check that there is a response at all."""
+"""Frequency response as a series to show and store, with a check that there is a response at all."""
+
+from dataclasses import fields
 
 import numpy as np
 
-from model import Array, Complex
-from protocols.base import Series, SeriesAxis
-from protocols.signals import FrequencyResponse
-
-FREQUENCY_RESPONSE = "frequency response"
-"""Name of the series."""
+from protocols.base import Series
+from protocols.signals import FrequencyResponse, ModalFit
 
 MIN_RESPONSE_SIGMAS = 5.0
 """A response with weaker lines counts as no response."""
 
-ModeLine = tuple[Array, Complex]
-"""Frequencies of the lines to which a mode was fitted, Hz, and the fit there."""
 
-
-def frequency_response_series(response: FrequencyResponse, label: str = "", mode: ModeLine | None = None) -> Series:
-    """Return the response with errors, coherence and the fitted mode."""
+def with_fitted_mode(response: FrequencyResponse, near: FrequencyResponse, mode: ModalFit | None, label: str) -> Series:
+    """Return the response, as a series only, with the mode that was fitted to the lines `near` its peak."""
     fitted = None
     if mode is not None:
-        fitted = np.full(response.frequency_hz.size, np.nan)
-        lines_hz, line = mode
-        fitted[(response.frequency_hz >= lines_hz[0]) & (response.frequency_hz <= lines_hz[-1])] = np.abs(line)
-    return Series(
-        response.frequency_hz,
-        response.response,
-        response.standard_error,
-        fit=fitted,
-        fit_description="one mode fitted around the peak, modulus",
-        coherence=response.coherence,
-        x_axis=SeriesAxis("frequency", "Hz", "frequency"),
-        y_axis=SeriesAxis("response", "m/V", "displacement per volt at the amplifier's input, modulus"),
-        name=FREQUENCY_RESPONSE,
-        label=label,
-    )
+        fitted = np.full(response.x.size, np.nan)
+        fitted[(response.x >= near.x[0]) & (response.x <= near.x[-1])] = np.abs(mode.fitted)
+    columns = {each.name: getattr(response, each.name) for each in fields(Series)}
+    return Series(**columns | {"label": label, "fit": fitted})
 
 
 def check_response_present(response: FrequencyResponse) -> None:
@@ -44,7 +28,7 @@ def check_response_present(response: FrequencyResponse) -> None:
         ValueError: hardly a line exceeds its own error.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        seen = np.nan_to_num(response.modulus / response.standard_error)
+        seen = np.nan_to_num(response.plotted / response.errors)
     if float(np.percentile(seen, 90)) < MIN_RESPONSE_SIGMAS:
         raise ValueError(
             f"no response: nine tenths of the lines lie within {MIN_RESPONSE_SIGMAS:g} standard errors of nothing. Check that the "

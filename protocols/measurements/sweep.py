@@ -42,7 +42,7 @@ from protocols.measurements.fields import (
     point_quality,
 )
 from protocols.measurements.fit_lines import mean_line
-from protocols.measurements.response_series import FREQUENCY_RESPONSE, check_response_present, frequency_response_series
+from protocols.measurements.response_series import check_response_present, with_fitted_mode
 from protocols.measurements.result_checks import (
     coherence_check,
     drive_ratio_check,
@@ -59,7 +59,7 @@ from protocols.measurements.sweep_pieces import (
     merge_pieces,
     piece_bands,
 )
-from protocols.signals import FrequencyResponse, ModalFit
+from protocols.signals import FREQUENCY_RESPONSE, FrequencyResponse, ModalFit
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
@@ -117,18 +117,17 @@ def fit_one_mode(response: FrequencyResponse) -> tuple[FrequencyResponse, ModalF
     """Return the lines around the peak, and the mode fitted to them; None where no single mode fits."""
     from protocols.signals import fit_sdof
 
-    peak_hz = float(response.frequency_hz[response.modulus.argmax()])
+    peak_hz = float(response.x[response.plotted.argmax()])
     near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
     try:
-        return near, fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        return near, fit_sdof(near.x, near.y, near.errors, near.correlation)
     except ValueError:
         return near, None
 
 
 def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, quality: int) -> SweepPoint:
     """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
-    top = int(response.modulus.argmax())
-    peak_hz = float(response.frequency_hz[top])
+    top = int(response.plotted.argmax())
     near, mode = fit_one_mode(response)
     natural_hz = natural_error_hz = damping = damping_error = math.nan
     core = near.coherence
@@ -143,10 +142,10 @@ def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, 
         natural_frequency_errors=natural_error_hz,
         damping=damping,
         damping_errors=damping_error,
-        peak_frequency=peak_hz,
-        peak_response=float(response.modulus[top]),
+        peak_frequency=float(response.x[top]),
+        peak_response=float(response.plotted[top]),
         coherence=float(core.min()) if core.size else math.nan,
-        lines=float(response.frequency_hz.size),
+        lines=float(response.x.size),
         drive_amplitude=amplitude_v,
         quality=quality,
     )
@@ -255,9 +254,8 @@ class Sweep(Protocol):
 
     def series(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Series, ...]:
         response = self._response(recordings)
-        near, mode = fit_one_mode(response)
-        line = None if mode is None else (near.frequency_hz, mode.fitted)
-        return (frequency_response_series(response, f"of sweep {key[0]:g}" if self.repeats > 1 else "", line),)
+        label = f"of sweep {key[0]:g}" if self.repeats > 1 else ""
+        return (with_fitted_mode(response, *fit_one_mode(response), label),)
 
     @classmethod
     def fit_lines(cls, points: Sequence[Any]) -> tuple[Series, ...]:

@@ -52,15 +52,11 @@ def merge_pieces(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     from protocols.signals import repeating_error_share
 
     joined = concatenate_responses(parts)
-    order = np.argsort(joined.frequency_hz, kind="stable")
-    f, response, noise = joined.frequency_hz[order], joined.response[order], joined.standard_error[order]
-    error = np.hypot(noise, repeating_error_share(f, response, noise) * np.abs(response))
+    joined = joined.at(np.argsort(joined.x, kind="stable"))
+    share = repeating_error_share(joined.x, joined.y, joined.errors)
     return replace(
         joined,
-        frequency_hz=f,
-        response=response,
-        standard_error=_with_departures(f, response, error),
-        coherence=joined.coherence[order],
+        errors=_with_departures(joined.x, joined.y, np.hypot(joined.errors, share * joined.plotted)),
         degrees_of_freedom=min(part.degrees_of_freedom for part in parts),
     )
 

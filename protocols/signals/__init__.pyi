@@ -37,6 +37,7 @@ from .periodic_response import POLYNOMIAL_DEGREE as POLYNOMIAL_DEGREE
 from .periodic_response import WINDOW_LINES as WINDOW_LINES
 from .periodic_response import estimate_periodic_response as estimate_periodic_response
 from .periodic_response import repeating_error_share as repeating_error_share
+from .response import FREQUENCY_RESPONSE as FREQUENCY_RESPONSE
 from .response import FrequencyResponse as FrequencyResponse
 from .response import concatenate_responses as concatenate_responses
 from .settling import SettlingDetector as SettlingDetector

@@ -176,8 +176,8 @@ def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PE
         ValueError: no distinct peak in the band, or lines too coarse to fit it.
     """
     part = response.within(*band_hz)
-    found = _half_power_lines(part.frequency_hz, part.modulus**2, band_hz, "response")
-    return _fit_peak(part.frequency_hz[found], part.modulus[found] ** 2, part.correlation)
+    found = _half_power_lines(part.x, part.plotted**2, band_hz, "response")
+    return _fit_peak(part.x[found], part.plotted[found] ** 2, part.correlation)
 
 
 def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quantity_name: str) -> slice:

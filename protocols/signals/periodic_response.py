@@ -150,11 +150,10 @@ def estimate_periodic_response(
     # Its phase is unknown: half of its power in the real part, half in the imaginary part.
     hum = interference_at(interference, f, periods * n / rate_hz) / drive_amplitude / np.sqrt(2)
     return FrequencyResponse(
-        frequency_hz=f,
-        response=H * np.exp(2j * np.pi * f * delay_s),
-        standard_error=np.hypot(np.hypot(noise, repeating_error_share(f, H, noise) * modulus), hum),
+        f,
+        H * np.exp(2j * np.pi * f * delay_s),
+        errors=np.hypot(np.hypot(noise, repeating_error_share(f, H, noise) * modulus), hum),
         coherence=np.divide(np.abs(cross) ** 2, power * moved, out=np.zeros(f.size), where=moved > 0),
         degrees_of_freedom=2.0 * (periods - 1) * alike,
         resolution_hz=rate_hz / n,
-        correlation=0.0,
     )

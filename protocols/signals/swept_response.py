@@ -217,9 +217,9 @@ def estimate_swept_response(
     )
     turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
-        frequency_hz=f[used],
-        response=(H * turn)[used],
-        standard_error=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
+        f[used],
+        (H * turn)[used],
+        errors=np.hypot(np.sqrt(CORRECTED_VARIANCE * variance / 2), hum)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
         resolution_hz=blocks.length * bin_hz,

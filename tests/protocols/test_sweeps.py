@@ -282,10 +282,17 @@ def test_a_line_of_a_piece_that_departs_from_the_others_has_its_departure_as_err
     wrong = int(np.flatnonzero(f == 130.0)[0])
     seen[wrong] *= 1 + 3e-3
     parts = np.split(np.arange(f.size), 6)
-    found = merge_pieces([FrequencyResponse(f[p], seen[p], error[p], np.ones(p.size), 20.0, 2.0, 0.0) for p in parts])
-    at = int(np.flatnonzero(found.frequency_hz == 130.0)[0])
-    share = found.standard_error / np.abs(found.response)
-    assert np.all(np.diff(found.frequency_hz) >= 0)
+    found = merge_pieces(
+        [
+            FrequencyResponse(
+                f[p], seen[p], errors=error[p], coherence=np.ones(p.size), degrees_of_freedom=20.0, resolution_hz=2.0
+            )
+            for p in parts
+        ]
+    )
+    at = int(np.flatnonzero(found.x == 130.0)[0])
+    share = found.errors / found.plotted
+    assert np.all(np.diff(found.x) >= 0)
     assert 1e-3 < share[at] < 6e-3
     assert np.delete(share, at).max() < 2.5e-4
 

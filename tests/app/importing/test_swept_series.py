@@ -49,13 +49,13 @@ def test_the_errors_of_a_chirp_are_what_its_lines_are_off() -> None:
     _, drive, moved = recorded()
     _, f = sweep_frequencies(drive, RATE_HZ) or ((), ())
     band = float(np.percentile(f, 1)), float(np.percentile(f, 99))
-    lines = estimate_swept_response(drive, moved, RATE_HZ, band).frequency_hz
+    lines = estimate_swept_response(drive, moved, RATE_HZ, band).x
     truth = 400 * elements(Tactor(), lines, None, np.inf)
     random, z = np.random.default_rng(3), []
     for _ in range(200):
         noisy = moved + 3e-7 * random.standard_normal(moved.size)
         response = estimate_swept_response(drive, noisy, RATE_HZ, band, delay_s=1e-4)
-        z.append(np.abs((response.response - truth) / response.standard_error) ** 2 / 2)
+        z.append(np.abs((response.y - truth) / response.errors) ** 2 / 2)
     rms = [float(np.sqrt(np.mean(part))) for part in (np.array(z), *np.array_split(np.array(z), 4, axis=1))]
     assert 0.9 < rms[0] < 1.1, rms
     assert all(0.8 < each < 1.15 for each in rms), rms

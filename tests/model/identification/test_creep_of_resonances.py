@@ -58,5 +58,13 @@ def test_resonances_of_a_crept_specimen_identify_its_stiffness() -> None:
 def test_a_measured_peak_of_a_crept_response_has_no_bias(grams: float) -> None:
     tactor = Tactor(m_add=1e-3 * grams)
     f = np.arange(125.0, 500.0, 0.5)
-    lines = FrequencyResponse(f, crept(tactor, f), np.full(f.size, 1e-9), np.ones(f.size), 100.0, 0.5, 0.1)
+    lines = FrequencyResponse(
+        f,
+        crept(tactor, f),
+        errors=np.full(f.size, 1e-9),
+        coherence=np.ones(f.size),
+        degrees_of_freedom=100.0,
+        resolution_hz=0.5,
+        correlation=0.1,
+    )
     assert response_peak(lines).frequency_hz == pytest.approx(peak_hz(tactor), abs=1e-3)

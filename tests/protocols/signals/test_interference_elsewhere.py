@@ -97,7 +97,7 @@ def test_lines_of_a_sweep_near_the_mains_have_its_error(with_lines: bool) -> Non
         found = estimate_periodic_response(
             x, y, RATE, 1.0, (30, 130), dropped=0, interference=lines if with_lines else ()
         )
-        each = np.abs(found.response - 1e-4) ** 2 / found.standard_error**2 / 2
-        at = np.abs(found.frequency_hz - 51) < 0.1
+        each = np.abs(found.y - 1e-4) ** 2 / found.errors**2 / 2
+        at = np.abs(found.x - 51) < 0.1
         z.append(each[at].mean())
     assert bool(0.8 < np.sqrt(np.mean(z)) < 1.2) == with_lines

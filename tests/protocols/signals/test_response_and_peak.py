@@ -38,7 +38,7 @@ def bench(start_hz: float = 25.0, stop_hz: float = 525.0) -> tuple[np.ndarray, n
 
 def half_width(found: FrequencyResponse) -> np.ndarray:
     """(F,), to either side of the modulus: holds the truth in 95 of 100 cases, line by line."""
-    return coverage_factor(found.degrees_of_freedom, 0.95) * found.standard_error
+    return coverage_factor(found.degrees_of_freedom, 0.95) * found.errors
 
 
 @functools.cache
@@ -60,13 +60,13 @@ def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float
     found = estimate_swept_response(drive, moved + 5e-7 * rng.standard_normal(moved.size), RATE, (25, 525)).within(
         60, 480
     )
-    exact = FUNDAMENTAL * frequency_response(Tactor(), found.frequency_hz, n=N)
-    gap = np.abs(found.response / exact - 1)
+    exact = FUNDAMENTAL * frequency_response(Tactor(), found.x, n=N)
+    gap = np.abs(found.y / exact - 1)
     assert np.median(gap) < 1e-3
     assert gap.max() < 0.02
-    within = np.abs(found.modulus - np.abs(exact)) <= half_width(found)
+    within = np.abs(found.plotted - np.abs(exact)) <= half_width(found)
     assert within.mean() > 0.93  # the lowest lines state more than they err: a fast sweep's harmonic is near
-    assert 0.92 < within[found.frequency_hz > 160].mean() < 0.985
+    assert 0.92 < within[found.x > 160].mean() < 0.985
     assert found.coherence.min() > 0.99
 
 
@@ -74,7 +74,7 @@ def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float
 def test_the_harmonics_of_the_amplifier_are_not_taken_for_noise() -> None:
     drive, moved = bench()
     found = estimate_swept_response(drive, moved, RATE, (25, 525)).within(110, 450)
-    assert np.median(found.standard_error / found.modulus) < 5e-4  # the second harmonic alone is 15 % of the spectrum
+    assert np.median(found.errors / found.plotted) < 5e-4  # the second harmonic alone is 15 % of the spectrum
 
 
 def two_modes() -> ModalForm:
@@ -94,10 +94,10 @@ def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     noisy = [
         estimate_swept_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)) for _ in range(seeds)
     ]
-    scatter = np.stack([r.modulus for r in noisy]).std(0, ddof=1)
-    stated = np.stack([r.standard_error for r in noisy])
+    scatter = np.stack([r.plotted for r in noisy]).std(0, ddof=1)
+    stated = np.stack([r.errors for r in noisy])
     assert np.sqrt(np.mean(scatter**2 / np.mean(stated**2, 0))) == pytest.approx(1, abs=0.05)
-    inside = np.mean([np.mean(np.abs(r.modulus - without.modulus) <= half_width(r)) for r in noisy])
+    inside = np.mean([np.mean(np.abs(r.plotted - without.plotted) <= half_width(r)) for r in noisy])
     assert 0.93 < inside < 0.97
     # Cramer-Rao: a line is a Hann-weighted mean of bins; 1.5 is what the weighting costs against equal weights, and a
     # quarter more that what it blunts is taken out again.
@@ -107,7 +107,7 @@ def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     bound = np.sqrt(
         1.5 * CORRECTED_VARIANCE * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2)
     )
-    here = scatter[np.abs(without.frequency_hz - 250) < 100].mean()
+    here = scatter[np.abs(without.x - 250) < 100].mean()
     assert here == pytest.approx(bound, rel=0.05)
 
 
@@ -117,8 +117,8 @@ def test_lines_as_wide_as_a_quarter_of_the_resonance_do_not_blunt_it() -> None:
     moved = march(two_modes(), drive, RATE)
     fine, coarse = (estimate_swept_response(drive, moved, RATE, (50, 500), width) for width in (5.0, 16.0))
     there = coarse.within(100, 250)
-    exact = np.interp(there.frequency_hz, fine.frequency_hz, fine.modulus)
-    assert np.abs(there.modulus / exact - 1).max() < 1e-3  # a Hann line alone blunts the peak by 6e-3
+    exact = np.interp(there.x, fine.x, fine.plotted)
+    assert np.abs(there.plotted / exact - 1).max() < 1e-3  # a Hann line alone blunts the peak by 6e-3
 
 
 def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
@@ -132,10 +132,10 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
         estimate_periodic_response(drive, clean + sigma * rng.standard_normal(clean.size), RATE, 1.0, (25, 525))
         for _ in range(seeds)
     ]
-    form, f = two_modes(), found[0].frequency_hz
+    form, f = two_modes(), found[0].x
     assert f.tolist() == design.frequency_hz.tolist()
     exact = (form.residues / (2j * np.pi * f[:, None] - form.poles)).sum(1)
-    gaps = np.stack([r.modulus for r in found]) - np.abs(exact)
+    gaps = np.stack([r.plotted for r in found]) - np.abs(exact)
     # `march` has straight lines between samples, a band-limited drive has none: (pi f / rate)^2 / 3 of the response
     gaps -= (np.sinc(f / RATE) ** 2 - 1) * np.abs(exact) * 0.5
     bound = sigma / np.abs(np.fft.rfft(period)[design.lines]) * np.sqrt(period.size / 2 / 6)
@@ -143,8 +143,8 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
     inside = np.mean([np.mean(np.abs(g) <= half_width(r)) for g, r in zip(gaps, found, strict=True)])
     assert 0.93 < inside < 0.97
     assert found[0].degrees_of_freedom == 5 * 10  # five lines share their noise
-    assert np.mean([r.standard_error for r in found], 0) == pytest.approx(gaps.std(0), rel=0.6)
-    assert np.sqrt(np.mean([r.standard_error**2 for r in found])) == pytest.approx(gaps.std(), rel=0.05)
+    assert np.mean([r.errors for r in found], 0) == pytest.approx(gaps.std(0), rel=0.6)
+    assert np.sqrt(np.mean([r.errors**2 for r in found])) == pytest.approx(gaps.std(), rel=0.05)
 
 
 def test_second_harmonics_of_an_inverting_sweep_are_no_lines_of_the_response() -> None:
@@ -158,8 +158,8 @@ def test_second_harmonics_of_an_inverting_sweep_are_no_lines_of_the_response() -
     X[f + 1], Y[f + 1] = 0.02 * X[f], 0.2 * Y[f[0]]
     drive, moved = (np.tile(np.fft.irfft(lines), 7) for lines in (X, Y))
     found = estimate_periodic_response(drive, moved, 5000.0, 1.0, (20, 530))
-    assert found.frequency_hz.tolist() == f.tolist()
-    assert np.abs(found.response / H - 1).max() < 1e-6
+    assert found.x.tolist() == f.tolist()
+    assert np.abs(found.y / H - 1).max() < 1e-6
 
 
 @pytest.mark.one_in(100)
@@ -181,8 +181,8 @@ def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> 
             found = estimate_periodic_response(
                 np.tile(period[0], 7), np.tile(period[1], 7) + noise, 5000.0, 1.0, (20, 530)
             )
-            inside.append(np.abs(found.modulus - np.abs(H)) <= half_width(found))
-            stated.append(found.standard_error / np.abs(H))
+            inside.append(np.abs(found.plotted - np.abs(H)) <= half_width(found))
+            stated.append(found.errors / np.abs(H))
         assert 0.925 < np.mean(inside[-20:]) < 0.975
     assert np.median(stated[20:]) > 3 * np.median(stated[:20])
 
@@ -195,7 +195,7 @@ def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
     H = 1 / (1 - (design.frequency_hz / 158) ** 2 + 0.42j * design.frequency_hz / 158)
     drive, moved = (waves @ np.exp(1j * design.phases)).real, (waves @ (H * np.exp(1j * design.phases))).real
     found = estimate_periodic_response(drive, moved, RATE, 0.5, (50, 500))
-    assert np.abs(found.response / H - 1).max() < 2e-3
+    assert np.abs(found.y / H - 1).max() < 2e-3
 
 
 @pytest.mark.deep
@@ -204,8 +204,8 @@ def test_a_given_delay_is_taken_out() -> None:
     late = 5
     plain = estimate_swept_response(drive, moved, RATE, (25, 525)).within(60, 480)
     removed = estimate_swept_response(drive[late:], moved[:-late], RATE, (25, 525), delay_s=late / RATE).within(60, 480)
-    assert np.abs(removed.response / plain.response - 1).max() < 0.02
-    assert np.median(np.abs(removed.response / plain.response - 1)) < 1e-3
+    assert np.abs(removed.y / plain.y - 1).max() < 0.02
+    assert np.median(np.abs(removed.y / plain.y - 1)) < 1e-3
 
 
 @pytest.mark.one_in(2)
@@ -231,7 +231,7 @@ def test_the_peak_is_where_the_model_has_it(grams: float) -> None:
 
 
 def lines(r: FrequencyResponse) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    return r.frequency_hz, r.response, r.standard_error, r.correlation
+    return r.x, r.y, r.errors, r.correlation
 
 
 @pytest.mark.deep
