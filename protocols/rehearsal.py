@@ -4,7 +4,7 @@ A protocol that cannot be run is rejected; a problem that the model predicts is 
 """
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,37 +71,18 @@ def rehearse(
     protocol = adapted.protocol
     plan = protocol.plan(rest_v)
     drives = [(entry, drive) for entry in plan for drive in entry.drives]
-    for entry, drive in drives:
-        try:
-            amplifier.check_drive_limits(drive)
-        except DriveRejectedError as refusal:
-            instead = _substitutes_text(protocol, amplifier) if amplifier.reason_unsupported(drive) else ""
-            raise DriveRejectedError(f"{entry.label}: {refusal}{instead}") from None
+    _check_drives(protocol, drives, amplifier)
     if meters is not None:
         _check_meters(protocol, meters)
-    longest = max(plan, key=lambda entry: entry.expected_s, default=None)
-    if longest is not None and longest.expected_s * protocol.sample_rate_hz > protocol.max_recording_scans:
-        raise CannotRunError(
-            f"{longest.label}: {recording_too_long_message(longest.expected_s * protocol.sample_rate_hz)}"
-        )
+    _check_recordings(protocol, plan)
     duration_s = protocol.rest_record_s + sum(_entry_duration_s(entry, amplifier) for entry in plan)
     file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_PER_SAMPLE) + FILE_OVERHEAD_BYTES
     if folder is not None:
         check_disk_space(file_bytes, folder)
-    moments = [_highest_slew(drives, amplifier), *_highest_current(drives, amplifier)]
-    cautions = [adapted.message] if adapted.message else []
-    if drives and not amplifier.limits.has_current_limit:
-        cautions.append(
-            "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
-        )
+    travel = None
     if drives and sensor is not None and tactor is not None:
-        share, words = _largest_travel(drives, amplifier, sensor, tactor)
-        moments.append((share, words))
-        if share > 1:
-            cautions.append(
-                f"the model expects the displacement to leave the sensor's range ({words}); points there will be flagged. "
-                "Lower the drive, or move the sensor so that rest is nearer to the middle of its range"
-            )
+        travel = _largest_travel(drives, amplifier, sensor, tactor)
+    moments = [_highest_slew(drives, amplifier), *_highest_current(drives, amplifier), *([travel] if travel else [])]
     volts = amplifier.map.specimen_v
     return Rehearsal(
         duration_s=duration_s,
@@ -111,8 +92,34 @@ def rehearse(
         lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
         file_bytes=file_bytes,
         worst=max(moments)[1] if drives else "nothing is driven",
-        cautions=tuple(cautions),
+        cautions=tuple(filter(None, (adapted.message, *(_cautions(amplifier, travel) if drives else ())))),
     )
+
+
+def _check_drives(protocol: Protocol, drives: "PlannedDrives", amplifier: HvAmplifier) -> None:
+    for entry, drive in drives:
+        try:
+            amplifier.check_drive_limits(drive)
+        except DriveRejectedError as refusal:
+            instead = _substitutes_text(protocol, amplifier) if amplifier.reason_unsupported(drive) else ""
+            raise DriveRejectedError(f"{entry.label}: {refusal}{instead}") from None
+
+
+def _check_recordings(protocol: Protocol, plan: Sequence[PlanEntry]) -> None:
+    longest = max(plan, key=lambda entry: entry.expected_s, default=None)
+    scans = 0.0 if longest is None else longest.expected_s * protocol.sample_rate_hz
+    if longest is not None and scans > protocol.max_recording_scans:
+        raise CannotRunError(f"{longest.label}: {recording_too_long_message(scans)}")
+
+
+def _cautions(amplifier: HvAmplifier, travel: tuple[float, str] | None) -> Iterator[str]:
+    if not amplifier.limits.has_current_limit:
+        yield "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
+    if travel is not None and travel[0] > 1:
+        yield (
+            f"the model expects the displacement to leave the sensor's range ({travel[1]}); points there will be flagged. "
+            "Lower the drive, or move the sensor so that rest is nearer to the middle of its range"
+        )
 
 
 def check_disk_space(file_bytes: int, folder: Path) -> None:

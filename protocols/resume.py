@@ -6,7 +6,7 @@ entry is first measured again, which shows drift: temperature, a bumped sensor, 
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -78,18 +78,13 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         RunReadError: the file is not a run, still being written, complete with nothing to repeat, or of an unknown protocol.
     """
     with Run(path) as run, translate_read_errors(path):
-        if run.record.status is RunStatus.RUNNING and not run.record.crashed:
-            raise RunReadError(f"{path} is still being written; stop that run first")
-        if run.record.imported:
-            raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
+        _check_measured(path, run)
         protocol = protocol_of_run(run, str(path))
         rest_v = float(run.record.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
-        points = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
-        begun = run.entries()
-        plan = extend_plan(protocol, protocol.plan(rest_v), points, rest_v)
-        # Refinement entries depend on points; if those were measured again, the entries may differ.
-        stale = [i for i in points if i >= len(plan) or (i in begun and begun[i].key != plan[i].key)]
-        points = {i: point for i, point in points.items() if i not in stale}
+        measured = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
+        plan = extend_plan(protocol, protocol.plan(rest_v), measured, rest_v)
+        points = _points_of_plan(run, measured, plan)
+        stale = len(measured) - len(points)
         if unknown := [i for i in repeat_entries if not 0 <= i < len(plan)]:
             raise RunReadError(
                 f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points"
@@ -98,12 +93,27 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
             raise RunReadError(f"{path} is complete: there is nothing to resume")
         words = f"Continues {path.name} ({run.record.state}), {len(points)} points carried over"
         if stale:
-            words += f", {len(stale)} dropped: the plan has other entries in their place now"
+            words += f", {stale} dropped: the plan has other entries in their place now"
         check = max(points) if points and not repeat_entries else None
         series = run.series() or _recompute_series(run, protocol, plan)
         kept = tuple(one for one in series if one.entry in points)
         continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
         return ResumableRun(path, protocol, run.record, continuation)
+
+
+def _check_measured(path: Path, run: Run) -> None:
+    if run.record.status is RunStatus.RUNNING and not run.record.crashed:
+        raise RunReadError(f"{path} is still being written; stop that run first")
+    if run.record.imported:
+        raise RunReadError(f"{path} was imported, not measured, and cannot be resumed; start a new run")
+
+
+def _points_of_plan(run: Run, points: Mapping[int, Any], plan: Sequence[PlanEntry]) -> dict[int, Any]:
+    """Return the points of the plan's entries: refinements depend on points, and may differ once those were measured again."""
+    begun = run.entries()
+    return {
+        i: point for i, point in points.items() if i < len(plan) and (i not in begun or begun[i].key == plan[i].key)
+    }
 
 
 FLAGGED_ENTRIES = "flagged"

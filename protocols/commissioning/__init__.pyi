@@ -1,7 +1,7 @@
 from .exercise import Trace as Trace
 from .messages import MessageLog as MessageLog
-from .procedure import commission_bench as commission_bench
 from .sequence import Commissioned as Commissioned
+from .sequence import commission_bench as commission_bench
 from .verdict import CheckedOutput as CheckedOutput
 from .verdict import MeasuredTimes as MeasuredTimes
 from .verdict import OutputVerdict as OutputVerdict

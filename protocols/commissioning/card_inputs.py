@@ -115,12 +115,7 @@ def _recorded(bench: ArmedBench, clock: Clock, drive: Sine, check_stop: Callable
         bench.amplifier.force_rest()
     except InstrumentError as refused:
         error = error or str(refused)
-    counts = np.concatenate([block.raw for block in blocks], axis=1)
-    volts = [scale.to_volts(raw) for scale, raw in zip(bench.scales, counts, strict=True)]
-    begin_s = start_s + blocks[0].start / bench.rate_hz
-    return Trace(
-        NAME, drive, bench.rate_hz, begin_s, volts[0], np.array(volts[1:]), (), started_s, stop_s, clock.now(), error
-    )
+    return Trace.of_blocks(NAME, drive, bench, blocks, (), started_s, stop_s, clock.now(), error)
 
 
 def _tones(slots: Array, rate_hz: float) -> Array:

@@ -1,8 +1,9 @@
 """Exercises of a source: drives that are played with high voltage off while the card records the output."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
@@ -47,6 +48,15 @@ class Trace:
     rest_s: float
     error: str = ""
     held_until_s: float = math.inf
+
+    @classmethod
+    def of_blocks(cls, name: str, drive: Drive, bench: ArmedBench, blocks: Sequence[Block], *facts: Any) -> Self:
+        """Return the trace of recorded blocks; `facts` are the fields from `messages` on."""
+        counts = np.concatenate([block.raw for block in blocks], axis=1)
+        volts = [scale.to_volts(raw) for scale, raw in zip(bench.scales, counts, strict=True)]
+        start_s = bench.stream.start_time_s + blocks[0].start / bench.rate_hz
+        others = np.array(volts[DRIVE_CHANNEL + 1 :])
+        return cls(name, drive, bench.rate_hz, start_s, volts[DRIVE_CHANNEL], others, *facts)
 
     def span(self, begin_s: float, end_s: float) -> Array:
         """Return the samples between two bench times."""
@@ -140,23 +150,9 @@ class Exerciser:
             self._messages.separated = frozenset()
         rest_s = self._clock.now()
         self._read_until(rest_s + observe_s)
-        first = self._blocks[0]
-        counts = np.concatenate([block.raw for block in self._blocks], axis=1)
-        scaled = [scale.to_volts(raw) for scale, raw in zip(self._bench.scales, counts, strict=True)]
-        return Trace(
-            name,
-            drive,
-            self._bench.rate_hz,
-            self._bench.stream.start_time_s + first.start / self._bench.rate_hz,
-            scaled[DRIVE_CHANNEL],
-            np.array(scaled[DRIVE_CHANNEL + 1 :]),
-            self._messages.take(),
-            started_s,
-            stop_s,
-            rest_s,
-            error,
-            held_until_s,
-        )
+        messages = self._messages.take()
+        facts = (messages, started_s, stop_s, rest_s, error, held_until_s)
+        return Trace.of_blocks(name, drive, self._bench, self._blocks, *facts)
 
     def _read_until(self, time_s: float) -> None:
         """Read blocks until all samples before a bench time are there."""

@@ -4,20 +4,26 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 from drivers import (
     ArmedBench,
+    Bench,
     Clock,
     Drive,
+    HighVoltageSwitch,
     Hold,
     InstrumentError,
     RestartableStream,
+    ScanOrderError,
     ScansLostError,
     Sine,
     Steps,
 )
 from drivers.evidence import OutputCheck
 from protocols.commissioning.card_inputs import NAME as CARD_INPUTS_NAME
+from protocols.commissioning.card_inputs import SCAN_RATE_HZ, exercise_inputs, scan_order
 from protocols.commissioning.checks import (
     HELD_V,
     LEVEL_LIMIT_V,
@@ -34,7 +40,7 @@ from protocols.commissioning.checks import (
     worst_deviation,
 )
 from protocols.commissioning.evaluation import Evaluation
-from protocols.commissioning.exercise import TAIL_S, Exerciser, Trace
+from protocols.commissioning.exercise import Exerciser, Trace
 from protocols.commissioning.long_level import (
     EARLY_HELD_S,
     EARLY_STOP_AFTER_S,
@@ -112,9 +118,9 @@ class Commissioning:
         bench: ArmedBench,
         clock: Clock,
         messages: MessageLog,
-        progress: ProgressListener = lambda _name, _fraction: None,
-        second_client: Callable[[], float] | None = None,
-        check_stop: Callable[[], object] = lambda: None,
+        progress: ProgressListener,
+        second_client: Callable[[], float] | None,
+        check_stop: Callable[[], object],
     ) -> None:
         self._bench, self._clock, self._progress, self._second_client = bench, clock, progress, second_client
         self._exerciser, self._messages = Exerciser(bench, clock, messages, check_stop), messages
@@ -133,13 +139,17 @@ class Commissioning:
         """
         rest_v = self._rest_v
         small = Sine(FREQUENCY_HZ, SMALL_V, rest_v, CYCLES)
-        sine = self._burst("sine", small)
-        uneven = self._burst("uneven waveform", Steps((rest_v, rest_v + 0.3, rest_v), 0.12, 0.005))
-        again = self._burst("sine again", small)
-        larger = self._burst("larger sine", Sine(FREQUENCY_HZ, LARGER_V, rest_v, CYCLES))
-        bursts = [b for b in (sine, uneven, again, larger) if b is not None]
+        forms: dict[str, Drive] = {
+            "sine": small,
+            "uneven waveform": Steps((rest_v, rest_v + 0.3, rest_v), 0.12, 0.005),
+            "sine again": small,
+            "larger sine": Sine(FREQUENCY_HZ, LARGER_V, rest_v, CYCLES),
+        }
+        sine, uneven, again, larger = played = [self._burst(name, drive) for name, drive in forms.items()]
+        bursts = [b for b in played if b is not None]
         above, below = (
-            self._held(f"level {side} rest", rest_v + d) for side, d in (("above", HELD_V), ("below", -HELD_V))
+            self._record(f"level {side} rest", Hold(rest_v + d, HELD_S))
+            for side, d in (("above", HELD_V), ("below", -HELD_V))
         )
         long = Sine(FREQUENCY_HZ, SMALL_V, rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
         stopped = self._burst("Stop in mid-drive", long, stop_after_s=STOP_AFTER_S)
@@ -150,34 +160,26 @@ class Commissioning:
         too_long = None if self._bench.amplifier.plays_to_the_end else check_stop_duration(stopped)
         steady = check_long_level(None) if too_long else self._long_level()
         level_stop_s = self._hastened_stop_s()
+        rest, after = self._levels(bursts, everything)
+        offset = check_offset(above, below)
         if not self._plays_bursts:  # a DC supply: levels only
-            rest, _ = self._levels(bursts, everything)
-            checks = [
-                rest,
-                check_offset(above, below),
-                steady,
-                *check_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)}),
-            ]
-            return self._commissioned(checks, MeasuredTimes(math.nan, math.nan, math.nan, self._messages.reply_s))
-        checks = [*self._levels(bursts, everything), check_offset(above, below), steady]
+            transients = check_transients(everything, None, {OutputCheck.SETTINGS: tuple(MessageKind)})
+            times = MeasuredTimes(math.nan, math.nan, math.nan, self._messages.reply_s)
+            return self._commissioned([rest, offset, steady, *transients], times)
+        checks = [rest, after, offset, steady, *check_waveforms(sine or again, uneven, larger)]
         checks += [
-            *check_waveforms(sine or again, uneven, larger),
             *check_transients(everything, stopped),
             self._starts(),
+            *check_wire(cut, bursts),
+            check_crosstalk(bursts),
         ]
-        checks += [*check_wire(cut, bursts), check_crosstalk(bursts)]
         if self._bench.amplifier.starts_on_scan:
             checks.append(check_start_route(bursts, self._errors))
         if too_long is not None:
             checks = [too_long if check.check is OutputCheck.STOP else check for check in checks]
-        safe = all(check.passed for check in checks if check.check not in HARMLESS)
-        largest = self._largest_stop() if safe else None
-        if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
-            checks = [with_jump_at_stop(check, largest) for check in checks]
-        if self._bench.amplifier.holds_rewrites_back:
-            checks = [with_rewrites_held_back(check) for check in checks]
+        largest = self._largest_stop(checks)
         times = replace(self._times(largest or stopped, bursts), level_stop_s=level_stop_s, upload_s=upload_s)
-        return self._commissioned(checks, times)
+        return self._commissioned([*map(partial(self._with_remarks, largest), checks)], times)
 
     def _commissioned(self, checks: Sequence[CheckedOutput], times: MeasuredTimes) -> Commissioned:
         return Commissioned(
@@ -189,17 +191,24 @@ class Commissioning:
             self._messages.command_times(),
         )
 
-    def _burst(
-        self,
-        name: str,
-        drive: Drive,
-        *,
-        stop_after_s: float | None = None,
-        in_mid_drive: Callable[[], None] | None = None,
-    ) -> Evaluation | None:
+    def _play(self, name: str, drive: Drive, **options: Any) -> Trace | None:
+        """Play and record a drive, with the options of `Exerciser.record`."""
+        self._announce(name)
+        trace = self._exerciser.record(name, drive, **options)
+        if trace is not None:
+            self._traces.append(trace)
+            if trace.error:
+                self._errors.append(f"{name}: {trace.error}")
+        return trace
+
+    def _record(self, name: str, drive: Drive, **options: Any) -> Evaluation | None:
+        trace, stop_after_s = self._play(name, drive, **options), options.get("stop_after_s")
+        return None if trace is None else Evaluation(trace, None if stop_after_s is None else stop_after_s - 0.1)
+
+    def _burst(self, name: str, drive: Drive, **options: Any) -> Evaluation | None:
         """Play a burst, once more if it did not start; return its evaluation, None if it could not be recorded."""
         for _ in range(2):
-            found = self._record(name, drive, stop_after_s, in_mid_drive)
+            found = self._record(name, drive, **options)
             if found is None:
                 return None
             self._plays_bursts = True
@@ -209,49 +218,16 @@ class Commissioning:
             self._lost += 1
         return None
 
-    def _held(self, name: str, level_v: float) -> Evaluation | None:
-        return self._record(name, Hold(level_v, HELD_S))
-
-    def _record(
-        self,
-        name: str,
-        drive: Drive,
-        stop_after_s: float | None = None,
-        in_mid_drive: Callable[[], None] | None = None,
-        timed_stop: bool = False,
-    ) -> Evaluation | None:
-        self._announce(name)
-        trace = self._exerciser.record(
-            name, drive, stop_after_s=stop_after_s, in_mid_drive=in_mid_drive, timed_stop=timed_stop
-        )
-        if trace is None:
-            return None
-        self._traces.append(trace)
-        if trace.error:
-            self._errors.append(f"{name}: {trace.error}")
-        return Evaluation(trace, None if stop_after_s is None else stop_after_s - 0.1)
-
     def _announce(self, name: str) -> None:
         done_s = sum(seconds for each, seconds in PLANNED_S.items() if each in self._begun and each != name)
         self._begun.add(name)
         self._progress(name, min(done_s / sum(PLANNED_S.values()), 1.0))
 
-    def _level(
-        self, name: str, held_s: float, stop_after_s: float | None = None, observe_s: float = TAIL_S
-    ) -> Trace | None:
+    def _level(self, name: str, held_s: float, **options: Any) -> Trace | None:
         """Hold a level as in a run, once more if it was not reached; return its recording, or None."""
-        level_v = self._rest_v + LEVEL_V
         for _ in range(2):
-            self._announce(name)
-            trace = self._exerciser.record(
-                name, Hold(level_v, held_s), stop_after_s=stop_after_s, as_waveform=True, observe_s=observe_s
-            )
-            if trace is None:
-                return None
-            self._traces.append(trace)
-            if trace.error:
-                self._errors.append(f"{name}: {trace.error}")
-            if is_reached(trace):
+            trace = self._play(name, Hold(self._rest_v + LEVEL_V, held_s), as_waveform=True, **options)
+            if trace is None or is_reached(trace):
                 return trace
         return None
 
@@ -288,21 +264,15 @@ class Commissioning:
             upload()
             took_s[0] = self._clock.now() - begin_s
 
-        self._announce(name)
         try:
-            trace = self._exerciser.record(name, Hold(self._rest_v, HELD_S), instead=timed)
+            found = self._record(name, Hold(self._rest_v, HELD_S), instead=timed)
         except ScansLostError as error:  # on a slow wire the upload takes longer than the card's buffer lasts
             if not isinstance(self._bench.stream, RestartableStream):
                 raise
             self._bench.stream.restart()
             self._errors.append(f"{name}: took {took_s[0]:.1f} s; the output meanwhile was not recorded: {error}")
             return None, took_s[0]
-        if trace is None:
-            return None, math.nan
-        self._traces.append(trace)
-        if trace.error:
-            self._errors.append(f"{name}: {trace.error}")
-        return Evaluation(trace), took_s[0]
+        return found, math.nan if found is None else took_s[0]
 
     def _cut_wire(self) -> None:
         with suppress(InstrumentError):
@@ -319,13 +289,21 @@ class Commissioning:
         lost = float(self._lost) if self._started else math.nan
         return CheckedOutput(OutputCheck.START, lost, "drives lost", 0.0, 0.0, f"of {self._started}")
 
-    def _largest_stop(self) -> Evaluation | None:
+    def _largest_stop(self, checks: Sequence[CheckedOutput]) -> Evaluation | None:
         """Stop the largest drive; only tried on a source that did what is assumed."""
+        if not all(check.passed for check in checks if check.check not in HARMLESS):
+            return None
         span_v = SPAN_SHARE * min(
             self._bench.amplifier.map.high_v - self._rest_v, self._rest_v - self._bench.amplifier.map.low_v
         )
         drive = Sine(FREQUENCY_HZ, span_v, self._rest_v, math.ceil(UNSTOPPED_S * FREQUENCY_HZ))
-        return self._record("Stop from the largest drive", drive, STOP_AFTER_S, timed_stop=True)
+        return self._record("Stop from the largest drive", drive, stop_after_s=STOP_AFTER_S, timed_stop=True)
+
+    def _with_remarks(self, largest: Evaluation | None, check: CheckedOutput) -> CheckedOutput:
+        """Return a check with what the Stop of the largest drive and NI's driver add to it."""
+        if largest is not None and not largest.trace.messages:  # a card's output, which no message explains
+            check = with_jump_at_stop(check, largest)
+        return with_rewrites_held_back(check) if self._bench.amplifier.holds_rewrites_back else check
 
     def _times(self, stopped: Evaluation | None, bursts: Sequence[Evaluation]) -> MeasuredTimes:
         """Return the measured times."""
@@ -337,3 +315,40 @@ class Commissioning:
             with suppress(InstrumentError):
                 second_s = self._second_client()
         return MeasuredTimes(stop_s, max(delays, default=math.nan), second_s, self._messages.reply_s)
+
+
+def commission_bench(
+    bench: Bench,
+    switch: HighVoltageSwitch,
+    rate_hz: float,
+    messages: MessageLog,
+    progress: ProgressListener = lambda _name, _fraction: None,
+    second_client: Callable[[], float] | None = None,
+    check_stop: Callable[[], object] = lambda: None,
+) -> Commissioned:
+    """Exercise the instruments of a bench; return what was measured.
+
+    Args:
+        bench: its source is brought to rest at the end, whatever happens.
+        switch: disables high voltage; it is never enabled.
+        rate_hz: scans per second while the source is exercised.
+        messages: notes the messages to the source.
+        progress: called with the name of each exercise as it begins, and the fraction that is done.
+        second_client: connects to the instrument once more, and returns the time of its reply; None if there is none.
+        check_stop: called with every block that is read; raises to abandon, with the source brought to rest.
+
+    Raises:
+        BenchError: an instrument is absent, or rejects what it must do to be set up.
+    """
+    with bench.exercised(rate_hz, lambda _: None, switch) as exercised:
+        found = Commissioning(exercised, bench.clock, messages, progress, second_client, check_stop).run()
+    if not found.plays_bursts:
+        return found
+    progress(CARD_INPUTS_NAME, 1 - PLANNED_S[CARD_INPUTS_NAME] / sum(PLANNED_S.values()))
+    order = scan_order(2 + len(bench.channels))
+    try:
+        with bench.exercised(SCAN_RATE_HZ, lambda _: None, switch, order) as scanned:
+            inputs = exercise_inputs(scanned, bench.clock, order, bench.amplifier.map.rest_v, check_stop)
+    except ScanOrderError:  # a converter for each input: no skew, and nothing that would have to settle
+        return found
+    return replace(found, checks=(*found.checks, *inputs.checks), traces=(*found.traces, *inputs.traces))

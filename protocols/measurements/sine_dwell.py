@@ -7,6 +7,7 @@ make harmonics, and near half the resonance the two differ by a fifth. Several r
 import math
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers import Sine
+from model import Complex
 from protocols.base import (
     PART_SCANS,
     CheckResult,
@@ -98,6 +100,16 @@ class _RecordingFit:
     coincident: Mapping[int, float]
     """Amplitude of the interference at a harmonic of the drive that cannot be told from the response, by its order."""
 
+    @property
+    def drive_amplitude(self) -> float:
+        """Peak amplitude of the recorded drive."""
+        return abs(self.driven.fundamental)
+
+    @property
+    def drive_error(self) -> float:
+        """Relative standard error of the drive; 0 without a drive."""
+        return self.driven.standard_error / self.drive_amplitude if self.drive_amplitude else 0.0
+
 
 def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     """The point of recordings under one sine; several, and parts of a long one, are averaged as vectors, each against its own drive.
@@ -109,36 +121,37 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     if not isinstance(drive, Sine):
         raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
     each = [_fit_recording(part, drive.frequency_hz) for recording in recordings for part in recording.parts()]
+
+    def mean(name: str) -> float:
+        return float(np.mean([attrgetter(name)(one) for one in each]))
+
+    def error_of_mean(name: str) -> float:
+        return math.sqrt(sum(attrgetter(name)(one) ** 2 for one in each)) / len(each)
+
     components = np.mean([one.components for one in each], axis=0)
     fundamental = float(abs(components[0]))
-    statistical = math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each)
+    statistical = error_of_mean("moved.standard_error")
     # Interference at the frequency of the drive has a measured amplitude and an unknown phase; averaging may not help.
     interference = {order: size / math.sqrt(2) for one in each for order, size in one.coincident.items()}
     error = math.hypot(statistical, interference.get(1, 0.0))
     # The phase is against the recorded drive, whose channel has noise of its own.
-    drive_error = math.sqrt(
-        sum((one.driven.standard_error / abs(one.driven.fundamental)) ** 2 for one in each if one.driven.fundamental)
-    ) / len(each)
-    phase_error = math.hypot(error / fundamental, drive_error) if fundamental > 0 else math.inf
+    phase_error = math.hypot(error / fundamental, error_of_mean("drive_error")) if fundamental > 0 else math.inf
     tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
     detected = {
-        Quality.DRIVE_OFF: any(abs(abs(one.driven.fundamental) - drive.amplitude_v) > tolerance_v for one in each),
+        Quality.DRIVE_OFF: any(abs(one.drive_amplitude - drive.amplitude_v) > tolerance_v for one in each),
         Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
         Quality.INTERFERENCE: interference.get(1, 0.0) > statistical,
         Quality.FOLDED: any(
             is_folded_onto(r.interference, drive.frequency_hz, (r.rows[1] - r.rows[0]) / r.rate_hz) for r in recordings
         ),
     }
-    frequency = float(np.mean([one.frequency for one in each]))
-    noise = math.sqrt(sum(one.moved.noise**2 for one in each) / len(each))
+    frequency = mean("frequency")
     turn = np.angle(components[0]) + 2 * np.pi * frequency * recordings[-1].sensor_delay_s
-    harmonics = np.full(HARMONIC_COUNT, np.nan)
-    harmonics[: len(components)] = np.abs(components)
     return SinePoint(
         frequency=frequency,
-        peak_to_peak=float(np.mean([one.extremes.value for one in each])),
+        peak_to_peak=mean("extremes.value"),
         peak_to_peak_errors=math.hypot(
-            math.sqrt(sum(one.extremes.scatter**2 for one in each)) / len(each),
+            error_of_mean("extremes.scatter"),
             max(one.extremes.systematic for one in each),
             2 * math.hypot(*interference.values()),
         ),
@@ -147,15 +160,22 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         phase=float(np.angle(np.exp(1j * turn))),
         phase_errors=min(phase_error, math.pi / math.sqrt(3)),
         thd=float(np.linalg.norm(components[1:]) / fundamental) if fundamental > 0 else math.nan,
-        harmonics=tuple(harmonics.tolist()),
-        drive_amplitude=float(np.mean([abs(one.driven.fundamental) for one in each])),
-        drive_offset=float(np.mean([one.driven.offset for one in each])),
-        offset=float(np.mean([one.moved.offset for one in each])),
-        drift=float(np.mean([one.moved.drift_per_s for one in each])),
-        noise=noise,
+        harmonics=harmonic_amplitudes(components),
+        drive_amplitude=mean("drive_amplitude"),
+        drive_offset=mean("driven.offset"),
+        offset=mean("moved.offset"),
+        drift=mean("moved.drift_per_s"),
+        noise=math.sqrt(sum(one.moved.noise**2 for one in each) / len(each)),
         cycles=sum(one.samples for one in each) * frequency / rate,
         quality=point_quality(recordings, simulated, detected),
     )
+
+
+def harmonic_amplitudes(components: Complex) -> tuple[float, ...]:
+    """Return the peak amplitudes of the orders 1..8, NaN beyond the sample rate."""
+    harmonics = np.full(HARMONIC_COUNT, np.nan)
+    harmonics[: len(components)] = np.abs(components)
+    return tuple(harmonics.tolist())
 
 
 def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:

@@ -34,7 +34,7 @@ from protocols.base import (
 )
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
-from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, sine_point
+from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, harmonic_amplitudes, sine_point
 from protocols.signals import estimate_max_min, fit_frequency, fit_sine, fold, remove_lines
 
 SETTLE_TOLERANCE, SETTLE_LIMIT_S = 0.005, 2.0
@@ -166,8 +166,6 @@ class SquareDwell(Protocol):
         ratio = extremes.value / sine.peak_to_peak
         fundamental, drive_v = abs(moved.fundamental), abs(driven.fundamental)
         linearity = fundamental / drive_v / (sine.fundamental / sine.drive_amplitude)
-        harmonics = np.full(HARMONIC_COUNT, np.nan)
-        harmonics[: len(moved.components)] = np.abs(moved.components)
         seen_vpp, told_vpp = float(np.ptp(square.drive_v)), drive.high_v - drive.low_v
         detected = {
             Quality.DRIVE_OFF: abs(seen_vpp - told_vpp) > DRIVE_TOLERANCE * told_vpp,
@@ -189,7 +187,7 @@ class SquareDwell(Protocol):
             linearity=linearity,
             linearity_errors=linearity
             * math.hypot(fundamental_error / fundamental, driven.standard_error / drive_v, sine.relative_uncertainty),
-            harmonics=tuple(harmonics.tolist()),
+            harmonics=harmonic_amplitudes(moved.components),
             drive_fundamental=drive_v,
             drive_peak_to_peak=seen_vpp,
             duty=float(np.mean(square.drive_v > drive.offset_v)),

@@ -9,8 +9,7 @@ from drivers.evidence.assumption import OutputCheck
 from drivers.evidence.evidence_files import assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageLog
-from protocols.commissioning.procedure import commission_bench
-from protocols.commissioning.sequence import Commissioned
+from protocols.commissioning.sequence import Commissioned, commission_bench
 from sim_hardware.generators.registry import deviations_of
 from tests.helpers.simulated_bench import simulated
 

@@ -11,8 +11,7 @@ from drivers.evidence.assumption import Assumption, OutputCheck
 from drivers.evidence.evidence_files import assumptions, assumptions_about
 from drivers.transport.observed_link import ObservedLink
 from protocols.commissioning.messages import MessageKind, MessageLog, message_kind
-from protocols.commissioning.procedure import commission_bench
-from protocols.commissioning.sequence import PLANNED_S
+from protocols.commissioning.sequence import PLANNED_S, commission_bench
 from protocols.commissioning.verdict import CheckedOutput, CommandTime, OutputVerdict, checked_assumptions
 from sim_hardware.clock import VirtualClock
 from sim_hardware.generators.registry import deviations_of
