@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 from drivers import Block, Drive, Scale, as_record
 from protocols.base.jsonable import to_jsonable
@@ -10,12 +10,26 @@ from protocols.base.records import InterferenceLine, Series
 from protocols.base.steps import Prompt
 from protocols.base.verdict import Outcome, RunStatus, Verdict
 
+EVENTS: dict[str, type["Event"]] = {}
+"""Event types by the name that run files and `--json` use; a `kind` never changes once it was released."""
+
+
+class Event:
+    """Base class of the events of a run, each with its `kind`."""
+
+    __slots__ = ()
+    kind: ClassVar[str]
+
+    def __init_subclass__(cls, kind: str = "") -> None:
+        if kind:  # a dataclass with slots is created once more, without the keyword
+            cls.kind = kind
+        EVENTS[cls.kind] = cls
+
 
 @dataclass(frozen=True, slots=True)
-class RunStarted:
+class RunStarted(Event, kind="RunStarted"):
     """The run file exists; nothing has moved yet."""
 
-    kind: ClassVar[str] = "RunStarted"
     protocol: str
     path: str
     expected_s: float
@@ -24,19 +38,17 @@ class RunStarted:
 
 
 @dataclass(frozen=True, slots=True)
-class StreamStarted:
+class StreamStarted(Event, kind="StreamStarted"):
     """The acquisition has started."""
 
-    kind: ClassVar[str] = "StreamStarted"
     rate_hz: float
     scales: tuple[Scale, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class BenchArmed:
+class BenchArmed(Event, kind="Armed"):
     """The source is at measured rest; the operator confirmed high voltage, or it stays off if not needed."""
 
-    kind: ClassVar[str] = "Armed"
     high_voltage: bool = True
     way_to_rest_s: float = math.nan
     """Predicted duration of the way to rest from the farthest level; NaN if unknown."""
@@ -45,19 +57,17 @@ class BenchArmed:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockStored:
+class BlockStored(Event, kind="BlockTaken"):
     """A block is in the file; `row` is the file's row of its first scan."""
 
-    kind: ClassVar[str] = "BlockTaken"
     block: Block
     row: int
 
 
 @dataclass(frozen=True, slots=True)
-class BlockDiscarded:
+class BlockDiscarded(Event, kind="BlockSeen"):
     """A block read while waiting for the operator; published, never stored."""
 
-    kind: ClassVar[str] = "BlockSeen"
     block: Block
 
 
@@ -66,49 +76,44 @@ INTERFERENCE_AT_REST = "interference_at_rest"
 
 
 @dataclass(frozen=True, slots=True)
-class InterferenceMeasured:
+class InterferenceMeasured(Event, kind="InterferenceMeasured"):
     """The displacement at rest was recorded in these rows of the file and searched for hum and other lines.
 
     `lines` has the significant ones, the largest first.
     """
 
-    kind: ClassVar[str] = "InterferenceMeasured"
     rows: tuple[int, int]
     lines: tuple[InterferenceLine, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class EntryStarted:
+class EntryStarted(Event, kind="EntryBegan"):
     """An entry of the plan is being measured; `index` counts the plan's entries from 0."""
 
-    kind: ClassVar[str] = "EntryBegan"
     index: int
     label: str
     key: tuple[float | str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class DriveStarted:
+class DriveStarted(Event, kind="Playing"):
     """The guard admitted a drive and the source started it."""
 
-    kind: ClassVar[str] = "Playing"
     drive: Drive
 
 
 @dataclass(frozen=True, slots=True)
-class SettlingFinished:
+class SettlingFinished(Event, kind="SettleEnded"):
     """The wait before a recording is over: response steady, time limit reached, or fixed wait passed."""
 
-    kind: ClassVar[str] = "SettleEnded"
     settled: bool
     after_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class RecordingFinished:
+class RecordingFinished(Event, kind="Recorded"):
     """A recording under a drive is complete: these rows of the file."""
 
-    kind: ClassVar[str] = "Recorded"
     index: int
     rows: tuple[int, int]
     quality: int
@@ -117,10 +122,9 @@ class RecordingFinished:
 
 
 @dataclass(frozen=True, slots=True)
-class PointMeasured:
+class PointMeasured(Event, kind="PointMeasured"):
     """A point is in the file, as row `index`; `replaces` is the row of an earlier one of the same entry."""
 
-    kind: ClassVar[str] = "PointMeasured"
     index: int
     point: Any
     entry: int = 0
@@ -128,37 +132,32 @@ class PointMeasured:
 
 
 @dataclass(frozen=True, slots=True)
-class SeriesReady:
+class SeriesReady(Event, kind="SeriesReady"):
     """An entry gave a series, such as a frequency response; published after its point, and again after a repeat.
 
     Published, never stored as an event: the series are written when the run ends.
     """
 
-    kind: ClassVar[str] = "SeriesReady"
     series: Series
 
 
 @dataclass(frozen=True, slots=True)
-class RunPaused:
+class RunPaused(Event, kind="Paused"):
     """The run is paused at measured rest; high voltage is unchanged."""
 
-    kind: ClassVar[str] = "Paused"
     words: str
     high_voltage: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class RunResumed:
+class RunResumed(Event, kind="Resumed"):
     """The run is resumed with the interrupted entry."""
-
-    kind: ClassVar[str] = "Resumed"
 
 
 @dataclass(frozen=True, slots=True)
-class ProgressUpdated:
+class ProgressUpdated(Event, kind="Progressed"):
     """`done` of `entries` are finished; about `left_s` of bench time remain."""
 
-    kind: ClassVar[str] = "Progressed"
     done: int
     entries: int
     left_s: float
@@ -166,36 +165,32 @@ class ProgressUpdated:
 
 
 @dataclass(frozen=True, slots=True)
-class PromptShown:
+class PromptShown(Event, kind="Asked"):
     """The operator is asked to act."""
 
-    kind: ClassVar[str] = "Asked"
     ask_id: int
     prompt: Prompt
 
 
 @dataclass(frozen=True, slots=True)
-class PromptAnswered:
+class PromptAnswered(Event, kind="Answered"):
     """The operator has answered."""
 
-    kind: ClassVar[str] = "Answered"
     ask_id: int
     words: str
 
 
 @dataclass(frozen=True, slots=True)
-class LogMessage:
+class LogMessage(Event, kind="Noted"):
     """A log message."""
 
-    kind: ClassVar[str] = "Noted"
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class LevelExceeded:
+class LevelExceeded(Event, kind="LevelExceeded"):
     """An abort level was exceeded; the points of the entry are flagged, and `action` follows."""
 
-    kind: ClassVar[str] = "LevelExceeded"
     level: str
     """Its name in the table [levels] of the bench file."""
     time_s: float
@@ -211,7 +206,7 @@ class LevelExceeded:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveReadbackChanged:
+class DriveReadbackChanged(Event, kind="DriveReadback"):
     """The card no longer sees the commanded drive at the amplifier's input, or sees it again; published, never stored.
 
     It follows from the comparison of the abort level `drive`, also where that level is off or muted. `low_v` and `high_v`
@@ -219,17 +214,15 @@ class DriveReadbackChanged:
     moment of the loss.
     """
 
-    kind: ClassVar[str] = "DriveReadback"
     lost: bool
     low_v: float
     high_v: float
 
 
 @dataclass(frozen=True, slots=True)
-class InjectedFaultChanged:
+class InjectedFaultChanged(Event, kind="FaultSwitched"):
     """A fault of a simulated bench was injected or cleared."""
 
-    kind: ClassVar[str] = "FaultSwitched"
     fault: str
     """Its name."""
     words: str
@@ -238,44 +231,39 @@ class InjectedFaultChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class ShutdownStarted:
+class ShutdownStarted(Event, kind="GoingToRest"):
     """The shutdown has started; nothing is measured any more."""
-
-    kind: ClassVar[str] = "GoingToRest"
 
 
 @dataclass(frozen=True, slots=True)
-class SpecimenMayBeLive:
+class SpecimenMayBeLive(Event, kind="MayBeLive"):
     """A start, arming or an answer failed while high voltage may be on; the source is brought to rest next.
 
     `low_v` and `high_v` are the lowest and highest volts at the amplifier's input in the card's last block, NaN if there was
     none; `words` has the reason and the manual steps.
     """
 
-    kind: ClassVar[str] = "MayBeLive"
     low_v: float
     high_v: float
     words: str
 
 
 @dataclass(frozen=True, slots=True)
-class RestMeasured:
+class RestMeasured(Event, kind="AtRest"):
     """The drive as measured by the card at the end."""
 
-    kind: ClassVar[str] = "AtRest"
     confirmed: bool
     measured_v: float
     words: str
 
 
 @dataclass(frozen=True, slots=True)
-class RunEnded:
+class RunEnded(Event, kind="RunEnded"):
     """The last event of every run, even if the disk is full. `estimates` are the identified quantities.
 
     `status` and `reason` state how it ended, `verdict` whether its result is usable.
     """
 
-    kind: ClassVar[str] = "RunEnded"
     status: RunStatus
     reason: str
     path: str
@@ -295,41 +283,7 @@ class RunEnded:
         return self.verdict.describe(self.reason)
 
 
-Event = (
-    RunStarted
-    | StreamStarted
-    | BenchArmed
-    | InterferenceMeasured
-    | EntryStarted
-    | BlockStored
-    | BlockDiscarded
-    | DriveStarted
-    | SettlingFinished
-    | RecordingFinished
-    | PointMeasured
-    | SeriesReady
-    | RunPaused
-    | RunResumed
-    | ProgressUpdated
-    | PromptShown
-    | PromptAnswered
-    | LogMessage
-    | LevelExceeded
-    | DriveReadbackChanged
-    | InjectedFaultChanged
-    | ShutdownStarted
-    | SpecimenMayBeLive
-    | RestMeasured
-    | RunEnded
-)
-
-EVENTS: dict[str, type[Event]] = {event.kind: event for event in get_args(Event)}
-"""Event types by the name that run files and `--json` use; a `kind` never changes once it was released."""
-
-
 def event_record(event: Any) -> dict[str, Any]:
     """Return the fields of an event (any frozen dataclass) as JSON types, for the file and for `--json`."""
-    values = {field.name: getattr(event, field.name) for field in fields(event)}
-    return {
-        name: to_jsonable(as_record(value) if isinstance(value, Drive) else value) for name, value in values.items()
-    }
+    values = ((each.name, getattr(event, each.name)) for each in fields(event))
+    return {name: to_jsonable(as_record(value) if isinstance(value, Drive) else value) for name, value in values}

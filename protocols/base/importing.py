@@ -3,13 +3,10 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from model import AmplifierMap, Array
 from protocols.base.records import Series, SeriesAxis
-
-if TYPE_CHECKING:
-    pass
 
 DISPLACEMENT_RANGE_M = (1e-9, 1e-2)
 """Usual displacements of a tactor."""
