@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from model import Array, Complex
 from model.identification import FrequencyResponseObservation, Observation
 from model.response import loop_share
-from protocols.aspects.response_lines import response_lines
 from protocols.aspects.run_points import RunPoints
 from protocols.aspects.running_sweep import RunningSweepAspects
-from protocols.base import ImportedSamples, Quality, RunOfSamples
+from protocols.base import ImportedSamples, Quality, RunOfSamples, Series
 from protocols.measurements import Sweep, check_response_present, sweep_point
-from protocols.signals import FREQUENCY_RESPONSE, estimate_swept_response
+from protocols.signals import FREQUENCY_RESPONSE, MAINS_HZ, estimate_swept_response
 
 MAX_SWEPT_CYCLES = 2000
 """Cycles of a period at the highest frequency up to which the loops of a sweep are computed in time: it takes 1 us a sample."""
@@ -35,6 +35,12 @@ MIN_MONOTONY = 0.98
 
 LINEAR_TOLERANCE = 0.05
 """Deviation of the frequency from a straight line over time, as a share of the band, from which on a caution is given."""
+
+BLOCK_HZ = 1.0
+"""Lines that lie closer are averaged over this width; at a damping of 0.2 that blunts the resonance by less than 1e-4."""
+
+SHARE_OF_SPACING = 0.25
+"""Lines this near to a harmonic of the mains, as a share of their distance, are left out: hum repeats with every period."""
 
 
 class SweepAspects(RunningSweepAspects):
@@ -75,6 +81,33 @@ class SweepAspects(RunningSweepAspects):
                     loop_share=None if run.record.imported else _loop_share(points, lines.x),
                     **points.common_arguments("displacement", "delay", "volts"),
                 )
+
+
+def response_lines(curve: Series, overlaps: bool) -> Series:
+    """Return the usable lines of a frequency response; `overlaps` where neighbours share half of their samples."""
+    lines = curve.at(np.argsort(curve.x)[:: 2 if overlaps else 1])
+    f, errors = lines.x, lines.errors
+    assert errors is not None
+    good = np.isfinite(lines.y) & np.isfinite(errors) & (errors > 0) & (f > 0)
+    if f.size > 1:
+        spacing = float(np.median(np.diff(f)))
+        for mains in MAINS_HZ:
+            good &= np.abs(f - np.maximum(np.round(f / mains), 1) * mains) > SHARE_OF_SPACING * spacing
+    return _averaged(lines.at(good))
+
+
+def _averaged(lines: Series) -> Series:
+    """Return weighted means over blocks of `BLOCK_HZ`; lines farther apart stay as they are."""
+    f, errors = lines.x, lines.errors
+    if errors is None or f.size < 2 or np.median(np.diff(f)) > 0.5 * BLOCK_HZ:
+        return lines
+    block = np.floor((f - f[0]) / BLOCK_HZ).astype(int)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    weights = errors**-2
+    total = np.add.reduceat(weights, starts)
+    real, imaginary = (np.add.reduceat(weights * part, starts) / total for part in (lines.y.real, lines.y.imag))
+    centre = np.add.reduceat(weights * f, starts) / total
+    return replace(lines, x=centre, y=real + 1j * imaginary, errors=total**-0.5, fit=None, coherence=None)
 
 
 def _loop_share(points: RunPoints, frequency_hz: Array) -> Complex | None:

@@ -7,11 +7,15 @@ import os
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from drivers import ArmedBench, Bench, BenchError, LiveWarning, safety_statement
+import numpy as np
+
+from drivers import DISPLACEMENT_CHANNEL, ArmedBench, Bench, BenchError, LiveWarning, safety_statement
 from protocols.adaptation import AdaptedProtocol, adapt_to_source
 from protocols.base import (
     BenchArmed,
+    ChannelCalibration,
     EventBus,
+    InterferenceLine,
     InterferenceMeasured,
     LogMessage,
     Operator,
@@ -29,7 +33,6 @@ from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState
 from protocols.runfile import RunFileWriter, RunRecord, StorageError
 from protocols.runner.acquisition import RunAcquisition
-from protocols.runner.aliased_interference import tell_folded_lines
 from protocols.runner.conclusion import RunConclusion, describe_end
 from protocols.runner.entries import EntryRunner
 from protocols.runner.executor import StepExecutor
@@ -39,6 +42,7 @@ from protocols.runner.operator_prompts import OperatorPrompts
 from protocols.runner.plan_progress import PlanProgress
 from protocols.runner.publisher import RunRecorder
 from protocols.runner.request import RunControl, RunRequest
+from protocols.signals import find_lines, folded_frequencies, mark_folded
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +53,10 @@ STATED_WAIT_S = 2.0
 """A longer way to rest is stated while it lasts."""
 
 WAITING_TEXT = "This source can only wait for the end of its drive: at rest in {:.1f} s"
+
+
+SECOND_RATE_SHARE = 0.87
+"""Second rate divided by the run's; no small ratio of integers, at which a folded line could stay in its place."""
 
 
 def initial_record(
@@ -252,3 +260,28 @@ class Runner:
 
     def _warn_of_live_specimen(self, warning: LiveWarning) -> None:
         self._recorder.publish_always(SpecimenMayBeLive(warning.low_v, warning.high_v, warning.message))
+
+
+def tell_folded_lines(
+    bench: Bench, lines: tuple[InterferenceLine, ...], rate_hz: float, duration_s: float
+) -> tuple[InterferenceLine, ...]:
+    """Return the lines with the true frequencies of those that a second rate shows to be folded.
+
+    Nothing is commanded: the displacement is read, for `duration_s`.
+
+    Raises:
+        BenchError: the card cannot be read at the second rate, or the displacement is not valid.
+    """
+    parts, quality, count = [], Quality.GOOD, 0
+    with bench.open_stream(SECOND_RATE_SHARE * rate_hz) as stream:
+        channel = ChannelCalibration.pair(stream.scales, bench.sensor)[DISPLACEMENT_CHANNEL]
+        while count < duration_s * stream.rate_hz:
+            counts = stream.read().raw[DISPLACEMENT_CHANNEL]
+            quality |= channel.quality(counts)
+            parts.append(channel.to_si(counts))
+            count += counts.size
+        second_rate_hz = stream.rate_hz
+    if not quality.usable:
+        raise BenchError(f"the displacement at rest is {quality.description}")
+    seen = find_lines(np.concatenate(parts), second_rate_hz)
+    return mark_folded(lines, folded_frequencies(lines, rate_hz, seen, second_rate_hz, 1 / duration_s))

@@ -15,7 +15,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.rejudgement import judge_file
 from protocols.runfile.reader import Run
-from protocols.runner import computer_clock
+from protocols.runner import conclusion
 from tests.helpers.simulated_bench import laboratory, run
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "format-2" / "runs"
@@ -115,7 +115,7 @@ def test_old_run_is_judged_when_asked(name: str, tmp_path: Path, capsys: pytest.
 
 
 def test_clock_set_back_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    check = computer_clock.ComputerClockCheck()
+    check = conclusion.ComputerClockCheck()
     assert check.message() == ""
 
     class SetBack(datetime):
@@ -123,7 +123,7 @@ def test_clock_set_back_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
         def now(cls, tz: Any = None) -> datetime:
             return datetime.now(UTC) - timedelta(days=40)
 
-    monkeypatch.setattr(computer_clock, "datetime", SetBack)
+    monkeypatch.setattr(conclusion, "datetime", SetBack)
     assert "set back by 40 d" in check.message()
 
 
