@@ -260,9 +260,9 @@ class DevicesCommand(DiscoveryOptions):
         return ExitCode.DONE
 
 
-@options
+@command("bench1.toml --host 192.0.2.7")
 class NewBenchCommand(DiscoveryOptions):
-    """Write a first bench file from the devices that are found."""
+    """Write a first, commented bench file from what 'tactor-bench devices' finds; never overwrites one."""
 
     file: Path = argument("the file to write", metavar="FILE")
 
@@ -303,10 +303,6 @@ BENCH_COMMANDS = CommandGroup(
     "Bench files.",
     "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
     {
-        "new": (
-            "write a first, commented bench file from what 'tactor-bench devices' finds; never overwrites one",
-            NewBenchCommand,
-            "bench1.toml --host 192.0.2.7",
-        ),
+        "new": NewBenchCommand,
     },
 )

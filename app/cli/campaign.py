@@ -31,9 +31,9 @@ from app.cli.options import (
     CommandGroup,
     FileOptions,
     argument,
+    command,
     group,
     option,
-    options,
     split_setting,
 )
 from app.cli.output import CommandResult, check_output_files, print_answer, render
@@ -55,7 +55,7 @@ from protocols.base import Protocol
 from protocols.runfile import RunReadError
 
 
-@options
+@command("--specimen T7")
 class CampaignCommand(BenchOptions):
     """Begin, print or rehearse a campaign."""
 
@@ -74,7 +74,7 @@ class CampaignCommand(BenchOptions):
         return _rehearse(known, self) if self.verb == "rehearse" else _print_campaign(known, self.json)
 
 
-@options
+@command("dwell --specimen T7")
 class ItemCommand(CampaignCommand):
     """Change one item of a campaign, and print the campaign."""
 
@@ -88,9 +88,9 @@ class ItemCommand(CampaignCommand):
         {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[self.verb](self.item)
 
 
-@options
+@command("dwell --specimen T7")
 class SkipCommand(ItemCommand):
-    """Leave an item out."""
+    """Skip an item."""
 
     reason: str = option("reason, stored in the campaign; '' includes the item again", "skipped")
 
@@ -98,9 +98,9 @@ class SkipCommand(ItemCommand):
         known.skip(self.item, self.reason)
 
 
-@options
+@command("sag --before dwell --specimen T7")
 class MoveCommand(ItemCommand):
-    """Put an item before another one."""
+    """Move an item before another one."""
 
     before: str = option("the item before which it is inserted", required=True, metavar="ITEM")
 
@@ -108,9 +108,11 @@ class MoveCommand(ItemCommand):
         known.move(self.item, self.before)
 
 
-@options
+@command(
+    "levels --protocol sine-dwell --set frequencies_hz=140,150,160,170 --vary peak_to_peak_v=1,2,3,4,5 --specimen T7"
+)
 class AddCommand(CampaignCommand):
-    """Add a measurement to a campaign: one run, or a series over the values of one parameter."""
+    """Add a measurement: one run, or a series over the values of one parameter."""
 
     item: str = argument("name of the new item")
     protocol: str = option("protocol, as in 'protocols'", required=True, metavar="NAME")
@@ -151,9 +153,9 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
         raise UsageError(f"--vary {text}: {error}") from None
 
 
-@options
+@command("levels --picture levels.png --specimen T7")
 class CurveCommand(CampaignCommand):
-    """Print the results of a series over its parameter."""
+    """The results of a series over its parameter: table, CSV and picture."""
 
     item: str = argument("name of the series, as in 'status'")
     files: FileOptions = group(FileOptions, "the results of the series")
@@ -206,7 +208,7 @@ class CurveCommand(CampaignCommand):
         )
 
 
-@options
+@command("dwell --specimen T7")
 class RunItemCommand(CampaignCommand):
     """Measure the next items of a campaign, or resume one."""
 
@@ -328,41 +330,23 @@ CAMPAIGN_COMMANDS = CommandGroup(
     "files; a campaign can be stopped, killed and resumed at any time.",
     "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
     {
-        "new": (
-            "create a campaign of a specimen: the paper's measurements in their order",
-            CampaignCommand,
-            "--specimen T7",
-        ),
-        "status": (
-            "items that are done, stale, missing or failed, and the next step",
-            CampaignCommand,
-            "--specimen T7",
-        ),
+        "new": (CampaignCommand, "Create a campaign of a specimen: the paper's measurements in their order."),
+        "status": (CampaignCommand, "Items that are done, stale, missing or failed, and the next step."),
         "rehearse": (
-            "rehearse the remaining items without driving anything: time, prompts, volts, bytes",
             CampaignCommand,
-            "--specimen T7",
+            "Rehearse the remaining items without driving anything: time, prompts, volts, bytes.",
         ),
-        "run": ("measure the next item, or the one that is named", RunItemCommand, "dwell --specimen T7"),
-        "resume": ("resume the item that was interrupted", RunItemCommand, "dwell --specimen T7"),
-        "skip": ("skip an item", SkipCommand, "dwell --specimen T7"),
+        "run": (RunItemCommand, "Measure the next item, or the one that is named."),
+        "resume": (RunItemCommand, "Resume the item that was interrupted."),
+        "skip": SkipCommand,
         "repeat": (
-            "measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted",
             ItemCommand,
-            "dwell --specimen T7",
+            "Measure an item again: what counts now counts until there is a new result, an accepted result until that is accepted.",
         ),
-        "accept": ("accept the result of an item's run after reviewing it", ItemCommand, "dwell --specimen T7"),
-        "reject": ("reject the present run of an item", ItemCommand, "dwell --specimen T7"),
-        "move": ("move an item before another one", MoveCommand, "sag --before dwell --specimen T7"),
-        "add": (
-            "add a measurement: one run, or a series over the values of one parameter",
-            AddCommand,
-            "levels --protocol sine-dwell --set frequencies_hz=140,150,160,170 --vary peak_to_peak_v=1,2,3,4,5 --specimen T7",
-        ),
-        "curve": (
-            "the results of a series over its parameter: table, CSV and picture",
-            CurveCommand,
-            "levels --picture levels.png --specimen T7",
-        ),
+        "accept": (ItemCommand, "Accept the result of an item's run after reviewing it."),
+        "reject": (ItemCommand, "Reject the present run of an item."),
+        "move": MoveCommand,
+        "add": AddCommand,
+        "curve": CurveCommand,
     },
 )

@@ -12,7 +12,7 @@ from app.cli.identify_tables import (
     proposals_table,
     rank_proposals,
 )
-from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, options, split_setting
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option, split_setting
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -55,9 +55,9 @@ USUAL_EVALUATIONS = 30
 SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
-@options
+@command("runs/*_T7_*.h5 --by 'K. Tanaka'")
 class AcceptCommand:
-    """Identify the parameters of a specimen from its runs, and accept them as its calibration."""
+    """Identify these runs and store the result: identify --accept."""
 
     runs: Sequence[Path] = argument("run files of one specimen", nargs="+", metavar="RUN")
     method: Method = option("(default: joint)", "joint")
@@ -245,9 +245,9 @@ def _accept(identification: IdentificationResult, options: AcceptCommand, correc
     return f"accepted as version {accepted.version} of {identification.specimen}, now active, in {path}{decision}"
 
 
-@options
+@command("T7")
 class ShowCalibrationCommand:
-    """Print one version of a specimen's calibration, the active one by default."""
+    """One version, the active one by default."""
 
     specimen: str = argument()
     version: int | None = option()
@@ -264,9 +264,9 @@ class ShowCalibrationCommand:
         return _version_result(known.get(self.version), known)
 
 
-@options
+@command("T7 1")
 class UseCalibrationCommand(ShowCalibrationCommand):
-    """Make another version of a specimen's calibration the active one."""
+    """Make another version the active one."""
 
     version: int = argument()
 
@@ -276,9 +276,9 @@ class UseCalibrationCommand(ShowCalibrationCommand):
         return super().result(known)
 
 
-@options
+@command("T7 1 2")
 class DiffCalibrationCommand(ShowCalibrationCommand):
-    """Print what changed between two versions of a specimen's calibration."""
+    """Changes between two versions."""
 
     version: None = None
     first: int = argument()
@@ -345,13 +345,9 @@ CALIBRATION_COMMANDS = CommandGroup(
     "Accepted estimates of a specimen: consecutive versions, one of them active.",
     "example: tactor-bench calibration show T7",
     {
-        "accept": (
-            "identify these runs and store the result: identify --accept",
-            AcceptCommand,
-            "runs/*_T7_*.h5 --by 'K. Tanaka'",
-        ),
-        "show": ("one version, the active one by default", ShowCalibrationCommand, "T7"),
-        "diff": ("changes between two versions", DiffCalibrationCommand, "T7 1 2"),
-        "use": ("make another version the active one", UseCalibrationCommand, "T7 1"),
+        "accept": AcceptCommand,
+        "show": ShowCalibrationCommand,
+        "diff": DiffCalibrationCommand,
+        "use": UseCalibrationCommand,
     },
 )

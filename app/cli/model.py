@@ -7,7 +7,7 @@ from annotated_types import Interval
 
 from app.cli.model_options import VOLTAGE, ShapeOptions, Topic, describe_specimen, read_load, read_specimen, read_values
 from app.cli.model_response import FrequencyResponseTopic, MembraneTopic, StepTopic
-from app.cli.options import CommandGroup, FileOptions, group, option, options
+from app.cli.options import CommandGroup, FileOptions, command, group, option
 from app.cli.output import CommandResult
 from app.cli.specimen import AddedMassTopic, DriveTopic
 from app.common import Column, Table, UsageError, read_number, track
@@ -40,9 +40,9 @@ SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
 
 
-@options
+@command("--set 'E_Al=69 GPa' --elongation '1.27 mm'")
 class ParametersTopic(Topic):
-    """Every parameter with unit and meaning, and the derived quantities."""
+    """Every parameter with value, unit, limits and meaning, and what follows from them."""
 
     def compute(self) -> CommandResult:
         specimen = read_specimen(self, on_membrane=True)
@@ -96,9 +96,9 @@ def _format_table_one(name: str) -> str:
     return f"{factor * uncertainty:.2g} {unit}"
 
 
-@options
+@command("--set m_add=0 --pre-stretch 0.0075 --picture modes.png")
 class ModesTopic(Topic):
-    """Undamped frequencies, poles and damping ratios, free and on the skin."""
+    """Natural frequencies, poles and damping ratios, free and on the membrane."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     count: int = option("number of modes (default: %(default)s)", 3)
@@ -154,9 +154,9 @@ class ModesTopic(Topic):
         )
 
 
-@options
+@command("--load '200 g' --voltage '1500 V' --csv shape.csv")
 class StaticTopic(Topic):
-    """Compliance, voltage gain, and the shape under a load and a voltage together."""
+    """Deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape."""
 
     load: str = option("force at the centre, or a mass for its weight (default: %(default)s)", "1 N")
     voltage: str = option("voltage on the specimen (default: %(default)s)", "1500 V")
@@ -195,9 +195,9 @@ class StaticTopic(Topic):
         )
 
 
-@options
+@command("--shapes 3,5,7,10,20,40 --frequencies 1:500:500")
 class ConvergenceTopic(Topic):
-    """Error of n shape functions against the closed form, for several n."""
+    """Error of n shape functions against the closed form."""
 
     shapes: str = option("values of n (default: %(default)s)", "3,5,7,10,14,20,28,40", metavar="LIST")
     frequencies: str = option("(default: %(default)s)", "1:500:500", metavar="LIST")
@@ -240,51 +240,15 @@ MODEL_COMMANDS = CommandGroup(
     "Quantities of the model, for any parameters.",
     "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
     {
-        "parameters": (
-            "every parameter with value, unit, limits and meaning, and what follows from them",
-            ParametersTopic,
-            "--set 'E_Al=69 GPa' --elongation '1.27 mm'",
-        ),
-        "modes": (
-            "natural frequencies, poles and damping ratios, free and on the membrane",
-            ModesTopic,
-            "--set m_add=0 --pre-stretch 0.0075 --picture modes.png",
-        ),
-        "static": (
-            "deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape",
-            StaticTopic,
-            "--load '200 g' --voltage '1500 V' --csv shape.csv",
-        ),
-        "frequency-response": (
-            "amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min",
-            FrequencyResponseTopic,
-            "--frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv",
-        ),
-        "step": (
-            "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
-            StepTopic,
-            "--voltage '1500 V' --frequency '160 Hz' --picture step.png",
-        ),
-        "added-mass": (
-            "which added mass brings the resonance to a frequency, with the uncertainty of a calibration",
-            AddedMassTopic,
-            "--frequency '160 Hz' --specimen T7",
-        ),
-        "drive": (
-            "which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration",
-            DriveTopic,
-            "--amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7",
-        ),
-        "membrane": (
-            "sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch",
-            MembraneTopic,
-            "--elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
-        ),
-        "convergence": (
-            "error of n shape functions against the closed form",
-            ConvergenceTopic,
-            "--shapes 3,5,7,10,20,40 --frequencies 1:500:500",
-        ),
+        "parameters": ParametersTopic,
+        "modes": ModesTopic,
+        "static": StaticTopic,
+        "frequency-response": FrequencyResponseTopic,
+        "step": StepTopic,
+        "added-mass": AddedMassTopic,
+        "drive": DriveTopic,
+        "membrane": MembraneTopic,
+        "convergence": ConvergenceTopic,
     },
     "topics",
     "TOPIC",

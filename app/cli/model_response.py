@@ -20,7 +20,7 @@ from app.cli.model_options import (
     read_specimen,
     read_values,
 )
-from app.cli.options import THRESHOLD, FileOptions, group, option, options
+from app.cli.options import THRESHOLD, FileOptions, command, group, option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.identification import chosen_threshold
@@ -76,9 +76,9 @@ RUNS_FOLDER = Path("runs")
 """Whose laboratory file names the threshold where `--threshold` does not."""
 
 
-@options
+@command("--frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv")
 class FrequencyResponseTopic(Topic):
-    """Fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
+    """Amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
@@ -129,9 +129,9 @@ class FrequencyResponseTopic(Topic):
         )
 
 
-@options
+@command("--voltage '1500 V' --frequency '160 Hz' --picture step.png")
 class StepTopic(Topic):
-    """Latency of a step and of a sine's onset."""
+    """Latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling."""
 
     shapes: ShapeOptions = group(ShapeOptions)
     drive: DriveOptions = group(DriveOptions)
@@ -240,9 +240,9 @@ ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
 ELONGATION_CURVE = "0:6.35 mm:64"
 
 
-@options
+@command("--elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'")
 class MembraneTopic(Topic):
-    """Sag under the own weight and the resulting skin, at each pre-stretch."""
+    """Sag of the membrane by von Karman and by linear theory, skin stiffness and damping, by pre-stretch."""
 
     pre_stretch: str | None = option("of the membrane, e.g. 0.0075 or '0.75 %%', one or a list", metavar="DELTA")
     elongation: str | None = option("of the membrane, e.g. '1.27 mm', one or a list", metavar="LENGTH")

@@ -118,11 +118,11 @@ class Command(Protocol):
 
 
 @dataclass_transform(frozen_default=True)
-def command(example: str | None = None, *, negative_values: bool = False) -> Callable[[type[C]], type[C]]:
-    """Make a class a command, whose docstring is its help text.
+def command(example: str = "", *, negative_values: bool = False) -> Callable[[type[C]], type[C]]:
+    """Make a class a command or a verb of a group, whose docstring is its help text.
 
     Args:
-        example: last line of the help text.
+        example: last line of the help text; of a verb, the arguments of an example.
         negative_values: whether values such as `-500V` may follow an option.
     """
 
@@ -144,8 +144,8 @@ class CommandGroup:
 
     description: str
     example: str
-    verbs: Mapping[str, tuple[str, type[Command], str]]
-    """Their lines of help, classes, and arguments of an example."""
+    verbs: Mapping[str, type[Command] | tuple[type[Command], str]]
+    """The class of each verb; with its line of help where that is not the docstring of the class, which several verbs share."""
     title: str = "verbs"
     metavar: str = "VERB"
     negative_values: bool = False
@@ -160,9 +160,10 @@ def define_command(parser: argparse.ArgumentParser, syntax: type[Command] | Comm
     if isinstance(syntax, CommandGroup):
         parser.description, parser.epilog = syntax.description, syntax.example
         verbs = parser.add_subparsers(title=syntax.title, metavar=syntax.metavar, dest="verb", required=True)
-        for name, (text, verb, arguments) in syntax.verbs.items():
-            one = verbs.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-            one.epilog = f"example: {one.prog} {arguments}".strip()
+        for name, given in syntax.verbs.items():
+            verb, text = given if isinstance(given, tuple) else (given, given.__doc__ or "")
+            one = verbs.add_parser(name, help=text[0].lower() + text[1:].removesuffix("."), description=text)
+            one.epilog = f"example: {one.prog} {getattr(verb, SYNTAX)[0]}".strip()
             _define(one, verb, syntax.negative_values)
     else:
         parser.description = syntax.__doc__

@@ -4,7 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from app.archive import begin_audit, verify_audit
-from app.cli.options import JSON_OBJECT, CommandGroup, argument, option, options
+from app.cli.options import JSON_OBJECT, CommandGroup, argument, command, option, options
 from app.cli.output import print_answer
 from app.cli.runs import check_folder
 from app.common import AuditEntry, AuditError, ExitCode, read_entries, terminal_progress, usage_errors
@@ -19,9 +19,9 @@ class _AuditOptions:
     json: bool = JSON_OBJECT
 
 
-@options
+@command("runs")
 class StartAuditCommand(_AuditOptions):
-    """Begin the audit trail of a folder."""
+    """Begin the trail, with the hashes of all files in the folder."""
 
     @usage_errors(AuditError)
     def execute(self) -> int:
@@ -32,9 +32,9 @@ class StartAuditCommand(_AuditOptions):
         return print_answer({"head": entry.hash, "files": len(entry.files)}, [text], self.json)
 
 
-@options
+@command("runs --head 3f1c0a77b2d4")
 class VerifyAuditCommand(_AuditOptions):
-    """Verify the audit trail of a folder, and all files that it names."""
+    """Verify all lines and files; exit code 1 if something was changed."""
 
     head: str = option("a head hash that was printed or copied elsewhere", metavar="HASH")
 
@@ -54,9 +54,9 @@ class VerifyAuditCommand(_AuditOptions):
         return ExitCode.FAILED if result.problems else ExitCode.DONE
 
 
-@options
+@command("runs --subject T7")
 class ShowAuditCommand(_AuditOptions):
-    """Print the entries of an audit trail, newest last."""
+    """Print the entries of the trail."""
 
     subject: str = option("entries with this in subject or files", metavar="TEXT")
     action: str = option("run, calibration, campaign, notes, delete ...", metavar="WORD")
@@ -84,7 +84,7 @@ def _line(entry: AuditEntry) -> str:
     return f"{entry.number:5} {entry.time[:19]}  {entry.by}: {entry.action} {entry.subject}{f' ({details})' if details else ''}  {entry.hash[:12]}"
 
 
-@options
+@command("runs")
 class HeadAuditCommand(_AuditOptions):
     """Print the hash of the last entry."""
 
@@ -102,13 +102,9 @@ AUDIT_COMMANDS = CommandGroup(
     "everything up to it.",
     "example: tactor-bench audit verify runs --head 3f1c0a77b2d4",
     {
-        "start": ("begin the trail, with the hashes of all files in the folder", StartAuditCommand, "runs"),
-        "verify": (
-            "verify all lines and files; exit code 1 if something was changed",
-            VerifyAuditCommand,
-            "runs --head 3f1c0a77b2d4",
-        ),
-        "show": ("print the entries of the trail", ShowAuditCommand, "runs --subject T7"),
-        "head": ("print the hash of the last entry", HeadAuditCommand, "runs"),
+        "start": StartAuditCommand,
+        "verify": VerifyAuditCommand,
+        "show": ShowAuditCommand,
+        "head": HeadAuditCommand,
     },
 )

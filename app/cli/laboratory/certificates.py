@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option
 from app.cli.output import CommandResult, print_answer, render
 from app.common import Column, ExitCode, Table, UsageError, print_line, print_message, usage_errors
 from app.config import (
@@ -19,9 +19,9 @@ from app.config import (
 )
 
 
-@options
+@command("dcc.xml --role weights --due 2027-05-31")
 class AddCertificateCommand:
-    """Add a certificate: from a DCC, or typed."""
+    """Add a certificate: a DCC of version 3, or typed values."""
 
     dcc: Path | None = argument("digital calibration certificate, version 3", nargs="?", metavar="DCC.xml")
     role: str = option(", ".join(ROLES), metavar="INSTRUMENT")
@@ -87,9 +87,9 @@ def _read_table(path: Path) -> tuple[CertificateColumn, ...]:
     return tuple(found)
 
 
-@options
+@command()
 class ListCertificatesCommand:
-    """List certificates by their due dates; the exit code is 1 if one has expired."""
+    """Certificates by due date; exit code 1 if one has expired."""
 
     folder: Path = FOLDER
     json: bool = JSON_OBJECT
@@ -117,9 +117,9 @@ class ListCertificatesCommand:
         return ExitCode.FAILED if problems or any(each.state(today) == "expired" for each in found) else ExitCode.DONE
 
 
-@options
+@command("D-K-1234")
 class ShowCertificateCommand:
-    """Print a certificate with its table."""
+    """A certificate with its table."""
 
     number: str = argument("of the certificate, or its beginning")
     folder: Path = FOLDER
@@ -156,12 +156,8 @@ CERTIFICATE_COMMANDS = CommandGroup(
     "date of an instrument that it uses, by serial number, and flags every point after it.",
     "example: tactor-bench certificate add dcc.xml --role sensor --months 12 --pdf certificate.pdf",
     {
-        "add": (
-            "add a certificate: a DCC of version 3, or typed values",
-            AddCertificateCommand,
-            "dcc.xml --role weights --due 2027-05-31",
-        ),
-        "list": ("certificates by due date; exit code 1 if one has expired", ListCertificatesCommand, ""),
-        "show": ("a certificate with its table", ShowCertificateCommand, "D-K-1234"),
+        "add": AddCertificateCommand,
+        "list": ListCertificatesCommand,
+        "show": ShowCertificateCommand,
     },
 )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, option, options
+from app.cli.options import FOLDER, JSON_OBJECT, CommandGroup, argument, command, option
 from app.cli.output import CommandResult, render
 from app.common import (
     Column,
@@ -34,9 +34,9 @@ from protocols.runfile import sheet_path
 TEXT_FIELDS = ("serial", "batch", "photograph", "notes")
 
 
-@options
+@command("T7")
 class ShowSheetCommand:
-    """Print the sheet of a specimen: the prior values of its fits."""
+    """The prior values for the fits of a specimen."""
 
     specimen: str = argument()
     folder: Path = FOLDER
@@ -78,9 +78,9 @@ def _format(entry: SheetEntry) -> str:
     return format_with_uncertainty(factor * entry.value, factor * entry.uncertainty)
 
 
-@options
+@command("T7")
 class NewSheetCommand:
-    """Write the commented sheet of a specimen beside its runs."""
+    """Write a commented sheet, with no value in use."""
 
     specimen: str = argument()
     folder: Path = FOLDER
@@ -92,9 +92,9 @@ class NewSheetCommand:
         return ExitCode.DONE
 
 
-@options
+@command("T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer")
 class SetSheetCommand:
-    """Set values, serial number, batch, photograph or notes in the sheet of a specimen; a new sheet is written if it has none."""
+    """Set values with their uncertainties, serial number, batch, photograph or notes."""
 
     specimen: str = argument()
     settings: Sequence[str] = argument(
@@ -140,9 +140,9 @@ class SetSheetCommand:
             raise UsageError(f"--date {self.date}: write a day as YYYY-MM-DD, for example 2026-11-20") from None
 
 
-@options
+@command("T7")
 class CheckSheetCommand:
-    """Check the sheet of a specimen; the exit code is 1 if something is to be questioned."""
+    """Question implausible and missing values; exit code 1 if there are any."""
 
     specimen: str = argument()
     folder: Path = FOLDER
@@ -167,13 +167,9 @@ SPECIMEN_COMMANDS = CommandGroup(
     "uncertainties of ruler and caliper.",
     "example: tactor-bench specimen set T7 'L=22.1 mm +- 0.05 mm' --instrument caliper",
     {
-        "new": ("write a commented sheet, with no value in use", NewSheetCommand, "T7"),
-        "set": (
-            "set values with their uncertainties, serial number, batch, photograph or notes",
-            SetSheetCommand,
-            "T7 'h_Al=0.203 mm +- 0.002 mm' --instrument micrometer",
-        ),
-        "show": ("the prior values for the fits of a specimen", ShowSheetCommand, "T7"),
-        "check": ("question implausible and missing values; exit code 1 if there are any", CheckSheetCommand, "T7"),
+        "new": NewSheetCommand,
+        "set": SetSheetCommand,
+        "show": ShowSheetCommand,
+        "check": CheckSheetCommand,
     },
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 from annotated_types import Interval
 
 from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_settings, read_specimen
-from app.cli.options import FOLDER, group, option, options
+from app.cli.options import FOLDER, command, group, option
 from app.cli.output import CommandResult
 from app.common import Column, Table, UsageError, read_number
 from app.explore import describe_reach, divided, share_that_moves
@@ -71,9 +71,9 @@ class DesignTopic(Topic):
         return active
 
 
-@options
+@command("--frequency '160 Hz' --specimen T7")
 class AddedMassTopic(DesignTopic):
-    """The added mass that brings the resonance to a frequency, with its uncertainty."""
+    """Which added mass brings the resonance to a frequency, with the uncertainty of a calibration."""
 
     frequency: str = option("of the resonance (default: %(default)s)", "160 Hz")
     specimen: str | None = option("whose calibration and uncertainties are used", metavar="NAME")
@@ -98,9 +98,9 @@ class AddedMassTopic(DesignTopic):
         return (table,), [present]
 
 
-@options
+@command("--amplitude '100 um' --frequency '200 Hz' --elongation '6.35 mm' --specimen T7")
 class DriveTopic(DesignTopic):
-    """The drive that gives an amplitude at a frequency, free or on a skin, with its uncertainty."""
+    """Which drive gives an amplitude at a frequency, free or on a skin, with the uncertainty of a calibration."""
 
     amplitude: str = option("max - min of the displacement (default: %(default)s)", "100 um")
     frequency: str = option("of the sine (default: %(default)s)", "200 Hz")
