@@ -20,109 +20,91 @@ from app.common import ExitCode, UsageError, print_message, truncate_text
 
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
-    "run": ("app.cli.run:RunCommand", "run a protocol without a window"),
-    "window": ("app.cli.run:WindowCommand", "open the window (also what happens without a command)"),
+    "run": ("run:RunCommand", "run a protocol without a window"),
+    "window": ("run:WindowCommand", "open the window (also what happens without a command)"),
     "demo": (
-        "app.cli.run:DemoCommand",
+        "run:DemoCommand",
         "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
     ),
-    "show": ("app.cli.run:ShowCommand", "show the contents of a run file"),
-    "judge": (
-        "app.cli.run_files:JudgeCommand",
-        "verdict on runs from their points: for runs of earlier versions and imports",
-    ),
-    "check": ("app.cli.bench:CheckCommand", "check the wiring with small voltages: a table of pass and fail"),
+    "show": ("run:ShowCommand", "show the contents of a run file"),
+    "judge": ("run_files:JudgeCommand", "verdict on runs from their points: for runs of earlier versions and imports"),
+    "check": ("bench:CheckCommand", "check the wiring with small voltages: a table of pass and fail"),
     "commission": (
-        "app.cli.bench:CommissionCommand",
+        "bench:CommissionCommand",
         "measure the properties that the driver assumes of the source, with high voltage off",
     ),
-    "devices": ("app.cli.bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
-    "bench": ("app.cli.bench:BENCH_COMMANDS", "write a first bench file"),
-    "faults": ("app.cli.bench:FaultsCommand", "list the faults that can be injected into a simulated bench"),
+    "devices": ("bench:DevicesCommand", "list the connected VISA instruments, NI cards and serial ports"),
+    "bench": ("bench:BENCH_COMMANDS", "write a first bench file"),
+    "faults": ("bench:FaultsCommand", "list the faults that can be injected into a simulated bench"),
     "campaign": (
-        "app.cli.campaign:CAMPAIGN_COMMANDS",
+        "campaign:CAMPAIGN_COMMANDS",
         "the measurements of one specimen in their order: new, status, run, resume ...",
     ),
     "model": (
-        "app.cli.model:MODEL_COMMANDS",
+        "model:MODEL_COMMANDS",
         "compute model quantities: parameters, modes, statics, frequency response, step, membrane, convergence",
     ),
-    "study": ("app.cli.study:StudyCommand", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
+    "study": ("study:StudyCommand", "parameter study over any values: curves, HDF5 and CSV files, sensitivity"),
     "figures": (
-        "app.cli.study:FiguresCommand",
+        "study:FiguresCommand",
         "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
     ),
-    "runs": (
-        "app.cli.runs:RunsCommand",
-        "list the runs of a folder; filter by specimen, protocol, date, status or text",
-    ),
+    "runs": ("runs:RunsCommand", "list the runs of a folder; filter by specimen, protocol, date, status or text"),
     "operator": (
-        "app.cli.laboratory.people:OperatorCommand",
+        "laboratory.people:OperatorCommand",
         "who measures today, and temperature and humidity: stored in every run",
     ),
-    "checked": ("app.cli.laboratory.people:CheckedCommand", "store that a second person checked runs"),
+    "checked": ("laboratory.people:CheckedCommand", "store that a second person checked runs"),
     "fleet": (
-        "app.cli.laboratory.fleet:FleetCommand",
+        "laboratory.fleet:FleetCommand",
         "many specimens in one table: mean, spread, outliers, Cpk, trends; by batch, bench or month",
     ),
     "control-chart": (
-        "app.cli.laboratory.fleet:ControlChartCommand",
+        "laboratory.fleet:ControlChartCommand",
         "a golden specimen over time: drift of the bench, or of the specimen",
     ),
     "certificate": (
-        "app.cli.laboratory.certificates:CERTIFICATE_COMMANDS",
+        "laboratory.certificates:CERTIFICATE_COMMANDS",
         "calibration certificates of the instruments and when each is due: add, list, show",
     ),
     "audit": (
-        "app.cli.laboratory.audit:AUDIT_COMMANDS",
+        "laboratory.audit:AUDIT_COMMANDS",
         "audit trail of a folder, detects any later change: start, verify, show, head",
     ),
     "backup": (
-        "app.cli.laboratory.backup:BackupCommand",
+        "laboratory.backup:BackupCommand",
         "copy new and changed runs to a second folder, verified by their hashes",
     ),
-    "export": (
-        "app.cli.runs:ExportCommand",
-        "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File",
-    ),
+    "export": ("runs:ExportCommand", "a run as files for other programs: CSV, Excel, MATLAB, Parquet, Universal File"),
     "archive": (
-        "app.cli.specimen.archive:ArchiveCommand",
+        "specimen.archive:ArchiveCommand",
         "a specimen with all its runs as one file for a lab notebook or another computer",
     ),
-    "restore": (
-        "app.cli.specimen.archive:RestoreCommand",
-        "bring the files of an archive back, each with its hash verified",
-    ),
+    "restore": ("specimen.archive:RestoreCommand", "bring the files of an archive back, each with its hash verified"),
     "verify": (
-        "app.cli.run_files:VerifyCommand",
+        "run_files:VerifyCommand",
         "verify run files by their checksums; repair files that a killed program left",
     ),
     "import": (
-        "app.cli.import_:ImportCommand",
+        "import_:ImportCommand",
         "import tables and time series (CSV, MATLAB, TDMS, Universal File) as run files",
     ),
-    "protocols": ("app.cli.run:ProtocolsCommand", "list the protocols and their parameters"),
-    "resume": (
-        "app.cli.run:ResumeCommand",
-        "resume a run that was stopped or crashed, or measure some of its points again",
-    ),
-    "identify": ("app.cli.identify:IdentifyCommand", "parameters of a specimen from its runs, with errors"),
-    "compare": ("app.cli.compare:CompareCommand", "compare the points of two runs of one protocol"),
+    "protocols": ("run:ProtocolsCommand", "list the protocols and their parameters"),
+    "resume": ("run:ResumeCommand", "resume a run that was stopped or crashed, or measure some of its points again"),
+    "identify": ("identify:IdentifyCommand", "parameters of a specimen from its runs, with errors"),
+    "compare": ("compare:CompareCommand", "compare the points of two runs of one protocol"),
     "calibration": (
-        "app.cli.identify:CALIBRATION_COMMANDS",
+        "identify:CALIBRATION_COMMANDS",
         "the accepted estimates of a specimen: accept, show, diff, use another version",
     ),
     "specimen": (
-        "app.cli.specimen.commands:SPECIMEN_COMMANDS",
+        "specimen.commands:SPECIMEN_COMMANDS",
         "the sheet of a specimen, dimensions and masses: new, set, show, check",
     ),
-    "label": (
-        "app.cli.specimen.label:LabelCommand",
-        "labels of specimens to print, with a QR code for a barcode scanner",
-    ),
-    "report": ("app.cli.report:ReportCommand", "the report of a specimen: PDF and HTML"),
+    "label": ("specimen.label:LabelCommand", "labels of specimens to print, with a QR code for a barcode scanner"),
+    "report": ("report:ReportCommand", "the report of a specimen: PDF and HTML"),
 }
-"""The class or the group of each command, and one line of help. A module is imported only for its own commands."""
+"""Module and class or group of each command, and one line of help. A module is imported only for its own commands."""
 
 BENCH_THREAD = "bench"
 """Name of a session's thread, which lives on here only if it hangs."""
@@ -169,7 +151,7 @@ class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: 
         parser = self.choices[name]
         if parser.get_default("command") is None and parser.description is None:
             module, _, command = COMMANDS[name][0].partition(":")
-            define_command(parser, getattr(import_module(module), command))
+            define_command(parser, getattr(import_module(f"app.cli.{module}"), command))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
