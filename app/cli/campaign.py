@@ -147,10 +147,8 @@ def _read_values(kind: type[Protocol], text: str) -> tuple[str, tuple[float, ...
         raise UsageError(f"{kind.name} has no parameter '{name}'; it has: {', '.join(kind.model_fields)}")
     if name not in series_parameters(kind):
         raise UsageError(f"--vary {name}: this parameter is not a single number, so that nothing can be drawn over it")
-    try:
+    with usage_errors(UnitError, about=f"--vary {text}"):
         return name, read_series_values(kind, name, values)
-    except UnitError as error:
-        raise UsageError(f"--vary {text}: {error}") from None
 
 
 @command("levels --picture levels.png --specimen T7")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from app.cli.identify_tables import (
     estimate_table,
@@ -43,9 +44,11 @@ from app.identification import (
     read_calibrations,
     write_calibrations,
 )
-from model import ParameterError
+from model import ParameterError, ParameterSpec
 from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
 from protocols.runfile import Run, RunReadError
+
+T = TypeVar("T")
 
 INADEQUATE_MODEL_HINT = (
     "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
@@ -163,11 +166,13 @@ class AcceptCommand:
         free, also = (
             tuple(name.strip() for name in names.split(",") if name.strip()) for names in (self.free, self.also)
         )
-        priors = dict(_parse_prior(text) for text in self.priors)
+        priors = dict(
+            _parse_parameter(text, "--prior", "'h_Al=0.20 mm +- 0.01 mm'", read_stated) for text in self.priors
+        )
         return FitOptions(
             free=(*free, *(name for name in priors if name not in free)) if free else None,
             also=also,
-            fixed=dict(_parse_fixed(text) for text in self.fixed),
+            fixed=dict(_parse_parameter(text, "--fix", "k2=8.7e-3", _read_fixed) for text in self.fixed),
             priors=priors,
             loss="cauchy" if self.robust else "linear",
         )
@@ -221,20 +226,15 @@ def _add_proposals(
     return replace(result, tables=tuple(tables), notes=tuple(notes))
 
 
-def _parse_fixed(text: str) -> tuple[str, float]:
-    name, value = split_setting(text, "--fix", "k2=8.7e-3")
-    try:
-        return name, to_number(value, parameter_spec(name).unit)
-    except (UnitError, ParameterError) as error:
-        raise UsageError(f"--fix {text}: {error}") from None
+def _parse_parameter(text: str, flag: str, example: str, read: Callable[[str, ParameterSpec], T]) -> tuple[str, T]:
+    """Return name and value of `NAME=VALUE`, the value of a parameter of the model."""
+    name, value = split_setting(text, flag, example)
+    with usage_errors(UnitError, ParameterError, about=f"{flag} {text}"):
+        return name, read(value, parameter_spec(name))
 
 
-def _parse_prior(text: str) -> tuple[str, tuple[float, float]]:
-    name, stated = split_setting(text, "--prior", "'h_Al=0.20 mm +- 0.01 mm'")
-    try:
-        return name, read_stated(stated, parameter_spec(name))
-    except (UnitError, ParameterError) as problem:
-        raise UsageError(f"--prior {text}: {problem}") from None
+def _read_fixed(value: str, parameter: ParameterSpec) -> float:
+    return to_number(value, parameter.unit)
 
 
 def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:
@@ -255,10 +255,8 @@ class ShowCalibrationCommand:
     json: bool = JSON_OBJECT
 
     def execute(self) -> int:
-        try:
+        with usage_errors(CalibrationError, about=f"specimen {self.specimen} in {self.folder}"):
             return render(self.result(read_calibrations(self.folder, self.specimen)), self.json)
-        except CalibrationError as error:
-            raise UsageError(f"specimen {self.specimen}: {error}") from None
 
     def result(self, known: Calibrations) -> CommandResult:
         return _version_result(known.get(self.version), known)
@@ -289,24 +287,18 @@ class DiffCalibrationCommand(ShowCalibrationCommand):
 
 
 def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
-    simulated = ", SIMULATED" if version.simulated else ""
     identified = [e for e in version.estimates if e.name not in version.known]
     active = "active" if version.version == calibrations.active else f"version {calibrations.active} is active"
-    title = f"Specimen {version.specimen}, version {version.version} ({active}){simulated}"
-    notes = [
-        f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",
-        f"from {', '.join(version.runs)}",
-    ]
+    title = f"Specimen {version.specimen}, version {version.version} ({active}){', SIMULATED' * version.simulated}"
     return CommandResult(
         "calibration show",
         {name: value for name, value in version.fixed.items() if value is not None},
         (estimate_table(title, identified, version.statistical), *known_tables(version.known, version.estimates)),
         (
-            *([version.decision] if version.decision else []),
-            *([f"{version.dimensions}"] if version.dimensions else []),
-            *notes,
-            *([describe_correction(version.reduced)] if version.reduced else []),
-            *([version.note] if version.note else []),
+            *filter(None, (version.decision, version.dimensions)),
+            f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",
+            f"from {', '.join(version.runs)}",
+            *filter(None, (version.reduced and describe_correction(version.reduced), version.note)),
             *_version_lines(calibrations),
         ),
         extra={"version": version.version, "active": calibrations.active, "record": version.as_record()},

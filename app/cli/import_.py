@@ -112,11 +112,9 @@ def _options(options: ImportCommand) -> ImportOptions:
 def _parse_number(option: str, text: str | None, unit: str) -> float | None:
     if text is None:
         return None
-    try:
+    with usage_errors(UnitError, about=f"{option} {text}"):
         share = unit == "1" and text.strip().endswith("%")
         number = to_number(text.strip().removesuffix("%"), "1") / 100 if share else to_number(text, unit)
-    except UnitError as error:
-        raise UsageError(f"{option} {text}: {error}") from None
     if not 0 <= number < float("inf"):
         raise UsageError(f"{option} {text}: it must not be negative")
     return number
@@ -127,20 +125,14 @@ def _import_result(runs: Sequence[ImportedPoints], written: Sequence[Path]) -> C
     for taken in runs:
         names = ", ".join(name for name, _ in taken.files)
         read, unused = list(taken.mapping.read()), [cells.heading for cells in taken.mapping.unused]
-        tables.append(
-            Table(
-                f"columns of {names}",
-                f"{taken.protocol.title} from {names}: {len(taken.points)} points"
-                + (", SIMULATED" if taken.simulated else ""),
-                (
-                    Column("quantity", "", [spec.name for spec, _ in read]),
-                    Column("column", "", [cells.heading for _, cells in read]),
-                    Column("unit", "", [cells.unit or spec.unit for spec, cells in read]),
-                    Column("meaning", "", [spec.description for spec, _ in read]),
-                ),
-                max_rows=200,
-            )
+        title = f"{taken.protocol.title} from {names}: {len(taken.points)} points{', SIMULATED' * taken.simulated}"
+        columns = (
+            Column("quantity", "", [spec.name for spec, _ in read]),
+            Column("column", "", [cells.heading for _, cells in read]),
+            Column("unit", "", [cells.unit or spec.unit for spec, cells in read]),
+            Column("meaning", "", [spec.description for spec, _ in read]),
         )
+        tables.append(Table(f"columns of {names}", title, columns, max_rows=200))
         notes += [f"caution: {text}" for text in taken.warnings]
         if unused:
             notes.append(f"left out: {', '.join(map(repr, unused))}")

@@ -4,8 +4,7 @@ from .audit_chain import AuditEntry as AuditEntry
 from .audit_chain import AuditError as AuditError
 from .audit_chain import append_entry as append_entry
 from .audit_chain import read_entries as read_entries
-from .audit_chain import record_change as record_change
-from .audit_entries import record_audit as record_audit
+from .audit_chain import record_audit as record_audit
 from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError
 from .errors import usage_errors as usage_errors

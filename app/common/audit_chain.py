@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from app.common.people import current_conditions
 from protocols.base import file_hash, parse_json_object
 
 LOG_NAME = "audit.jsonl"
@@ -67,28 +68,29 @@ def audited_folder(path: Path) -> Path | None:
     return next((folder for folder in list(absolute.parents)[:MAX_LEVELS] if (folder / LOG_NAME).is_file()), None)
 
 
-def record_change(
-    path: Path, action: str, subject: str = "", by: str = "", files: Mapping[Path, str] | None = None, **details: Any
-) -> None:
-    """Append an entry on a changed file to the audit trail that covers it, if any. Errors are logged, not raised.
+def record_audit(action: str, *paths: Path, subject: str = "", **details: Any) -> None:
+    """Append an entry on changed files to the audit trail that covers them, if any. Errors are logged, not raised.
 
     Args:
-        path: the file that was written or removed.
         action: what was done.
-        subject: specimen or item; default is the file's name.
-        by: name of the operator; login and computer are added.
-        files: hashes of files; by default of `path`.
+        paths: files that were written or removed.
+        subject: specimen or item; default is the name of the first file.
         details: plain values.
     """
-    folder = audited_folder(path)
-    if folder is None:
+    if not paths or (folder := audited_folder(paths[0])) is None:
         return
     try:
-        hashes = files if files is not None else {path: file_hash(path)}
-        names = {each.absolute().relative_to(folder).as_posix(): value for each, value in hashes.items()}
-        append_entry(folder, action, subject or path.name, by, names, details)
+        hashes = {path.absolute().relative_to(folder).as_posix(): _hash_of(path) for path in paths}
+        append_entry(folder, action, subject or paths[0].name, current_conditions().operator, hashes, details)
     except (AuditError, OSError, ValueError) as error:
-        log.warning("%s of %s is missing in the audit trail: %s", action, path, error)
+        log.warning("%s of %s is missing in the audit trail: %s", action, paths[0], error)
+
+
+def _hash_of(path: Path) -> str:
+    try:
+        return file_hash(path)
+    except OSError as error:
+        return f"unreadable: {error.strerror or error}"
 
 
 def append_entry(

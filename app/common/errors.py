@@ -22,9 +22,9 @@ class UsageError(Exception):
 
 
 @contextmanager
-def usage_errors(*kinds: type[Exception]) -> Iterator[None]:
-    """Raise UsageError with the message of an error of these kinds; also a decorator."""
+def usage_errors(*kinds: type[Exception], about: str = "") -> Iterator[None]:
+    """Raise UsageError with the message of an error of these kinds, behind what it is `about`; also a decorator."""
     try:
         yield
     except kinds as error:
-        raise UsageError(str(error)) from None
+        raise UsageError(f"{about}: {error}" if about else str(error)) from None

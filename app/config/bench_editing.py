@@ -11,7 +11,7 @@ from platformdirs import user_data_path
 from pydantic import BaseModel, ValidationError
 from tomlkit.items import Table
 
-from app.common import description_of, record_change
+from app.common import description_of, record_audit
 from app.config.bench_file import SIMULATED_BENCHES, BenchConfig, ConfigError, bench_text, read_bench
 from app.config.template import bench_template
 from app.config.validation import validation_messages
@@ -182,7 +182,7 @@ class BenchDraft:
             read_bench(text, str(path))
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, text)
-            record_change(path, "bench file", self.config.name)
+            record_audit("bench file", path, subject=self.config.name)
         except OSError as error:
             raise ConfigError(f"{path} cannot be written: {error.strerror or error}; choose another folder") from error
         return type(self)(str(path), text, self.config, self.config)

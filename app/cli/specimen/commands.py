@@ -118,11 +118,8 @@ class SetSheetCommand:
             if name in TEXT_FIELDS:
                 texts[name] = stated
             else:
-                try:
-                    value, uncertainty = read_stated(stated, parameter_spec(name))
-                except (UnitError, ParameterError) as problem:
-                    raise UsageError(f"{setting}: {problem}") from None
-                entries[name] = SheetEntry(name, value, uncertainty, self.instrument, day)
+                with usage_errors(UnitError, ParameterError, about=setting):
+                    entries[name] = SheetEntry(name, *read_stated(stated, parameter_spec(name)), self.instrument, day)
         path = sheet_path(self.folder, self.specimen)
         if not path.exists():
             NewSheetCommand(self.specimen, self.folder).execute()

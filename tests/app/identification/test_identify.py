@@ -124,7 +124,7 @@ def test_the_command_accepts_shows_and_tells_apart(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["calibration", "show", "T9"], "specimen T9: there is no calibration; versions: none"),
+        (["calibration", "show", "T9"], "specimen T9 in runs: there is no calibration; versions: none"),
         (["identify", "nowhere.h5"], "there is no file nowhere.h5"),
         (["identify", "RUN", "--fix", "k2"], "write NAME=VALUE"),
         (["identify", "RUN", "--fix", "weight=3"], "weight"),
