@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import TypeVar
 
-from app.archive import Catalogue, RunFilter, read_since
-from tactor_bench._run import MeasuredRun
+from app.archive import Catalogue, RunFilter, RunSummary, read_since
+from tactor_bench._run import Fact, MeasuredRun
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
+class _Fact(Fact[RunSummary, T]):
+    source = "summary"
+
+
+@dataclass(frozen=True, repr=False)
 class CatalogueEntry:
     """One run of a folder, without opening its file.
 
@@ -21,22 +28,29 @@ class CatalogueEntry:
         verdict_reasons: why, with remedies.
         duration_s: length of the sampled data.
         found: what was identified, in words.
+        summary: row of the catalogue, which the attributes but `path` are taken from.
     """
 
     path: Path
-    protocol: str
-    specimen: str
-    status: str
-    reason: str
-    start_time: datetime | None
-    simulated: bool
-    points: int
-    duration_s: float
-    found: str
-    verdict: str
-    verdict_reasons: str
-    tags: tuple[str, ...]
-    note: str
+    summary: RunSummary
+
+    protocol = _Fact(lambda row: row.protocol)
+    specimen = _Fact(lambda row: row.specimen)
+    status = _Fact(lambda row: str(row.state))
+    reason = _Fact(lambda row: row.record.reason)
+    start_time = _Fact(lambda row: row.started_at)
+    simulated = _Fact(lambda row: bool(row.simulated))
+    points = _Fact(lambda row: row.points)
+    duration_s = _Fact(lambda row: row.seconds)
+    found = _Fact(lambda row: row.found)
+    verdict = _Fact(lambda row: row.verdict)
+    verdict_reasons = _Fact(lambda row: row.verdict_reasons)
+    tags = _Fact(lambda row: tuple(tag for tag in row.tags.split(", ") if tag))
+    note = _Fact(lambda row: row.note)
+
+    def __repr__(self) -> str:
+        names = ("path", *(name for name, value in vars(type(self)).items() if isinstance(value, _Fact)))
+        return f"CatalogueEntry({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def open(self) -> MeasuredRun:
         """Open the run.
@@ -85,22 +99,5 @@ def runs(
     begun = read_since(since.isoformat() if isinstance(since, datetime) else since) if since else ""
     catalogue = Catalogue(folder)
     catalogue.scan()
-    return [
-        CatalogueEntry(
-            path=folder / entry.path,
-            protocol=entry.protocol,
-            specimen=entry.specimen,
-            status=str(entry.state),
-            reason=entry.record.reason,
-            start_time=entry.started_at,
-            simulated=bool(entry.simulated),
-            points=entry.points,
-            duration_s=entry.seconds,
-            found=entry.found,
-            verdict=entry.verdict,
-            verdict_reasons=entry.verdict_reasons,
-            tags=tuple(tag for tag in entry.tags.split(", ") if tag),
-            note=entry.note,
-        )
-        for entry in RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
-    ]
+    found = RunFilter(search, specimen, protocol, status, begun, verdict).apply(catalogue.entries())
+    return [CatalogueEntry(folder / row.path, row) for row in found]

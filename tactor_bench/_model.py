@@ -34,7 +34,7 @@ seventh of the time. They are within 2e-5 of the whole, which is enough for deri
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Response:
+class Response(PeriodicResponse):
     """Steady response of the tactor to a periodic drive at the amplifier's input.
 
     Attributes:
@@ -47,9 +47,6 @@ class Response:
         specimen: tactor, membrane and skin that were computed.
     """
 
-    frequency_hz: Array
-    peak_to_peak: Array
-    fundamental: Complex
     receptance: Complex
     peak_to_peak_band: UncertaintyBand | None
     fundamental_band: UncertaintyBand | None
@@ -125,8 +122,8 @@ def response(
         bands = _bands(driven, got, specimen, estimates, coverage)
     return Response(
         got.frequency_hz,
+        got.harmonics,
         got.peak_to_peak,
-        got.fundamental,
         frequency_response(specimen.acting_tactor, frequencies_hz, specimen.skin, n, position_m),
         *bands,
         specimen,

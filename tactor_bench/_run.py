@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Generic, Self, TypeVar, overload
+from typing import ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tactor_bench._tables import CurveTable, EstimateTable, Points
 
 __all__ = ["MeasuredRun", "Quality", "RunReadError", "Samples", "open_run"]
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -51,14 +52,20 @@ class Samples:
         return self.time_s.size
 
 
-class _Fact(Generic[T]):
-    """An attribute of a run that its record has."""
+class Fact(Generic[S, T]):
+    """An attribute that is read from another one, `source`, when it is needed."""
 
-    def __init__(self, read: Callable[[RunRecord], T]) -> None:
+    source: ClassVar[str]
+
+    def __init__(self, read: Callable[[S], T]) -> None:
         self._read = read
 
-    def __get__(self, run: "MeasuredRun", owner: type | None = None) -> T:
-        return self._read(run.record)
+    def __get__(self, owner: object, kind: type | None = None) -> T:
+        return self._read(getattr(owner, self.source))
+
+
+class _Fact(Fact[RunRecord, T]):
+    source = "record"
 
 
 class MeasuredRun:

@@ -298,7 +298,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
             *filter(None, (version.decision, version.dimensions)),
             f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or '(name not given)'}, program {version.code}",
             f"from {', '.join(version.runs)}",
-            *filter(None, (version.reduced and describe_correction(version.reduced), version.note)),
+            *filter(None, (describe_correction(version.reduced) if version.reduced else "", version.note)),
             *_version_lines(calibrations),
         ),
         extra={"version": version.version, "active": calibrations.active, "record": version.as_record()},
