@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, OverflowMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -104,10 +104,16 @@ def _rest_check(events: Sequence[Any]) -> Iterator[CheckResult]:
     yield CheckResult("rest confirmed at the end", measured_v, "V", low, high, remedy, Outcome.DID_NOT_PASS)
 
 
+def _table(title: str, *heads: str, overflow: OverflowMethod = "fold") -> Table:
+    """Return an empty table; the columns of numbers are aligned at the right."""
+    table = Table(title=title, title_justify="left")
+    for head in heads:
+        table.add_column(head, justify="right" if head in ("figure", "limits") else "left", overflow=overflow)
+    return table
+
+
 def _check_table(checks: Sequence[CheckResult]) -> Table:
-    table = Table(title="Wiring check", title_justify="left")
-    for head in ("", "what", "figure", "limits", "unit"):
-        table.add_column(head, justify="right" if head in ("figure", "limits") else "left")
+    table = _table("Wiring check", "", "what", "figure", "limits", "unit", overflow="ellipsis")
     for check in checks:
         row = check_row(check)
         word = Text("pass", "green") if row.passed else Text("FAIL", "bold red")
@@ -174,47 +180,41 @@ def _wait_for_high_voltage_off() -> None:
         )
 
 
+TIMES = {
+    "stop_s": "Stop takes {s:.2f} s until the instrument reports rest",
+    "level_stop_s": "Stop from a held level takes {s:.2f} s, because the rest of its burst can be played faster",
+    "upload_s": "The longest waveform is uploaded in {s:.2f} s",
+    "reply_s": "The slowest reply arrives {s:.2f} s after its message{slowest}, an upload's included",
+    "start_s": "A drive begins {ms:.1f} ms after its trigger",
+    "second_client_s": "A second connection is answered after {ms:.1f} ms",
+}
+"""Sentences on the measured times of a commissioning, by their names in its record."""
+
+
 def _print_commissioning(record: Mapping[str, Any], path: Path) -> None:
     """Print one page: measured checks, assumptions, times, and where the record is."""
     console = Console(markup=False, highlight=False)
     styles = {OutputVerdict.PASS: "green", OutputVerdict.DIFFERS: "yellow", OutputVerdict.DANGEROUS: "bold red"}
     firmware = f", firmware {record['firmware']}" if record["firmware"] else ""
     who = f"{record['maker']} {record['model']} #{record['serial']}{firmware}"
-    checks = Table(title=f"Commissioning of {who}: {record['verdict']}", title_justify="left")
-    for head in ("", "measured at the output", "figure", "limits", "unit", "worst"):
-        checks.add_column(head, justify="right" if head in ("figure", "limits") else "left", overflow="fold")
+    title = f"Commissioning of {who}: {record['verdict']}"
+    checks = _table(title, "", "measured at the output", "figure", "limits", "unit", "worst")
     for check in record["checks"]:
         limits = [f"{limit:g}" for limit in (check["low"], check["high"]) if limit is not None]
         figure = "-" if check["value"] is None else f"{check['value']:.4g}"
         verdict = Text(check["verdict"], styles.get(check["verdict"], ""))
         checks.add_row(verdict, check["name"], figure, " to ".join(limits), check["unit"], check["detail"])
     console.print(checks)
-    table = Table(title="Assumptions of the driver", title_justify="left")
-    for head in ("", "property", "value assumed"):
-        table.add_column(head, overflow="fold")
+    table = _table("Assumptions of the driver", "", "property", "value assumed")
     for each in record["assumptions"]:
         table.add_row(Text(each["verdict"], styles.get(each["verdict"], "")), each["property"], each["value"])
     console.print(table if record["assumptions"] else "There is no table of assumptions about this source.")
     for error in record["errors"]:
         print_message(error)
-    times = record["times"]
-    if times["stop_s"] is not None:
-        console.print(f"Stop takes {times['stop_s']:.2f} s until the instrument reports rest")
-    if times["level_stop_s"] is not None:
-        console.print(
-            f"Stop from a held level takes {times['level_stop_s']:.2f} s, because the rest of its burst can be played faster"
-        )
-    if times["upload_s"] is not None:
-        console.print(f"The longest waveform is uploaded in {times['upload_s']:.2f} s")
-    if times["reply_s"] is not None:
-        slowest = "".join(f" ({each['command']})" for each in record["commands"][:1])
-        console.print(
-            f"The slowest reply arrives {times['reply_s']:.2f} s after its message{slowest}, an upload's included"
-        )
-    if times["start_s"] is not None:
-        console.print(f"A drive begins {1e3 * times['start_s']:.1f} ms after its trigger")
-    if times["second_client_s"] is not None:
-        console.print(f"A second connection is answered after {1e3 * times['second_client_s']:.1f} ms")
+    slowest = "".join(f" ({each['command']})" for each in record["commands"][:1])
+    for name, sentence in TIMES.items():
+        if (time_s := record["times"][name]) is not None:
+            console.print(sentence.format(s=time_s, ms=1e3 * time_s, slowest=slowest))
     exempt = ". The simulated bench needs no commissioning" if record["simulated"] else ""
     console.print(f"Record and traces: {path}{exempt}", soft_wrap=True)
 
@@ -244,9 +244,7 @@ class DevicesCommand(DiscoveryOptions):
         if self.json:
             print_json({"found": [asdict(one) for one in found], "notes": notes})
             return ExitCode.DONE
-        table = Table(title="Connected" if found else "Nothing was found", title_justify="left")
-        for head in ("what", "where", "who"):
-            table.add_column(head, overflow="fold")
+        table = _table("Connected", "what", "where", "who")
         for one in found:
             table.add_row(one.role, one.where, one.identity)
         Console(markup=False, highlight=False).print(table if found else "Nothing was found.")

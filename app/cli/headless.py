@@ -114,19 +114,14 @@ def make_protocol(name: str, settings: Sequence[str]) -> Protocol:
     Raises:
         UsageError: an unknown protocol or parameter, or a value out of range; every error is listed.
     """
-    kind = load_protocol_class(name, warn)
+    kind = load_protocol_class(name, print_message)
     return build_protocol(kind, dict(split_setting(text, "--set", "peak_to_peak_v=4") for text in settings))
-
-
-def warn(problem: str) -> None:
-    """Print a warning on standard error."""
-    print_message(str(problem))
 
 
 def load_all_protocols() -> None:
     """Load the protocols of installed packages, with a warning for each broken one."""
     for problem in load_plug_ins():
-        warn(problem)
+        print_message(problem)
 
 
 def run_request(options: BenchOptions, protocol: Protocol) -> RunRequest:

@@ -135,7 +135,7 @@ class ResumeCommand(BenchOptions):
     json: bool = JSON_EVENTS
 
     def execute(self) -> int:
-        from app.cli.headless import load_all_protocols, run_headless, select_bench, warn
+        from app.cli.headless import load_all_protocols, run_headless, select_bench
         from app.session import load_protocol_class
         from protocols import find_entries
         from protocols.runfile import RunReadError
@@ -144,7 +144,7 @@ class ResumeCommand(BenchOptions):
         bench = select_bench(self)
         load_all_protocols()
         if self.protocol_file:
-            load_protocol_class(self.protocol_file, warn)
+            load_protocol_class(self.protocol_file, print_message)
         with usage_errors(RunReadError):
             again = find_entries(self.run, [name for name in self.again.split(",") if name]) if self.again else ()
             request = RunRequest.resuming(self.run, self.out or self.run.parent, again)
@@ -206,14 +206,14 @@ class ProtocolsCommand:
     json: bool = JSON_PLAIN
 
     def execute(self) -> int:
-        from app.cli.headless import load_all_protocols, warn
+        from app.cli.headless import load_all_protocols
         from app.cli.output import print_answer
         from app.session import load_protocol_class
         from protocols import PROTOCOLS
 
         load_all_protocols()
         if self.protocol:
-            kind = load_protocol_class(self.protocol, warn)
+            kind = load_protocol_class(self.protocol, print_message)
             rows = _parameter_records(kind)
             lines = [f"{kind.title}: {_first_line(kind)}"]
             for row in rows:

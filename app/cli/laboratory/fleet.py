@@ -1,6 +1,6 @@
 """The commands `fleet` and `control-chart`: many specimens in one table, and a golden specimen over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,8 @@ from app.common import ExitCode, UsageError, usage_errors
 from model import Series
 
 if TYPE_CHECKING:
-    from app.fleet import Bounds, Fleet, FleetSelection, GoldenChart
+    from app.fleet import Fleet, FleetSelection, GoldenChart
+    from app.report import Limits
     from model.studies import PaperFigure
 
 MAX_QUANTITIES = 5
@@ -74,14 +75,14 @@ class FleetCommand(_FleetOptions):
         if self.group_by not in GROUPS:
             raise UsageError(f"--group-by {self.group_by}: there are {', '.join(GROUPS)}")
         check_output_files(self.files)
-        fleet, limits = self.read(), _read_limits(self.limits, self.folder)
+        fleet, limits = self.read(), _read_limits(self.folder, self.limits)
         names = self.quantities or fleet.names
         with usage_errors(FleetError):
             selections = [fleet.of(name) for name in names]
         shown = selections if self.quantities else selections[:MAX_QUANTITIES]
         specimens = specimen_table(shown)
         tables = [
-            quantity_table(selections, limits),
+            quantity_table(selections, limits.bounds if limits else {}),
             *(group_table(s, self.group_by) for s in shown if self.quantities),
         ]
         result = CommandResult(
@@ -123,7 +124,9 @@ class ControlChartCommand(_FleetOptions):
         if self.baseline < MIN_BASELINE:
             raise UsageError(f"--baseline {self.baseline}: at least {MIN_BASELINE} values")
         check_output_files(self.files)
-        golden = self.golden or _golden_of_limits(self.folder)
+        golden = self.golden
+        if not golden and (limits := _read_limits(self.folder)) is not None:
+            golden = limits.golden
         if not golden:
             raise UsageError('name the golden specimen: --golden NAME, or golden = "NAME" in limits.toml')
         fleet = self.read()
@@ -145,22 +148,15 @@ class ControlChartCommand(_FleetOptions):
         return ExitCode.FAILED if any(each.cause.is_drift for each in charts) else ExitCode.DONE
 
 
-def _read_limits(path: Path | None, folder: Path) -> "Mapping[str, Bounds]":
+def _read_limits(folder: Path, path: Path | None = None) -> "Limits | None":
+    """Return the limits of a file, or of the one in the folder of the runs; None where there is none."""
     from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
 
     chosen = path or folder / LIMITS_FILE_NAME
     if path is None and not chosen.exists():
-        return {}
+        return None
     with usage_errors(LimitsError):
-        return read_limits(chosen).bounds
-
-
-def _golden_of_limits(folder: Path) -> str:
-    from app.report import LIMITS_FILE_NAME, LimitsError, read_limits
-
-    path = folder / LIMITS_FILE_NAME
-    with usage_errors(LimitsError):
-        return read_limits(path).golden if path.exists() else ""
+        return read_limits(chosen)
 
 
 def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
@@ -172,16 +168,9 @@ def _fleet_figure(selection: "FleetSelection") -> "PaperFigure":
     for batch in sorted({v.batch for v in selection.values}):
         at = [i for i, v in enumerate(selection.values) if v.batch == batch]
         curves.append(Series(days[at], np.array([selection.values[i].value for i in at]), label=batch))
-    begin = min(v.start_time for v in selection.values)[:10]
-    return PaperFigure(
-        "fleet",
-        f"days since {begin}",
-        "",
-        selection.name,
-        selection.unit,
-        tuple(curves),
-        f"{selection.name} over time.",
-    )
+    days_since = f"days since {min(v.start_time for v in selection.values)[:10]}"
+    caption = f"{selection.name} over time."
+    return PaperFigure("fleet", days_since, "", selection.name, selection.unit, tuple(curves), caption)
 
 
 def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart") -> "PaperFigure":
@@ -189,21 +178,16 @@ def _chart_figure(selection: "FleetSelection", golden: str, each: "GoldenChart")
 
     times = np.array([v.time_s for v in each.values])
     days, chart = (times - times[0]) / 86400, each.chart
-    lines = [
-        ("value", chart.values),
-        ("EWMA", chart.average),
-        ("centre", np.full(times.size, chart.centre)),
-        ("centre + 3 sigma", np.full(times.size, chart.centre + 3 * chart.sigma)),
-        ("centre - 3 sigma", np.full(times.size, chart.centre - 3 * chart.sigma)),
-        ("EWMA limit", chart.centre + chart.average_limit),
-        ("EWMA limit, lower", chart.centre - chart.average_limit),
-    ]
-    return PaperFigure(
-        f"chart {each.sensor}",
-        f"days since {each.values[0].start_time[:10]}",
-        "",
-        selection.name,
-        selection.unit,
-        tuple(Series(days, y, label=label) for label, y in lines),
-        f"{golden} on {each.sensor or 'an unknown sensor'}: {each.cause}.",
-    )
+    lines = {
+        "value": chart.values,
+        "EWMA": chart.average,
+        "centre": np.full(times.size, chart.centre),
+        "centre + 3 sigma": np.full(times.size, chart.centre + 3 * chart.sigma),
+        "centre - 3 sigma": np.full(times.size, chart.centre - 3 * chart.sigma),
+        "EWMA limit": chart.centre + chart.average_limit,
+        "EWMA limit, lower": chart.centre - chart.average_limit,
+    }
+    curves = tuple(Series(days, y, label=label) for label, y in lines.items())
+    days_since = f"days since {each.values[0].start_time[:10]}"
+    caption = f"{golden} on {each.sensor or 'an unknown sensor'}: {each.cause}."
+    return PaperFigure(f"chart {each.sensor}", days_since, "", selection.name, selection.unit, curves, caption)

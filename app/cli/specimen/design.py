@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from annotated_types import Interval
 
 from app.cli.model_options import ShapeOptions, Topic, describe_specimen, read_settings, read_specimen
@@ -131,26 +132,16 @@ def _answer_table(
     values = [answer.value for answer in answers]
     columns = [Column("question", "", list(names), "for")]
     errors = [answer.standard_error for answer in answers]
-    if not all(error is not None for error in errors):
+    if None in errors:
         columns.append(Column("value", si, values, "needed", shown, ".4g"))
     else:
-        known = [float(error or 0.0) for error in errors]
-        factor = SCALES.get(shown, 1)
+        factor, known = SCALES.get(shown, 1), np.array(errors, float)
         pairs = zip(values, known, strict=True)
         columns += [
             Column("needed", "", [format_with_uncertainty(factor * v, factor * e, shown) for v, e in pairs]),
             Column("value", si, values, displayed=False),
             Column("standard_error", si, known, displayed=False),
-            Column(
-                "low",
-                si,
-                [v - COVERAGE_FACTOR_95 * e for v, e in zip(values, known, strict=True)],
-                "95 % from",
-                shown,
-                ".4g",
-            ),
-            Column(
-                "high", si, [v + COVERAGE_FACTOR_95 * e for v, e in zip(values, known, strict=True)], "to", shown, ".4g"
-            ),
+            Column("low", si, values - COVERAGE_FACTOR_95 * known, "95 % from", shown, ".4g"),
+            Column("high", si, values + COVERAGE_FACTOR_95 * known, "to", shown, ".4g"),
         ]
     return Table(name, title, tuple(columns))
