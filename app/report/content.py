@@ -1,11 +1,12 @@
 """Content of the report of a specimen, computed from its run files; reproducible, without the date of its creation."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from app.common import NO_PROGRESS, AuditError, Progress, pluralize, read_entries
+from app.common import NO_PROGRESS, AuditEntry, AuditError, Progress, pluralize, read_entries
 from app.config import LABORATORY_FILE_NAME, Laboratory
 from app.identification import load_sheet
 from app.plotting import PlotPanel, ReportPlot
@@ -21,6 +22,9 @@ from drivers.watchdog import version
 from model.identification import ObservationSet
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from model.studies import PaperFigure, skin_figures
+
+SectionContents = Mapping[str, tuple[str, Callable[[], Iterable[Block]]]]
+"""Title of each section by its name, and what makes its blocks."""
 
 LINE_STYLES = ("-", "--", "-.", ":")
 SHORT_SECTIONS = ("skin", "uncertainties")
@@ -135,21 +139,21 @@ def _first_page(
     outcomes: tuple[LimitOutcome, ...],
     plots: list[ReportPlot],
     threshold: PerceptionThreshold,
-) -> list[Block]:
-    blocks = [] if limits is None else report_tables.verdict_blocks(limits, outcomes)
-    blocks += report_tables.summary_blocks(summary, runs)
+) -> Iterator[Block]:
+    if limits is not None:
+        yield from report_tables.verdict_blocks(limits, outcomes)
+    yield from report_tables.summary_blocks(summary, runs)
     if summary.specimen.estimates:
-        blocks.append(report_tables.parameter_grid(summary.specimen))
+        yield report_tables.parameter_grid(summary.specimen)
     if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
         caption = (
             f"Below: measured less model. Bars and band: 95 %. Hollow: flagged. {threshold_caption(threshold)} "
             "Every figure of the paper from this specimen: full report."
         )
         first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
-        blocks.append(ReportPlot("Frequency response", (first,), caption, row_height_in=3.0))
+        yield ReportPlot("Frequency response", (first,), caption, row_height_in=3.0)
     elif plots:
-        blocks.append(plots[0])
-    return blocks
+        yield plots[0]
 
 
 def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
@@ -172,46 +176,42 @@ def _section_names(laboratory: Laboratory, full: bool) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*laboratory.sections, *usual) if full else laboratory.sections))
 
 
-def _sections(
-    names: Sequence[str], laboratory: Laboratory, contents: Mapping[str, Callable[[], ReportSection | None]]
-) -> Iterator[ReportSection]:
+def _sections(names: Sequence[str], laboratory: Laboratory, contents: SectionContents) -> Iterator[ReportSection]:
     for name in names:
         if name in laboratory.texts:
             title, text = laboratory.texts[name]
             yield ReportSection(title, [Paragraph(line) for line in text.splitlines() if line.strip()])
-        elif (section := contents[name]()) is not None:
-            yield section
+        elif blocks := [*contents[name][1]()]:
+            yield ReportSection(contents[name][0], blocks)
 
 
 def _contents(
     folder: Path, specimen: str, summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]
-) -> dict[str, Callable[[], ReportSection | None]]:
-    """Return the sections by name; a section without content is None."""
+) -> SectionContents:
+    """Return title and blocks of the sections by name; a section without blocks is left out."""
 
-    def agreement() -> ReportSection | None:
-        if not plots:
-            return None
-        return ReportSection("How well the model explains the points", report_tables.agreement_blocks(summary, plots))
-
-    def perception() -> ReportSection | None:
-        perceived = [*report_tables.perception_blocks(summary), *result_tables(runs, "perception")]
-        return ReportSection("Perceived amplitude and latency", perceived) if perceived else None
+    def agreement() -> Iterator[Block]:
+        if plots:
+            yield from report_tables.agreement_blocks(summary, plots)
 
     return {
-        "skin": lambda: _skin_section(summary),
-        "uncertainties": lambda: _budget_section(folder, specimen, summary),
-        "figures": lambda: _figure_section(summary, plots),
-        "agreement": agreement,
-        "perception": perception,
-        "results": lambda: ReportSection("Result of every run", [*result_cards(runs), *result_tables(runs, "results")]),
-        "provenance": lambda: _provenance_section(folder, summary, runs),
+        "skin": ("On skin", lambda: _skin_blocks(summary)),
+        "uncertainties": ("Where the uncertainties come from", lambda: _budget_blocks(folder, specimen, summary)),
+        "figures": ("The paper's figures from this specimen", lambda: _figure_blocks(summary, plots)),
+        "agreement": ("How well the model explains the points", agreement),
+        "perception": (
+            "Perceived amplitude and latency",
+            lambda: (*report_tables.perception_blocks(summary), *result_tables(runs, "perception")),
+        ),
+        "results": ("Result of every run", lambda: (*result_cards(runs), *result_tables(runs, "results"))),
+        "provenance": ("Where the numbers come from", lambda: _provenance_blocks(folder, summary, runs)),
     }
 
 
-def _skin_section(summary: SpecimenSummary) -> ReportSection:
-    """Return what the skin makes of the response."""
+def _skin_blocks(summary: SpecimenSummary) -> Iterator[Block]:
+    """Yield the effect of the skin on the response."""
     figures = skin_figures(summary.specimen.specimen)
-    skin = ReportPlot(
+    yield ReportPlot(
         "Effect of the skin, with this specimen's parameters (the paper's Figs. 10 to 12)",
         tuple(_study_panel(figure) for figure in figures),
         "Twice the fundamental under the full drive. Lines in order, solid, dashed, dash-dotted, dotted, solid: "
@@ -220,39 +220,30 @@ def _skin_section(summary: SpecimenSummary) -> ReportSection:
         columns=3,
         row_height_in=2.4,
     )
-    return ReportSection("On skin", [skin])
 
 
-def _budget_section(folder: Path, specimen: str, summary: SpecimenSummary) -> ReportSection:
-    """Return the sources of the uncertainties, and where everything else is."""
+def _budget_blocks(folder: Path, specimen: str, summary: SpecimenSummary) -> Iterator[Block]:
+    """Yield the sources of the uncertainties, and the place of everything else."""
+    yield from report_tables.budget_blocks(summary.specimen)
+    yield from audit_blocks(folder)
     more = f"Every figure, table and hash, and a page for every run: 'tactor-bench report {specimen} --full'."
-    sources = report_tables.budget_blocks(summary.specimen)
-    return ReportSection(
-        "Where the uncertainties come from", [*sources, *audit_blocks(folder), Paragraph(more, "small")]
-    )
+    yield Paragraph(more, "small")
 
 
-def _figure_section(summary: SpecimenSummary, plots: list[ReportPlot]) -> ReportSection | None:
-    if not plots:
-        return None
-    figures: list[Block] = [*plots]
-    if summary.specimen.identification is None:
-        text = f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."
-        figures.insert(0, Paragraph(text))
-    return ReportSection("The paper's figures from this specimen", figures)
+def _figure_blocks(summary: SpecimenSummary, plots: list[ReportPlot]) -> Iterator[Block]:
+    if plots and summary.specimen.identification is None:
+        problem = summary.specimen.problem
+        yield Paragraph(f"Nothing was identified ({problem}): the lines are the paper's tactor.")
+    yield from plots
 
 
-def _provenance_section(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> ReportSection:
-    sources: list[Block] = [
-        *report_tables.uncertainty_blocks(summary.specimen),
-        *report_tables.held_values(summary.specimen),
-        report_tables.quality_table(runs),
-        report_tables.instrument_table(runs),
-        *report_tables.software_tables(runs),
-        report_tables.hash_table(runs),
-        *audit_blocks(folder),
-    ]
-    return ReportSection("Where the numbers come from", sources)
+def _provenance_blocks(folder: Path, summary: SpecimenSummary, runs: tuple[ReportRun, ...]) -> Iterator[Block]:
+    yield from report_tables.uncertainty_blocks(summary.specimen)
+    yield from report_tables.held_values(summary.specimen)
+    yield from (report_tables.quality_table(runs), report_tables.instrument_table(runs))
+    yield from report_tables.software_tables(runs)
+    yield report_tables.hash_table(runs)
+    yield from audit_blocks(folder)
 
 
 def _study_panel(figure: PaperFigure) -> PlotPanel:
@@ -261,13 +252,11 @@ def _study_panel(figure: PaperFigure) -> PlotPanel:
     return PlotPanel(title, "frequency (Hz)", "displacement (µm)", lines, styles=LINE_STYLES)
 
 
-def audit_blocks(folder: Path) -> list[Block]:
-    """Return the head of the folder's audit trail, which proves what was recorded up to it; nothing without a trail."""
-    try:
+def audit_blocks(folder: Path) -> Iterator[Block]:
+    """Yield the head of the folder's audit trail, which proves the entries up to it; nothing without a trail."""
+    entries: list[AuditEntry] = []
+    with suppress(AuditError):
         entries, _ = read_entries(folder)
-    except AuditError:
-        return []
-    if not entries:
-        return []
-    text = f"Audit trail: {len(entries)} entries, the last of {entries[-1].time[:19]} UTC with the hash {entries[-1].hash}. "
-    return [Paragraph(f"{text}'tactor-bench audit verify --head' with this hash detects any change before it.")]
+    if entries:
+        text = f"Audit trail: {len(entries)} entries, the last of {entries[-1].time[:19]} UTC with the hash {entries[-1].hash}. "
+        yield Paragraph(f"{text}'tactor-bench audit verify --head' with this hash detects any change before it.")

@@ -1,7 +1,7 @@
 """Texts and tables of a report, provenance included: held values, quality, instruments, software, hashes."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -48,74 +48,77 @@ VERDICT_LABELS: dict[Verdict, str] = {"pass": "met", "fail": "not met", "cannot 
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 
-def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> list[Block]:
-    """Return the overall verdict and the table of limits."""
+def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> Iterator[Block]:
+    """Yield the overall verdict and the table of limits."""
     missed = [o for o in outcomes if o.verdict != "pass"]
     text = f"PASS: all {len(outcomes)} limits are met." if len(outcomes) > 1 else "PASS: the limit is met."
     if missed:
         counts = Counter(o.verdict for o in outcomes)
         parts = [f"{counts[verdict]} {label}" for verdict, label in VERDICT_LABELS.items() if counts[verdict]]
         text = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
+    yield Paragraph(text, "bad" if missed else "good")
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
     rows = tuple((quantity_label(o.name), o.asked, o.found, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
     note = f"Limits from {limits.source}; {rule} must lie within."
-    return [
-        Paragraph(text, "bad" if missed else "good"),
-        Table.of_rows("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad),
-    ]
+    yield Table.of_rows("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad)
 
 
-def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[Block]:
-    """Return the summary paragraphs of the first page."""
-    found = summary.specimen.identification
-    blocks: list[Block] = []
-    if found is None:
-        blocks.append(Paragraph(f"Nothing is identified: {summary.specimen.problem}.", "bad"))
-    else:
-        verdict = found.verdict if found.adequacy is None else found.adequacy.message
-        tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
-        count = pluralize(len(found.observations.runs), "set")
-        blocks.append(Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone))
-        text = summary.specimen.sheet.description
-        blocks.append(Paragraph(f"{text[:1].upper()}{text[1:]}."))
-        if held := held_parameters(found):
-            blocks.append(Paragraph(f"{held[:1].upper()}{held[1:]}"))
-        if added := steps_line(found, also="identify --also", plain="identify --plain"):
-            blocks.append(Paragraph(f"{added[:1].upper()}{added[1:]}", "bad"))
-        blocks += [Paragraph(f"{text[:1].upper()}{text[1:]}.", "bad") for text in contradictions(found)]
-        blocks += [Paragraph(_unidentified_text(each), "bad") for each in found.unidentified]
-        blocks += [Paragraph(f"{note}.") for note in found.notes]
+def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> Iterator[Block]:
+    """Yield the summary paragraphs of the first page."""
+    yield from _fit_blocks(summary.specimen)
     if summary.perception_margins:
-        blocks.append(Paragraph(_margin_text(summary.perception_margins)))
-    elif found is not None:
-        text = "No statement on threshold and latency: the free response is not determined by these runs."
-        blocks.append(Paragraph(text))
+        yield Paragraph(_margin_text(summary.perception_margins))
+    elif summary.specimen.identification is not None:
+        yield Paragraph("No statement on threshold and latency: the free response is not determined by these runs.")
     if (step := summary.latency) is not None and (latency := step.latency) is not None:
         felt_after = typeset_measurement(latency.value, latency.standard_error, "s")
-        text = (
+        yield Paragraph(
             f"A step of {step.step_v:g} V reaches 50 µm after {felt_after} "
             "(model, ± standard error; the amplifier's own slew is not in it)."
         )
-        blocks.append(Paragraph(text))
-    blocks.append(Paragraph(_quality_text(runs)))
+    yield Paragraph(_quality_text(runs))
     if late := sum(any(map(run.uses_expired, run.instruments)) for run in runs):
         text = f"In {pluralize(late, 'run')} the calibration of an instrument had expired: see the instruments, full report."
-        blocks.append(Paragraph(text, "bad"))
-    blocks += [Paragraph(f"{run.name}: {run.problem}.", "bad") for run in runs if run.problem]
-    blocks += [
-        Paragraph(f"{run.name} is left out of the identification: {run.exclusion_reason}.")
-        for run in runs
-        if run.exclusion_reason
-    ]
+        yield Paragraph(text, "bad")
+    yield from _run_blocks(runs)
+
+
+def _fit_blocks(specimen: SpecimenModel) -> Iterator[Block]:
+    """Yield what was identified, and what the identification rests on and lacks."""
+    found = specimen.identification
+    if found is None:
+        yield Paragraph(f"Nothing is identified: {specimen.problem}.", "bad")
+        return
+    verdict = found.verdict if found.adequacy is None else found.adequacy.message
+    tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
+    count = pluralize(len(found.observations.runs), "set")
+    yield Paragraph(f"Joint fit of {count} of points: {_spell_out(verdict)}.", tone)
+    yield Paragraph(f"{_capitalized(specimen.sheet.description)}.")
+    if held := held_parameters(found):
+        yield Paragraph(_capitalized(held))
+    if added := steps_line(found, also="identify --also", plain="identify --plain"):
+        yield Paragraph(_capitalized(added), "bad")
+    yield from (Paragraph(f"{_capitalized(text)}.", "bad") for text in contradictions(found))
+    yield from (Paragraph(_unidentified_text(each), "bad") for each in found.unidentified)
+    yield from (Paragraph(f"{note}.") for note in found.notes)
+
+
+def _run_blocks(runs: Sequence[ReportRun]) -> Iterator[Block]:
+    """Yield the runs that could not be read, are left out, have no result, or are doubtful."""
+    yield from (Paragraph(f"{run.name}: {run.problem}.", "bad") for run in runs if run.problem)
+    for run in runs:
+        if run.exclusion_reason:
+            yield Paragraph(f"{run.name} is left out of the identification: {run.exclusion_reason}.")
     for run in runs:
         if run.without_result and not run.exclusion_reason:
-            blocks.append(
-                Paragraph(f"{run.name} is not used: {run.summary.verdict}: {run.summary.explanation}.", "bad")
-            )
+            yield Paragraph(f"{run.name} is not used: {run.summary.verdict}: {run.summary.explanation}.", "bad")
         elif run.summary.outcome is Outcome.DOUBTFUL:
-            blocks.append(Paragraph(f"{run.name} is doubtful: {run.summary.explanation}."))
-    return blocks
+            yield Paragraph(f"{run.name} is doubtful: {run.summary.explanation}.")
+
+
+def _capitalized(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _margin_text(margins: Sequence[PerceptionMargin]) -> str:
@@ -153,7 +156,7 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates compared with the paper's Table I."""
     rows = []
-    found = specimen.identification
+    found, fit = specimen.identification, specimen.joint_fit
     statistical = {} if found is None else found.statistical_errors
     for e in () if found is None else found.identified:
         paper = TABLE_I.get(e.name)
@@ -183,19 +186,15 @@ def parameter_grid(specimen: SpecimenModel) -> Table:
         "Total standard uncertainty: scatter of the points (statistical), gains of the instruments, dimensions and masses. "
         "Held values (full report) count as exact."
     )
-    fit = None if specimen.identification is None else specimen.identification.joint_fit
     if fit is not None and fit.error_scale > 1:
-        enlarged = ", ".join(
-            f"{m.error_scale:.2g} times those of {m.label}" for m in fit.residuals if m.error_scale > 1
-        )
-        note = (
-            f"Errors are enlarged run by run, as the misfit is larger than the errors of the points: {enlarged}. {note}"
-        )
+        parts = (f"{m.error_scale:.2g} times those of {m.label}" for m in fit.residuals if m.error_scale > 1)
+        enlarged = f"as the misfit is larger than the errors of the points: {', '.join(parts)}"
+        note = f"Errors are enlarged run by run, {enlarged}. {note}"
     return Table.of_rows("Parameters", heads, rows, note)
 
 
-def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> list[Block]:
-    """Return tables of Pearson's r, p and R^2 for every curve, and of the misfit of each run."""
+def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> Iterator[Block]:
+    """Yield tables of Pearson's r, p and R^2 for every curve, and of the misfit of each run."""
     found = summary.specimen.identification
     note = (
         "The parameters were fitted to these same points (to fundamentals and phases, not to max - min): this is agreement, not "
@@ -205,8 +204,10 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
     )
     heads: tuple[str, ...] = ("curve", "points", "Pearson r", "p", "R²", "rms residual", "largest")
     rows: list[tuple[str, ...]] = [_agreement_row(each) for each in curve_agreements(plots)]
-    blocks: list[Block] = [Table.of_rows("Validation curves", heads, rows, note)]
-    if found is not None and found.misfits:
+    yield Table.of_rows("Validation curves", heads, rows, note)
+    if found is None:
+        return
+    if found.misfits:
         heads = ("points of", "residuals", "χ²", "p", "beyond 4 errors")
         rows = [
             (m.label, str(len(m.values)), f"{m.chi_square:.1f}", typeset_probability(m.p_value), str(len(m.outliers)))
@@ -216,14 +217,13 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
             "χ² near the number of residuals: model and errors fit. A small p: the model, or the given errors, do not "
             "explain that run."
         )
-        blocks.append(Table.of_rows("How well the errors explain each run", heads, rows, note))
-    if found is not None and found.adequacy is not None and (findings := found.adequacy.findings):
+        yield Table.of_rows("How well the errors explain each run", heads, rows, note)
+    if found.adequacy is not None and (findings := found.adequacy.findings):
         more = f" The first {MAX_FINDINGS} of {len(findings)}." if len(findings) > MAX_FINDINGS else ""
         rows = [(f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in findings[:MAX_FINDINGS]]
         note = f"Probability by chance: that any of all {found.adequacy.test_count} tests deviates this much.{more}"
         heads = ("kind", "what is seen", "by chance")
-        blocks.append(Table.of_rows("How the runs depart from the model", heads, rows, note))
-    return blocks
+        yield Table.of_rows("How the runs depart from the model", heads, rows, note)
 
 
 def _agreement_row(agreement: CurveAgreement) -> tuple[str, ...]:
@@ -242,8 +242,8 @@ def _agreement_row(agreement: CurveAgreement) -> tuple[str, ...]:
     )
 
 
-def perception_blocks(summary: SpecimenSummary) -> list[Block]:
-    """Return tables of the margin over the threshold at every elongation, and of the latency."""
+def perception_blocks(summary: SpecimenSummary) -> Iterator[Block]:
+    """Yield tables of the margin over the threshold at every elongation, and of the latency."""
     rows = [
         (
             margin.condition,
@@ -254,7 +254,6 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
         )
         for margin in summary.perception_margins
     ]
-    blocks: list[Block] = []
     if rows:
         heads = ("specimen", "felt", "smallest margin", "at", "largest max - min")
         note = (
@@ -262,7 +261,7 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
             f"{summary.perception_margins[0].threshold.description}; looked at from 5 to 250 Hz, where an end without an error is the "
             "end of that range."
         )
-        blocks.append(Table.of_rows("Margin over the threshold", heads, rows, note))
+        yield Table.of_rows("Margin over the threshold", heads, rows, note)
     if (step := summary.latency) is not None:
         lines = [
             (QUANTITIES[merit.name].name, typeset_measurement(merit.value, merit.standard_error, "s"))
@@ -271,8 +270,7 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
         ]
         overshoot = f"{typeset_with_error(100 * step.overshoot, 100 * step.overshoot_error)} %"
         lines.append(("overshoot over the final value", overshoot))
-        blocks.append(Table.of_rows(f"A step of {step.step_v:g} V", ("what", "value ± standard error"), lines))
-    return blocks
+        yield Table.of_rows(f"A step of {step.step_v:g} V", ("what", "value ± standard error"), lines)
 
 
 def _percent(share: float) -> str:
@@ -296,18 +294,12 @@ def _unidentified_text(text: str) -> str:
     return f"Not identifiable from these runs: {names}{_spell_out(along)}."
 
 
-def held_values(specimen: SpecimenModel) -> list[Block]:
-    """Return the table of parameters that were held."""
+def held_values(specimen: SpecimenModel) -> Iterator[Block]:
+    """Yield the table of parameters that were held, if any."""
     identified = specimen.identified_names
-    fit = None if specimen.identification is None else specimen.identification.joint_fit
-    free = () if fit is None else fit.free_parameters
+    free = () if specimen.joint_fit is None else specimen.joint_fit.free_parameters
     rows = [
-        (
-            name,
-            SPECIMEN_PARAMETERS[name].description,
-            _format_value(value, name),
-            TABLE_ONE[name].description,
-        )
+        (name, SPECIMEN_PARAMETERS[name].description, _format_value(value, name), TABLE_ONE[name].description)
         for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
         if name not in identified
         and name not in free
@@ -315,11 +307,12 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
     ]
     note = "They count as exact: none of the errors given here includes their errors."
     heads = ("parameter", "meaning", "value", "source in the paper's Table I")
-    return [Table.of_rows("Held, not identified", heads, rows, note)] if rows else []
+    if rows:
+        yield Table.of_rows("Held, not identified", heads, rows, note)
 
 
-def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
-    """Return the tables of dimensions and masses, and of the sources of every uncertainty."""
+def uncertainty_blocks(specimen: SpecimenModel) -> Iterator[Block]:
+    """Yield the tables of dimensions and masses, and of the sources of every uncertainty."""
     found, sheet = specimen.identification, specimen.sheet
     used = set(sheet.values) if found is None else set(found.known)
     scale = {e.name: sheet_unit(e.name) for e in sheet.values.values()}
@@ -335,39 +328,32 @@ def uncertainty_blocks(specimen: SpecimenModel) -> list[Block]:
         for e in sheet.values.values()
         if e.name in used
     ]
-    texts = [
-        ("serial number", sheet.serial),
-        ("batch", sheet.batch),
-        ("photograph", sheet.photograph),
-        ("notes", sheet.notes),
-    ]
-    remarks = [f"{name}: {text}" for name, text in (*texts, *sheet.descriptions.items()) if text]
-    heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
-    blocks: list[Block] = [Paragraph(f"{'. '.join([*remarks, sheet.description])}.")]
+    texts = {"serial number": sheet.serial, "batch": sheet.batch, "photograph": sheet.photograph, "notes": sheet.notes}
+    remarks = [f"{name}: {text}" for name, text in (*texts.items(), *sheet.descriptions.items()) if text]
+    yield Paragraph(f"{'. '.join([*remarks, sheet.description])}.")
     if rows:
-        blocks.append(Table.of_rows("Dimensions and masses", heads, rows))
+        heads = ("parameter", "meaning", "value ± standard uncertainty", "from", "instrument or source", "date")
+        yield Table.of_rows("Dimensions and masses", heads, rows)
     if found is not None:
-        blocks += [replace(t, columns=tuple(c for c in t.columns if c.displayed)) for t in nonideality_tables(found)]
-    if found is not None and (unstated := unstated_errors(found)):
-        blocks.append(Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}."))
-    return [*blocks, *budget_blocks(specimen)]
+        for table in nonideality_tables(found):
+            yield replace(table, columns=tuple(column for column in table.columns if column.displayed))
+        if unstated := unstated_errors(found):
+            yield Paragraph(f"Exact for want of a stated uncertainty: {', '.join(unstated)}.")
+    yield from budget_blocks(specimen)
 
 
-def budget_blocks(specimen: SpecimenModel) -> list[Block]:
-    """Return the shares of every uncertainty by source, as a table and as bars."""
-    blocks: list[Block] = []
+def budget_blocks(specimen: SpecimenModel) -> Iterator[Block]:
+    """Yield the shares of every uncertainty by source, as a table and as bars."""
     found = specimen.identification
     if found is not None and (budget := found.budget) is not None:
         shares = [(name, format_shares(budget, i)) for i, name in enumerate(budget.names) if name not in found.known]
         note = "Shares of the squared total; noise is the statistical part."
-        blocks.append(Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note))
+        yield Table.of_rows("Sources of the uncertainties", ("parameter", "shares"), shares, note)
         if bars := budget_bars(found):
-            blocks.append(budget_plot(bars))
-    return blocks
+            yield _budget_plot(bars)
 
 
-def budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
-    """Return the sources of the uncertainties as stacked bars."""
+def _budget_plot(bars: Sequence[BudgetBar]) -> ReportPlot:
     stacked = tuple(StackedBar(bar.name, bar.shares, bar.size_text) for bar in bars)
     panel = PlotPanel("", "share of the squared total", "", bars=stacked)
     caption = "Right: total standard uncertainty and its statistical part, of the value. The longest piece is what to measure better."
@@ -430,20 +416,21 @@ def instrument_table(runs: Sequence[ReportRun]) -> Table:
     return Table.of_rows("Instruments", heads, rows, highlighted_rows=frozenset(highlighted))
 
 
-def software_tables(runs: Sequence[ReportRun]) -> list[Table]:
-    """Return the table of software versions, if any is known."""
+def software_tables(runs: Sequence[ReportRun]) -> Iterator[Table]:
+    """Yield the table of software versions, if any is known."""
     used = Counter(
         ", ".join(f"{name} {version}" for name, version in run.record.software.items())
         for run in runs
         if run.record.software
     )
-    rows = [(software, str(count)) for software, count in sorted(used.items())]
-    return [Table.of_rows("Measured with", ("software", "runs"), rows)] if rows else []
+    if used:
+        rows = [(software, str(count)) for software, count in sorted(used.items())]
+        yield Table.of_rows("Measured with", ("software", "runs"), rows)
 
 
 def hash_table(runs: Sequence[ReportRun]) -> Table:
     """Return the table of run file hashes, by which later changes are detected."""
-    rows = tuple((run.name, run.sha256 or "could not be read") for run in runs)
+    rows = [(run.name, run.sha256 or "could not be read") for run in runs]
     return Table.of_rows("Run files", ("file", "SHA-256"), rows, monospace=True)
 
 

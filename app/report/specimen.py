@@ -27,6 +27,7 @@ from model import (
 from model.identification import (
     FitOptions,
     FrequencyResponseObservation,
+    JointFit,
     ObservationSet,
     elongation_parameter,
     joint_fit,
@@ -99,6 +100,11 @@ class SpecimenModel:
         return (
             "model as fitted, not all of it identified" if self.identification.unidentified else "model as identified"
         )
+
+    @property
+    def joint_fit(self) -> JointFit | None:
+        """The joint fit of the identification, if there is one."""
+        return None if self.identification is None else self.identification.joint_fit
 
     @property
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
@@ -283,8 +289,7 @@ def with_damping_by_elongation(specimen: SpecimenModel) -> SpecimenModel:
 
     Unchanged where there are fewer than two elongations, or no joint fit.
     """
-    joint = None if specimen.identification is None else specimen.identification.joint_fit
-    if joint is None:
+    if (joint := specimen.joint_fit) is None:
         return specimen
     elongations = {run.elongation_m for run in joint.observations.of_type(FrequencyResponseObservation)} - {None}
     if len(elongations) < 2:
