@@ -9,8 +9,9 @@ from .feed import TimeSpan as TimeSpan
 from .latest_only import LatestOnlyWorker as LatestOnlyWorker
 from .model_overlay import COVERAGE as COVERAGE
 from .model_overlay import CurveRequest as CurveRequest
+from .model_overlay import ModelCurves as ModelCurves
 from .model_overlay import Overlay as Overlay
-from .model_overlay import OverlayCurve as OverlayCurve
+from .model_overlay import ResponseCurves as ResponseCurves
 from .model_overlay import curve_request_for as curve_request_for
 from .model_overlay import elongations_of as elongations_of
 from .preflight import PreflightCheck as PreflightCheck

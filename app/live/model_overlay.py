@@ -1,8 +1,9 @@
 """Overlay of the model's curve with its error band under measured points, computed in a background thread and cached."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,7 @@ import numpy as np
 from app.identification import PAPER_MODEL, ActiveModel, load_active_model, same_elongation
 from app.live.curve_cache import CurveCache
 from app.live.latest_only import LatestOnlyWorker
-from model import AmplifierMap, Array, Band, ParameterError, replace_variables
-from model.response import PeriodicResponse
+from model import AmplifierMap, Array, Band, ParameterError, Role, Series, replace_variables
 from protocols import aspects_of
 from protocols.base import ModelState, Protocol
 
@@ -58,35 +58,32 @@ def curve_request_for(protocol: Protocol, folder: Path | None = None, specimen: 
     return CurveRequest(top_hz, amplitude_v, folder, specimen, elongations, protocol.name)
 
 
+ResponseCurves = Mapping[str, Series]
+"""`peak_to_peak` and the complex `fundamental` of one specimen over frequency, m over Hz; their bands have a coverage of `COVERAGE`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class OverlayCurve(PeriodicResponse):
-    """Response of the model with its error bands, and those on the membrane."""
+class ModelCurves:
+    """Curves of the model for a request.
+
+    Attributes:
+        active_model: the model parameters they were computed with.
+        free: of the free tactor; without bands if the errors of the parameters are not known.
+        on_membrane: by elongation of the membrane, those that the model can compute.
+        over_axes: returns the second axis of the request's protocol over the first, SI; None without a model.
+    """
 
     request: CurveRequest
-    active_model: ActiveModel = PAPER_MODEL
-    """The model parameters it was computed with."""
-    bands: Mapping[str, Band] = field(default_factory=dict)
-    """Of `peak_to_peak` and of the modulus of `fundamental` at a coverage of `COVERAGE`; none if the errors of the parameters are not known."""
-    elongation_m: float | None = None
-    """Elongation of the membrane under the tactor; None for the free tactor."""
-    on_membrane: tuple["OverlayCurve", ...] = ()
-    """The curves on the membrane at the requested elongations; those that the model cannot compute are left out."""
+    active_model: ActiveModel
+    free: ResponseCurves
+    on_membrane: Mapping[float, ResponseCurves]
+    over_axes: Callable[[Array], Array | None]
 
-    over_axes: Callable[[Array], Array | None] | None = field(default=None, compare=False)
-    """Returns the second axis of the request's protocol over the first, SI; None without a model."""
-
-    def at_elongation(self, elongation_m: float | None) -> "OverlayCurve | None":
-        """Return the curve at an elongation, None or NaN for the free tactor; None if there is no such curve."""
+    def at_elongation(self, elongation_m: float | None) -> ResponseCurves | None:
+        """Return the curves at an elongation, None or NaN for the free tactor; None if there are none."""
         if elongation_m is None or math.isnan(elongation_m):
-            return self
-        return next(
-            (
-                c
-                for c in self.on_membrane
-                if c.elongation_m is not None and same_elongation(c.elongation_m, elongation_m)
-            ),
-            None,
-        )
+            return self.free
+        return next((curves for at, curves in self.on_membrane.items() if same_elongation(at, elongation_m)), None)
 
 
 class Overlay:
@@ -97,13 +94,13 @@ class Overlay:
         cache: of another overlay on the same amplifier, if curves are to be shared.
     """
 
-    def __init__(self, amplifier: AmplifierMap | None = None, cache: "CurveCache[OverlayCurve] | None" = None) -> None:
+    def __init__(self, amplifier: AmplifierMap | None = None, cache: CurveCache[ModelCurves] | None = None) -> None:
         self.amplifier = amplifier or AmplifierMap()
-        self.cache = CurveCache[OverlayCurve](MAX_CACHED_CURVES) if cache is None else cache
-        self._worker = LatestOnlyWorker(self._results, self._store, "overlay")
+        self.cache = CurveCache[ModelCurves](MAX_CACHED_CURVES) if cache is None else cache
+        self._worker = LatestOnlyWorker(lambda request: iter((self.compute(request),)), self._store, "overlay")
         self._active_model = PAPER_MODEL
         self._requested: CurveRequest | None = None
-        self._result: tuple[CurveRequest | None, OverlayCurve | Exception | None] = None, None
+        self._result: tuple[CurveRequest | None, ModelCurves | Exception | None] = None, None
 
     def submit(self, request: CurveRequest) -> None:
         """Request a curve; returns at once. `result` returns it when it is ready."""
@@ -117,7 +114,7 @@ class Overlay:
         if request is not None and request.folder is not None and self._result[0] is request:
             self._worker.submit(request)
 
-    def result(self) -> OverlayCurve | None:
+    def result(self) -> ModelCurves | None:
         """Return the curve requested last; None while it is being computed, or if it is outside the model's range."""
         request, curve = self._result
         if isinstance(curve, ParameterError) or request is not self._requested:
@@ -127,7 +124,7 @@ class Overlay:
             raise curve
         return curve
 
-    def compute(self, request: CurveRequest) -> OverlayCurve:
+    def compute(self, request: CurveRequest) -> ModelCurves:
         """Compute a curve in the calling thread, or return it from the cache."""
         self._active_model = of = load_active_model(request.folder, request.specimen, self._active_model)
         name = (
@@ -145,26 +142,24 @@ class Overlay:
         """Stop the thread."""
         self._worker.close()
 
-    def _results(self, request: CurveRequest) -> Iterator[OverlayCurve]:
-        yield self.compute(request)
-
-    def _store(self, request: CurveRequest, result: OverlayCurve | Exception) -> None:
+    def _store(self, request: CurveRequest, result: ModelCurves | Exception) -> None:
         self._result = request, result
 
-    def _compute_all(self, request: CurveRequest, active_model: ActiveModel) -> OverlayCurve:
-        free = self._compute_curve(request, active_model, active_model.specimen())
-        on = []
+    def _compute_all(self, request: CurveRequest, active_model: ActiveModel) -> ModelCurves:
+        on_membrane = {}
         for elongation_m in request.elongations_m:
-            try:
+            with suppress(ParameterError):  # for example a damping below zero: no curve at this elongation
                 pressed = active_model.specimen(elongation_m)
-                on.append(replace(self._compute_curve(request, active_model, pressed), elongation_m=elongation_m))
-            except ParameterError:  # for example a damping below zero: no curve at this elongation
-                continue
+                label = f"{1e3 * elongation_m:g} mm"
+                on_membrane[elongation_m] = self._compute_curves(request, active_model, pressed, label)
         state = ModelState(active_model.specimen(), self.amplifier)
         over_axes = partial(aspects_of(request.protocol).model_curve, state)  # loaded here, in the background
-        return replace(free, on_membrane=tuple(on), over_axes=over_axes)
+        free = self._compute_curves(request, active_model, state.specimen, "free")
+        return ModelCurves(request, active_model, free, on_membrane, over_axes)
 
-    def _compute_curve(self, request: CurveRequest, active_model: ActiveModel, specimen: "Specimen") -> OverlayCurve:
+    def _compute_curves(
+        self, request: CurveRequest, active_model: ActiveModel, specimen: "Specimen", label: str
+    ) -> ResponseCurves:
         from model.response import amplifier_response, with_lag  # lazily: scipy.linalg loads in 0.25 s
 
         frequency = np.linspace(LOWEST_HZ, max(request.max_hz, 2 * LOWEST_HZ), FREQUENCIES)
@@ -185,14 +180,18 @@ class Overlay:
         ]
         peak_to_peak = np.concatenate([part.peak_to_peak for part in driven])
         motion = np.concatenate([part.fundamental for part in driven])
-        response = PeriodicResponse.of_fundamental(frequency, motion, peak_to_peak)
         estimates = active_model.estimates_for(specimen)
-        bands = {}
-        if estimates is not None:
-            reach = self._band_half_width(request, estimates, specimen, frequency)
-            centres = {"peak_to_peak": peak_to_peak, "fundamental": np.abs(motion)}
-            bands = {name: Band(y - r, y + r) for (name, y), r in zip(centres.items(), reach, strict=True)}
-        return OverlayCurve(frequency, response.harmonics, peak_to_peak, request, active_model, bands)
+        curves = {
+            name: Series(frequency, y, name=name, label=label, role=Role.MODEL)
+            for name, y in (("peak_to_peak", peak_to_peak), ("fundamental", motion))
+        }
+        if estimates is None:
+            return curves
+        reach = self._band_half_width(request, estimates, specimen, frequency)
+        return {
+            name: replace(curve, band=Band(curve.plotted - half, curve.plotted + half))
+            for (name, curve), half in zip(curves.items(), reach, strict=True)
+        }
 
     def _band_half_width(
         self, request: CurveRequest, estimates: "EstimateSet", specimen: "Specimen", frequency: Array

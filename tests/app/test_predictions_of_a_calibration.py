@@ -44,11 +44,12 @@ def test_the_live_curve_lies_on_the_points(measured: tuple[Path, Path]) -> None:
     active = load_active_model(folder, "T7")
     assert active.nonideal.keys() == {"hysteresis", "creep", "clamp_flexibility"}
     overlay = Overlay()
-    curve = overlay.compute(CurveRequest(250.0, 1.0, folder, "T7"))
+    curve = overlay.compute(CurveRequest(250.0, 1.0, folder, "T7")).free["fundamental"]
     overlay.close()
-    found = np.interp(points["frequency"], curve.frequency_hz, abs(curve.fundamental))
+    found = np.interp(points["frequency"], curve.x, curve.plotted)
     np.testing.assert_allclose(found, points["fundamental"], rtol=0.01)
-    half = np.interp(points["frequency"], curve.frequency_hz, curve.bands["fundamental"].upper - abs(curve.fundamental))
+    assert curve.band is not None
+    half = np.interp(points["frequency"], curve.x, curve.band.upper - curve.plotted)
     assert np.all(half < 0.03 * found)
 
 

@@ -87,23 +87,27 @@ def test_the_band_of_a_calibration_is_the_one_that_the_window_draws(elongation_m
     finally:
         overlay.close()
     assert drawn is not None
-    assert drawn.bands
     model = tb.response(
-        drawn.frequency_hz, calibration=tb.calibration("T7", tmp_path), elongation_m=elongation_m, peak_to_peak_v=4.0
+        drawn["peak_to_peak"].x,
+        calibration=tb.calibration("T7", tmp_path),
+        elongation_m=elongation_m,
+        peak_to_peak_v=4.0,
     )
     assert model.peak_to_peak_band is not None
     assert model.fundamental_band is not None
-    np.testing.assert_allclose(model.peak_to_peak, drawn.peak_to_peak, rtol=1e-4)
-    for band, (lower, upper) in (
-        (model.peak_to_peak_band, drawn.bands["peak_to_peak"]),
-        (model.fundamental_band, drawn.bands["fundamental"]),
+    np.testing.assert_allclose(model.peak_to_peak, drawn["peak_to_peak"].y, rtol=1e-4)
+    for band, curve in (
+        (model.peak_to_peak_band, drawn["peak_to_peak"]),
+        (model.fundamental_band, drawn["fundamental"]),
     ):
+        assert curve.band is not None
+        lower, upper = curve.band
         width = (upper - lower).max()
         np.testing.assert_allclose(band.lower, lower, atol=0.02 * width)
         np.testing.assert_allclose(band.upper, upper, atol=0.02 * width)
         assert (band.lower <= band.centre).all()
     half = tb.response(
-        drawn.frequency_hz, calibration=accepted, elongation_m=elongation_m, coverage=0.5, peak_to_peak_v=4.0
+        drawn["peak_to_peak"].x, calibration=accepted, elongation_m=elongation_m, coverage=0.5, peak_to_peak_v=4.0
     )
     assert half.peak_to_peak_band is not None
     ratio = (half.peak_to_peak_band.upper - half.peak_to_peak).max() / (

@@ -22,7 +22,7 @@ from app.gui.widgets import (
     make_splitter,
     row,
 )
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import RunEnded, RunStatus, Series
 
@@ -164,7 +164,7 @@ class ReviewPane(QWidget):
         curves = series or run.series
         self.plots.show_results(kind, run.points, curves, found, run.record.simulated, curves_first=bool(series))
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the points."""
         self.plots.show_model_curve(curve)
 

@@ -34,7 +34,7 @@ from app.gui.plots.items import BarsItem, CurveItem, ScatterItem, linear_data
 from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer_box
 from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from model import Array, shown_unit
 from protocols.base import Series
 
@@ -57,7 +57,7 @@ class CurvesPlot(PlotBase):
     def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
         self._curves: Sequence[Series] = ()
-        self._model_curve: OverlayCurve | None = None
+        self._model_curve: ModelCurves | None = None
         self._bare_tactor = False
         self.model, self.band = CurveItem(antialias=True), BandFill(self.plot)
         self.plot.addItem(self.model)
@@ -88,7 +88,7 @@ class CurvesPlot(PlotBase):
             self._curves, self._bare_tactor = curves, bare_tactor
             self._draw()
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Draw the model's curve under a frequency response."""
         if curve is not self._model_curve:
             self._model_curve = curve
@@ -243,9 +243,9 @@ class CurvesPlot(PlotBase):
         if not fits or curve is None:
             return
         factor = shown_unit("m/V")[0] / curve.request.amplitude_v
-        self.model.setData(curve.frequency_hz, factor * np.abs(curve.fundamental))
-        ends = [factor * end for end in curve.bands["fundamental"]] if curve.bands else None
-        self.band.show_band(curve.frequency_hz, ends)
+        drawn = curve.free["fundamental"].scaled(1.0, factor)
+        self.model.setData(drawn.x, drawn.plotted)
+        self.band.show_band(drawn.x, drawn.band)
 
     def _scale(self, *_: object) -> None:
         if not self.drawn_curves:

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
 from app.gui.widgets import WindowTheme, column
-from app.live import LiveFeed, OverlayCurve
+from app.live import LiveFeed, ModelCurves
 from app.session import WindowState
 from model import AmplifierMap
 from protocols import PROTOCOLS
@@ -39,7 +39,7 @@ class LivePane(QSplitter):
         self.setChildrenCollapsible(False)
         self._state: tuple[WindowState, type[Protocol]] | None = None
         self._running: Series | None = None
-        self._curve: OverlayCurve | None = None
+        self._curve: ModelCurves | None = None
         self._span = 0
         self._outdated = False
 
@@ -114,7 +114,7 @@ class LivePane(QSplitter):
         )
         self.time_plot.show_simulated(view.simulated)
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the points."""
         self._curve = curve
         if "plots" in vars(self):

@@ -13,7 +13,7 @@ from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
 from app.gui.plots.items import CurveItem, linear_data
 from app.gui.plots.series import SERIES, series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, set_style_kind
-from app.live import COVERAGE, OverlayCurve
+from app.live import COVERAGE, ModelCurves, ResponseCurves
 from model import Series
 
 LEGEND_COLUMNS = 3
@@ -27,7 +27,7 @@ class DrawnCurve:
         self._plot = plot
         self.lines = [CurveItem(antialias=True) for _ in SERIES]
         self.fills = [BandFill(plot) for _ in SERIES]
-        self.curve: OverlayCurve | None = None
+        self.curves: ResponseCurves | None = None
         for line in self.lines:
             plot.addItem(line)
 
@@ -37,13 +37,18 @@ class DrawnCurve:
             line.setPen(pg.mkPen(color, width=1.5, style=series.line))
             fill.set_color(color)
 
-    def show(self, curve: OverlayCurve) -> None:
-        """Draw a curve and its band, if it has one."""
-        self.curve = curve
+    def show(self, curves: ResponseCurves) -> None:
+        """Draw curves and their bands, if they have any."""
+        self.curves = curves
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
-            line.setData(curve.frequency_hz, series.values_of(curve))
-            band = curve.bands.get(series.column)
-            fill.show_band(curve.frequency_hz, None if band is None else [series.factor * end for end in band])
+            drawn = curves[series.column].scaled(1.0, series.factor)
+            line.setData(drawn.x, drawn.plotted)
+            fill.show_band(drawn.x, drawn.band)
+
+    @property
+    def label(self) -> str:
+        """`free`, `2.54 mm`; empty before a curve is drawn."""
+        return "" if self.curves is None else self.curves[SERIES[0].column].label
 
     def remove(self) -> None:
         """Remove the items from the plot."""
@@ -56,6 +61,7 @@ class ModelCurveItems:
 
     def __init__(self, plot: Any, theme: WindowTheme) -> None:
         self._plot, self._theme = plot, theme
+        self._model: ModelCurves | None = None
         self.free = DrawnCurve(plot)
         self.on_membrane: list[DrawnCurve] = []
         """On the membrane, in order of rising elongation."""
@@ -72,10 +78,10 @@ class ModelCurveItems:
 
     def color_at(self, elongation_m: float, default: str) -> QColor:
         """Return the colour of points at an elongation (NaN: free) if several curves are drawn, else `default`."""
-        if not self.on_membrane:
+        if self._model is None or not self.on_membrane:
             return QColor(default)
         for at, each in enumerate(self.all_curves):
-            if self.free.curve is not None and self.free.curve.at_elongation(elongation_m) is each.curve:
+            if self._model.at_elongation(elongation_m) is each.curves:
                 return curve_color(at, self._theme.colors)
         return QColor(self._theme.colors.text)  # no curve at this elongation
 
@@ -89,16 +95,17 @@ class ModelCurveItems:
         swatch.fill(self.free.fills[0].brush().color())
         self.band_box.setIcon(QIcon(swatch))
 
-    def show_curve(self, curve: OverlayCurve) -> None:
-        """Draw a curve with those on the membrane, and name their model."""
+    def show_curve(self, curve: ModelCurves) -> None:
+        """Draw the curves of the free tactor and on the membrane, and name their model."""
+        self._model = curve
         while len(self.on_membrane) > len(curve.on_membrane):
             self.on_membrane.pop().remove()
         while len(self.on_membrane) < len(curve.on_membrane):
             self.on_membrane.append(DrawnCurve(self._plot))
-        for each, shown in zip(self.all_curves, (curve, *curve.on_membrane), strict=True):
+        for each, shown in zip(self.all_curves, (curve.free, *curve.on_membrane.values()), strict=True):
             each.show(shown)
         self.apply_theme(self._theme.colors)
-        of, has_band = curve.active_model, bool(curve.bands)
+        of, has_band = curve.active_model, curve.free[SERIES[0].column].band is not None
         why = f"Where the model's curve lies with {100 * COVERAGE:g} %, by the errors of the calibration"
         self.band_box.setEnabled(has_band)
         self.band_box.setToolTip(why if has_band else of.problem or NO_ERRORS_TEXT)
@@ -122,7 +129,7 @@ class ModelCurveItems:
         """Return the data of the visible lines and bands."""
         shown: list[Series] = []
         for each in self.all_curves:
-            where = f", {curve_label(each.curve)}" if self.on_membrane and each.curve is not None else ""
+            where = f", {each.label}" if self.on_membrane and each.label else ""
             for series, line, fill in zip(SERIES, each.lines, each.fills, strict=True):
                 shown += series_of(f"{series.label}{where}, {self.source_label.text()}", line)
                 if fill.ends is not None and fill.isVisible():
@@ -136,16 +143,11 @@ class ModelCurveItems:
         """Fill the legend, in the text colour of the theme."""
         self.legend.clear()
         for each in self.all_curves:
-            if self.on_membrane and each.curve is not None:
-                self.legend.addItem(each.lines[0], curve_label(each.curve))
+            if self.on_membrane and each.label:
+                self.legend.addItem(each.lines[0], each.label)
 
     def _update_visibility(self) -> None:
         for each in self.all_curves:
             for line, fill, shown in zip(each.lines, each.fills, self._series, strict=True):
                 line.setVisible(shown)
                 fill.setVisible(shown and self.band_box.isChecked())
-
-
-def curve_label(curve: OverlayCurve) -> str:
-    """Return `free`, `2.54 mm`."""
-    return "free" if curve.elongation_m is None else f"{1e3 * curve.elongation_m:g} mm"

@@ -20,7 +20,7 @@ from app.gui.plots.lower_strip import MIN_HEIGHT_OF_BOTH, LowerStrip, make_layer
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import series_of
 from app.gui.widgets import ElidedLabel, Theme, WindowTheme, configure, make_choice, row
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from app.session import describe_point
 from model import ParameterError, shown_unit
 from protocols.base import Protocol, Quality, RunEnded, Series
@@ -54,7 +54,7 @@ class PointsPlot(PlotBase):
         self.line_items: list[CurveItem] = []
         self._bars = BarsItem(beam=0.0)
         self.model = CurveItem(antialias=True)
-        self._model_curve: OverlayCurve | None = None
+        self._model_curve: ModelCurves | None = None
         self.scatter = ScatterItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self.model, self._bars, self.scatter):
             self.plot.addItem(item)
@@ -106,7 +106,7 @@ class PointsPlot(PlotBase):
             self.selection.retain(entries)
             self._draw()
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Draw the curve of the model under the points, where the protocol has one."""
         if curve is not self._model_curve:
             self._model_curve = curve

@@ -13,7 +13,7 @@ from app.gui.plots.items import BarsItem, CurveItem, ScatterItem
 from app.gui.plots.lower_strip import StripBase
 from app.gui.plots.series import series_of
 from app.gui.widgets import Theme, WindowTheme
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from model import Series
 from protocols.base import Quality
 
@@ -49,7 +49,7 @@ class ResidualStrip(StripBase):
     def _column_names(self) -> tuple[str, str]:
         return "frequency (Hz)", self.plot.getAxis("left").labelText
 
-    def draw(self, points: Sequence[Any], curve: OverlayCurve | None, colors: Sequence[QColor]) -> None:
+    def draw(self, points: Sequence[Any], curve: ModelCurves | None, colors: Sequence[QColor]) -> None:
         """Draw the selected quantity of the points, each in its colour, and of the curve."""
         self.setVisible(self.quantity != NOTHING)
         self.simulated = any(Quality.SIMULATED in Quality(p.quality) for p in points)
@@ -73,29 +73,36 @@ class ResidualStrip(StripBase):
         self.plot.setYRange(*stable_range(lowest, highest, None), padding=0.02)
 
 
-def _residual(points: Sequence[Any], curve: OverlayCurve | None) -> tuple[Any, Any, tuple[Any, Any]]:
+def _residual(points: Sequence[Any], curve: ModelCurves | None) -> tuple[Any, Any, tuple[Any, Any]]:
     """Return measured max - min less the model's, in per cent of the model's, its errors, and the line of zero."""
     if curve is None:
         nothing = np.full(len(points), np.nan)
         return nothing, nothing, ([], [])
     model = np.array([_model_peak_to_peak(point, curve) for point in points])
     y = 100 * (np.array([p.peak_to_peak for p in points]) / model - 1)
-    return y, 100 * np.array([p.peak_to_peak_errors for p in points]) / model, (curve.frequency_hz[[0, -1]], [0.0, 0.0])
+    return (
+        y,
+        100 * np.array([p.peak_to_peak_errors for p in points]) / model,
+        (curve.free["peak_to_peak"].x[[0, -1]], [0.0, 0.0]),
+    )
 
 
-def _model_peak_to_peak(point: Any, curve: OverlayCurve) -> float:
+def _model_peak_to_peak(point: Any, curve: ModelCurves) -> float:
     """Return the model's max - min at a point, at the point's elongation of the membrane; NaN without such a curve."""
     own = curve.at_elongation(getattr(point, "elongation", None))
-    return math.nan if own is None else float(np.interp(point.frequency, own.frequency_hz, own.peak_to_peak))
+    if own is None:
+        return math.nan
+    return float(np.interp(point.frequency, own["peak_to_peak"].x, own["peak_to_peak"].y))
 
 
-def _phase(points: Sequence[Any], curve: OverlayCurve | None) -> tuple[Any, Any, tuple[Any, Any]]:
+def _phase(points: Sequence[Any], curve: ModelCurves | None) -> tuple[Any, Any, tuple[Any, Any]]:
     """Return the phase of the fundamental relative to the drive, degrees, unwrapped downwards from zero."""
     y = np.degrees([(p.phase + 0.5) % (2 * np.pi) - 2 * np.pi - 0.5 if p.phase > 0.5 else p.phase for p in points])
     errors = np.degrees([p.phase_errors for p in points])
     if curve is None:
         return y, errors, ([], [])
     # One line after the other with a gap between them: free, then on the membrane.
-    gap, every = [np.nan], (curve, *curve.on_membrane)
-    x = np.concatenate([part for one in every for part in (one.frequency_hz, gap)])
-    return y, errors, (x, np.concatenate([part for one in every for part in (np.degrees(one.phase), gap)]))
+    every = [curves["fundamental"] for curves in (curve.free, *curve.on_membrane.values())]
+    lines = [(one.x, np.degrees(np.unwrap(np.angle(one.y)))) for one in every]
+    x, phases = (np.concatenate([np.append(part, np.nan) for part in parts]) for parts in zip(*lines, strict=True))
+    return y, errors, (x, phases)

@@ -17,7 +17,7 @@ from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import NOTHING, PHASE, RESIDUAL, STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, legend_icon, series_of
 from app.gui.widgets import ElidedLabel, Menu, Theme, WindowTheme, configure, make_choice, row, set_style_kind
-from app.live import OverlayCurve, elongations_of
+from app.live import ModelCurves, elongations_of
 from app.session import describe_point
 from model import Series
 from protocols.base import Quality
@@ -78,7 +78,7 @@ class ResponsePlot(PlotBase):
 
     def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent, grid=True)
-        self._curve: OverlayCurve | None = None
+        self._curve: ModelCurves | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
         self._last_points: Sequence[Any] = ()
@@ -117,7 +117,7 @@ class ResponsePlot(PlotBase):
         self.model_curves.apply_theme(theme)
         self._draw_points()
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Draw the model's curve."""
         if curve is self._curve:
             return

@@ -14,7 +14,7 @@ from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
 from app.gui.widgets import WindowTheme
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from protocols.base import Protocol, RunEnded, Series
 from protocols.runfile import point_columns
 
@@ -35,7 +35,7 @@ class ResultPlots(QStackedWidget):
         self.response.repeat_requested.connect(self.repeat_requested)
         self.addWidget(self.response)
         self._plot_of_points: ResponsePlot | PointsPlot = self.response
-        self._model_curve: OverlayCurve | None = None
+        self._model_curve: ModelCurves | None = None
         self._points_selected: bool | None = None
         """None until the operator chooses: what the protocol states."""
 
@@ -109,7 +109,7 @@ class ResultPlots(QStackedWidget):
             shown = default if self._points_selected is None else not self._points_selected
             self.setCurrentWidget(self.curves if curves and shown else plot)
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model's curve under the results."""
         self._model_curve = curve
         for plot in self._plots:

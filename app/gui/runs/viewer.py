@@ -20,7 +20,7 @@ from app.gui.widgets import (
     make_splitter,
     row,
 )
-from app.live import OverlayCurve
+from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Outcome, RunEnded, RunStatus
 
@@ -81,7 +81,7 @@ class RunViewer(QWidget):
         self.trace_plot.show_traces(run.traces, run.record.simulated)
         self.log.show_messages(run.messages)
 
-    def show_model_curve(self, curve: OverlayCurve) -> None:
+    def show_model_curve(self, curve: ModelCurves) -> None:
         """Show the model curve under the points."""
         self.plots.show_model_curve(curve)
 
