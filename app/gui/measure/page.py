@@ -4,14 +4,14 @@ import json
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QSettings, Qt
+from PySide6.QtCore import QObject, QSettings, Qt, QTimer
 from PySide6.QtWidgets import QSplitter, QWidget
 
-from app.gui.measure.form_history import FormHistory
+from app.common import UndoHistory
 from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots import LivePane
-from app.gui.widgets import LogPane, WindowTheme, configure
+from app.gui.widgets import LogPane, WindowTheme, add_actions, configure
 from app.identification import PAPER_MODEL
 from app.live import CurveRequest, LiveEstimator, LiveFeed, Overlay, PreflightCheck, PreflightRequest, curve_request_for
 from app.session import WindowState
@@ -148,3 +148,50 @@ def _saved_form(settings: QSettings) -> Protocol | None:
         return PROTOCOLS[saved["protocol"]].model_validate(saved["parameters"])
     except (ValueError, KeyError, TypeError):
         return None
+
+
+class FormHistory(QObject):
+    """Remembers the valid protocols of a form. Text within a field has its own undo.
+
+    Args:
+        panel: holds the form.
+        page: where the shortcuts of undo and redo work.
+    """
+
+    def __init__(self, panel: RunPanel, page: QWidget) -> None:
+        super().__init__(page)
+        self._panel = panel
+        self._history: UndoHistory[Protocol | None] = UndoHistory(panel.protocol)
+        # A preset fills one field after the other: only the form after the last change is remembered.
+        self._settle_timer = QTimer(self, singleShot=True, interval=0)
+        self._settle_timer.timeout.connect(self._remember)
+        panel.changed.connect(self._settle_timer.start)
+        add_actions(page, {"measure.undo": self.undo, "measure.redo": self.redo})
+
+    def undo(self) -> None:
+        """Show the previous protocol."""
+        self._remember()
+        if self._panel.form.isEnabled() and self._history.undo():
+            self._show_protocol()
+
+    def redo(self) -> None:
+        """Show the protocol that was undone."""
+        if self._panel.form.isEnabled() and self._history.redo():
+            self._show_protocol()
+
+    def _remember(self) -> None:
+        if (protocol := self._panel.protocol) is not None:
+            self._history.push(protocol, _changed_field(self._history.current, protocol))
+
+    def _show_protocol(self) -> None:
+        protocol = self._history.current
+        if protocol is not None:
+            self._panel.set_protocol(protocol)
+
+
+def _changed_field(old: Protocol | None, new: Protocol) -> str:
+    """Return the field that differs; empty if more than one does."""
+    if type(old) is not type(new):
+        return ""
+    names = [name for name in type(new).model_fields if getattr(old, name) != getattr(new, name)]
+    return names[0] if len(names) == 1 else ""

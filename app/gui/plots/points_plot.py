@@ -92,9 +92,7 @@ class PointsPlot(PlotBase):
             return
         self._kind, self._points, self._entries = kind, (), ()
         self.caption.setText(kind.title)
-        known = point_columns(kind.point_type)
-        for side, name in zip(("bottom", "left"), kind.axes, strict=True):
-            shown = shown_unit(known[name][0])[1]
+        for side, name, (_, shown) in zip(("bottom", "left"), kind.axes, _shown_units(kind), strict=True):
             self.plot.setLabel(side, axis_name(name) + (f" ({shown})" if shown else ""))
         self._draw()
 
@@ -120,8 +118,7 @@ class PointsPlot(PlotBase):
         over_axes = None if curve is None or kind is None or curve.request.protocol != kind.name else curve.over_axes
         y = None
         if over_axes is not None and kind is not None and x.size:
-            known = point_columns(kind.point_type)
-            x_factor, y_factor = (shown_unit(known[name][0])[0] for name in kind.axes)
+            (x_factor, _), (y_factor, _) = _shown_units(kind)
             grid = np.linspace(x.min(), x.max(), MODEL_PLACES)
             with suppress(ParameterError, RunReadError):  # outside the range of the model, or failed aspects
                 y = over_axes(grid / x_factor)
@@ -163,8 +160,7 @@ class PointsPlot(PlotBase):
         self.strip_box.setVisible(bool(lines))
         if not lines and "strip" not in vars(self):
             return
-        known = point_columns(self._kind.point_type)
-        x_factor, y_factor = (shown_unit(known[name][0])[0] for name in self._kind.axes)
+        (x_factor, _), (y_factor, unit) = _shown_units(self._kind)
         residuals = []
         for line in lines:
             item = CurveItem(pen=pg.mkPen(self._theme.colors.model, width=1.5))
@@ -179,7 +175,6 @@ class PointsPlot(PlotBase):
             residuals.append(
                 Series(x_factor * x, y_factor * (y - np.interp(x, line.x, line.y)), y_factor * errors, name=line.label)
             )
-        unit = shown_unit(known[self._kind.axes[1]][0])[1]
         colors = [QColor(self._theme.colors.measured)] * len(residuals)
         label = f"residual ({unit})" if unit else "residual"
         self.strip.draw(residuals, colors, label, symbols=True, zero=True, simulated=self.simulated)
@@ -203,17 +198,13 @@ class PointsPlot(PlotBase):
     def _draw(self) -> None:
         if self._kind is None:
             return
-        known = point_columns(self._kind.point_type)
-        x_name, y_name = self._kind.axes
-        at = [
-            i
-            for i, p in enumerate(self._points)
-            if isinstance(p, self._kind.point_type) and _has_position(p, x_name, y_name)
-        ]
+        kind, (x_name, y_name) = self._kind.point_type, self._kind.axes
+        at = [i for i, p in enumerate(self._points) if isinstance(p, kind) and _has_position(p, x_name, y_name)]
         points: list[Any] = [self._points[i] for i in at]
+        (x_factor, _), (y_factor, _) = _shown_units(self._kind)
         x, y, errors = (
-            shown_unit(known.get(name, ("1", "", 0))[0])[0] * np.array([float(getattr(p, name, 0.0)) for p in points])
-            for name in (x_name, y_name, f"{y_name}_errors")
+            factor * np.array([float(getattr(p, name, 0.0)) for p in points])
+            for name, factor in ((x_name, x_factor), (y_name, y_factor), (f"{y_name}_errors", y_factor))
         )
         ink = QColor(self._theme.colors.measured)
         usable = [Quality(p.quality).usable for p in points]
@@ -233,6 +224,12 @@ class PointsPlot(PlotBase):
         self._draw_model()
         self._rescale()
         self.show_estimates(self._outcome)
+
+
+def _shown_units(kind: type[Protocol]) -> list[tuple[float, str]]:
+    """Return factor and name of the units in which x and y of a protocol are displayed."""
+    known = point_columns(kind.point_type)
+    return [shown_unit(known[name][0])[:2] for name in kind.axes]
 
 
 def _has_position(point: Any, *names: str) -> bool:

@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
-from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QLabel
 
 from app.common import pluralize
@@ -251,22 +250,13 @@ class PlotTools(QObject):
         menu = Menu(self._canvas)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         zooming = ("plot.whole", "plot.closer", "plot.further") if self.boxes else ()
-        for name in (
-            *zooming,
-            "plot.peak",
-            "",
-            "plot.copy-picture",
-            "plot.copy-data",
-            "plot.save-picture",
-            "plot.save-data",
-        ):
-            if not name:
-                self._fill_menu(menu)
-                self._add_log_axes(menu)
-                menu.addSeparator()
-            elif (action := self._canvas.findChild(QAction, name)) is not None:
-                action.setText(ACTIONS[name].text)
-                menu.addAction(action)
+        menu.add_named(self._canvas, (*zooming, "plot.peak"))
+        self._fill_menu(menu)
+        self._add_log_axes(menu)
+        menu.addSeparator()
+        menu.add_named(
+            self._canvas, [f"plot.{what}-{kind}" for what in ("copy", "save") for kind in ("picture", "data")]
+        )
         return menu
 
     def _add_log_axes(self, menu: Menu) -> None:

@@ -29,7 +29,6 @@ MAX_LARGE = 3
 
 MAX_REASON_LENGTH = 200
 
-ACTIONS = ("open", "again", "explore", "continue", "next", "report")
 BUTTONS = {
     "open": ("Open", "Show the run on the page Runs"),
     "again": ("Again", tooltip("run", "Measure with the parameters of the form")),
@@ -60,7 +59,7 @@ class ResultCard(QFrame):
         self,
         theme: WindowTheme,
         prefix: str = "result",
-        actions: tuple[str, ...] = ACTIONS,
+        actions: tuple[str, ...] = tuple(BUTTONS),
         compact: bool = False,
         scrolls: bool = False,
     ) -> None:

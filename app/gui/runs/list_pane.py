@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QUrl, Signal
-from PySide6.QtGui import QAction, QDesktopServices, QGuiApplication
+from PySide6.QtGui import QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QWidget
 
 from app.archive import RunSummary
@@ -71,11 +71,7 @@ class RunListPane(QWidget):
                 f"Report of {one.specimen} …", partial(self.details.card.requested.emit, "report", self.path_of(one))
             )
         names = ("continue", "explore", "", "notes", "export", "copy-paths", "show-folder", "", "trash", "import")
-        for name in names:
-            if not name:
-                menu.addSeparator()
-            elif (action := page.findChild(QAction, f"runs.{name}")) is not None:
-                menu.addAction(action)
+        menu.add_named(page, (f"runs.{name}" if name else "" for name in names))
         return menu
 
     def show_folder(self) -> None:

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QMainWindow, QWidget
 
 from app.gui.help import TUTORIALS
 from app.gui.shell.page_host import MEASURE, RUNS
 from app.gui.shell.page_stack import CentralStack
-from app.gui.widgets import APPEARANCES, ActionInfo, Menu, actions_of
+from app.gui.widgets import APPEARANCES, Menu, actions_of
 from protocols import PROTOCOLS
 
 if TYPE_CHECKING:
@@ -64,18 +64,18 @@ class MainMenus:
         """Fill a menu with the actions that exist now."""
         menu.clear()
         if title == "&Page":
-            for _, action in self._page_actions():
-                menu.addAction(action)
+            widgets = [self._window, *self._window.findChildren(QWidget)]
+            menu.addActions([action for info, action in actions_of(widgets) if info.page == self._page_title])
             return
         if title == "&Help":
-            self._add(menu, ("shortcuts", "palette", "problem"))
+            menu.add_named(self._window, ("shortcuts", "palette", "problem"))
             menu.addAction("First steps …", self._central.show_welcome)
             for name, tutorial in TUTORIALS.items():
                 menu.addAction(f"Tutorial: {tutorial.title}", partial(self._central.start_tutorial, name))
             return
         if title == "&File":
             self._tabs.page(RUNS)  # whose actions are listed
-        self._add(menu, MENUS[title])
+        menu.add_named(self._window, MENUS[title])
         if title == "&View":
             menu.addSeparator()
             for name, text in APPEARANCES.items():
@@ -86,7 +86,7 @@ class MainMenus:
         from app.gui.help import PaletteEntry
 
         listed = set[str]()
-        for info, action in [*actions_of([self._window, *self._window.findChildren(QWidget)])]:
+        for info, action in actions_of([self._window, *self._window.findChildren(QWidget)]):
             hidden = info.id in (*NOT_LISTED, *listed) or info.id.startswith(PREFIXES_NOT_LISTED)
             if hidden or not action.isEnabled() or info.page not in ("", self._page_title):
                 continue
@@ -120,17 +120,6 @@ class MainMenus:
     @property
     def _page_title(self) -> str:
         return self._tabs.tabText(self._tabs.currentIndex())
-
-    def _page_actions(self) -> list[tuple[ActionInfo, QAction]]:
-        widgets = [self._window, *self._window.findChildren(QWidget)]
-        return [(info, action) for info, action in actions_of(widgets) if info.page == self._page_title]
-
-    def _add(self, menu: Menu, names: tuple[str, ...]) -> None:
-        for name in names:
-            if not name:
-                menu.addSeparator()
-            elif (action := self._window.findChild(QAction, name)) is not None:
-                menu.addAction(action)
 
     def _choose_protocol(self, name: str) -> None:
         self._tabs.setCurrentIndex(MEASURE)

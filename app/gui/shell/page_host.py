@@ -80,7 +80,9 @@ class PageHost(QTabWidget):
         if index not in self._created:
             self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
-            _restore_splitters(page, self._settings)
+            for splitter in _named_splitters(page):
+                if isinstance(sizes := self._settings.value(splitter.objectName()), QByteArray):
+                    splitter.restoreState(sizes)
             if self._state is not None:
                 page.set_state(self._state)
             self.page_created.emit(page)
@@ -135,7 +137,8 @@ class PageHost(QTabWidget):
         """Save settings."""
         self._settings.setValue("window/page", self.currentIndex())
         for page in self._created.values():
-            _save_splitters(cast("QWidget", page), self._settings)
+            for splitter in _named_splitters(cast("QWidget", page)):
+                self._settings.setValue(splitter.objectName(), splitter.saveState())
         for saving in self._pages_with("save_state"):
             saving.save_state(self._settings)
 
@@ -178,20 +181,6 @@ class PageHost(QTabWidget):
 
     def _pages_with(self, method: str) -> Iterator[Any]:
         return (page for page in self._created.values() if hasattr(page, method))
-
-
-def _restore_splitters(page: QWidget, settings: QSettings) -> None:
-    """Restore the saved splitter positions of a page."""
-    for splitter in _named_splitters(page):
-        state = settings.value(splitter.objectName())
-        if isinstance(state, QByteArray):
-            splitter.restoreState(state)
-
-
-def _save_splitters(page: QWidget, settings: QSettings) -> None:
-    """Save the splitter positions of a page."""
-    for splitter in _named_splitters(page):
-        settings.setValue(splitter.objectName(), splitter.saveState())
 
 
 def _named_splitters(page: QWidget) -> Iterator[QSplitter]:

@@ -1,8 +1,8 @@
-"""Pages of the main window: how they are made, connected, saved and restored."""
+"""Pages of the main window: how they are made, connected, saved and restored; actions of result cards; the visible specimen."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
@@ -12,9 +12,8 @@ from app.config import BenchConfig
 from app.gui.campaign import CampaignController
 from app.gui.laboratory import FolderThreshold
 from app.gui.measure import MeasurePage, OperatorOfToday, PresetStore, presets_path
+from app.gui.results import ReportJob
 from app.gui.shell.page_host import BENCH, CAMPAIGN, EXPLORE, LABORATORY, MEASURE, RUNS, TITLES, Page, PageHost
-from app.gui.shell.result_actions import ResultActions
-from app.gui.shell.visible_subject import VisibleSubject
 from app.gui.status import SessionController
 from app.gui.widgets import SheetIndicators, Toast, WindowTheme
 from app.identification import SpecimenLabel, compare_label
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from app.gui.explore import ExplorePage
     from app.gui.laboratory import LaboratoryPage
     from app.gui.runs import RunsPage
+    from app.gui.specimen import IdentificationSubject
     from protocols.runner import RunRequest
 
 P = TypeVar("P")
@@ -239,3 +239,92 @@ class MainTabs(PageHost):
     def show_message(self, text: str) -> None:
         """Show a short message in the corner of the pages."""
         self._toast.show_message(text)
+
+
+class ResultActions:
+    """Shows a result on another page, or writes its report.
+
+    Args:
+        tabs: the pages.
+        say: shows a message.
+    """
+
+    def __init__(self, tabs: MainTabs, say: Callable[[str], object]) -> None:
+        self._tabs = tabs
+        self._report_job = ReportJob(say, tabs)
+
+    def perform(self, action: str, path: Path) -> None:
+        """Carry out an action of a result card that starts no run."""
+        if action == "open":
+            self.open_run(path)
+        elif action == "explore":
+            self.overlay_runs([path])
+        elif action == "next":
+            self._tabs.setCurrentIndex(CAMPAIGN)
+        elif action == "report":
+            self._report_job.start_of(path)
+
+    def open_run(self, path: Path) -> None:
+        """Open a run on the Runs page."""
+        self._tabs.setCurrentIndex(RUNS)
+        self._tabs.runs.open_run(path)
+
+    def choose_runs(self) -> None:
+        """Show the list of runs, to choose those to lay over the model's curves."""
+        self._tabs.setCurrentIndex(RUNS)
+        self._tabs.runs.go_back()
+        self._tabs.runs.details.show_message(
+            "Select one or several runs, then press Explore (E): they are laid over the model's curves."
+        )
+
+    def overlay_runs(self, paths: Sequence[Path]) -> None:
+        """Lay runs over the curves of the Explore page."""
+        self._tabs.setCurrentIndex(EXPLORE)
+        self._tabs.explore.overlaid.add(paths)
+
+    def shutdown(self) -> None:
+        """End a report that is being written."""
+        self._report_job.shutdown()
+
+
+class VisibleSubject:
+    """Reads the specimen of the visible page: the open campaign's, or the Measure page's."""
+
+    def __init__(self, tabs: MainTabs) -> None:
+        self._tabs = tabs
+
+    @property
+    def specimen(self) -> tuple[Path, str]:
+        """Folder and name of the specimen that the visible page is about."""
+        return (
+            self.specimen_of(self._tabs.campaign.controller)
+            if self._shows(CAMPAIGN)
+            else (self._tabs.folder, self._tabs.specimen)
+        )
+
+    def describe_next(self) -> tuple[str, str]:
+        """Return the specimen of the visible page, and the next step of the open campaign as text."""
+        step = self._tabs.campaign.board.step if CAMPAIGN in self._tabs.created_pages else None
+        return self.specimen[1], "" if step is None else step.heading
+
+    @property
+    def identification(self) -> IdentificationSubject:
+        """What is identified from the visible page: overlaid runs, those that count in the campaign, or all of the specimen."""
+        from app.gui.specimen import IdentificationSubject
+
+        folder, specimen = self.specimen
+        runs: tuple[Path, ...] = ()
+        if self._shows(EXPLORE):
+            runs = tuple(run.path for run in self._tabs.explore.overlaid.runs)
+        elif self._shows(CAMPAIGN):
+            runs = self._tabs.campaign.controller.counting_runs
+        return IdentificationSubject(runs[0].parent if runs else folder, specimen, runs)
+
+    def specimen_of(self, controller: CampaignController) -> tuple[Path, str]:
+        """Return folder and specimen of the open campaign; of the Measure page without one."""
+        summary = controller.summary
+        return (self._tabs.folder, self._tabs.specimen) if summary is None else (summary.path.parent, summary.specimen)
+
+    def _shows(self, index: int) -> bool:
+        """Whether a page is created and visible."""
+        return self._tabs.currentIndex() == index and index in self._tabs.created_pages

@@ -1,9 +1,10 @@
 """Notices above the pages: closing, operator prompts, failures and verdicts; and over them: the unsafe state."""
 
 import time
+from collections.abc import Callable
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.common import Severity, outcome_severity
 from app.gui.status.notice import Notice
@@ -30,6 +31,10 @@ UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged.
 CLOSING_TEXT = "Closing: the bench goes to rest and releases its instruments …"
 
 
+def _button(name: str, text: str, on_click: Callable[[], object], action: str = "acknowledge") -> QPushButton:
+    return make_button(shortcut_label(text, action), on_click, name=name)
+
+
 class NoticeArea(FittedScrollArea):
     """Hidden while there is no message; `unsafe` is placed over the page, so that it does not move it.
 
@@ -45,33 +50,25 @@ class NoticeArea(FittedScrollArea):
         super().__init__(content, parent)
         self._controller = controller
         self.unsafe = Notice(
-            "notices.unsafe",
-            "unsafe",
-            "danger",
-            make_button(
-                shortcut_label("Acknowledge", "acknowledge"), controller.acknowledge, name="unsafe.acknowledge"
-            ),
+            "notices.unsafe", "unsafe", "danger", _button("unsafe.acknowledge", "Acknowledge", controller.acknowledge)
         )
         self.closing = Notice(
             "notices.closing",
             "prompt",
             "question",
             make_button("Go to rest and close   (Enter)", self.close_confirmed.emit, name="closing.confirm"),
-            make_button(shortcut_label("Keep the window", "acknowledge"), self.cancel_closing, name="closing.cancel"),
+            _button("closing.cancel", "Keep the window", self.cancel_closing),
         )
         self.prompt = PromptNotice(self._on_answer, controller.stop)
         self.problem = Notice(
             "notices.problem",
             "trouble",
             "cross",
-            make_button(shortcut_label("Connect again", "reconnect"), controller.reconnect, name="problem.reconnect"),
-            make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="problem.dismiss"),
+            _button("problem.reconnect", "Connect again", controller.reconnect, "reconnect"),
+            _button("problem.dismiss", "Dismiss", controller.acknowledge),
         )
         self.verdict = Notice(
-            "notices.verdict",
-            "caution",
-            "question",
-            make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="verdict.dismiss"),
+            "notices.verdict", "caution", "question", _button("verdict.dismiss", "Dismiss", controller.acknowledge)
         )
         self._notices = (self.unsafe, self.closing, self.prompt, self.problem, self.verdict)
         column(*self._notices[1:], parent=content, margins=(10, 0, 10, 0), spacing=6)

@@ -1,5 +1,7 @@
 """Menu that leaves Stop in reach: an open menu takes the keyboard and the mouse from the window below it."""
 
+from collections.abc import Iterable
+
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QMouseEvent
 from PySide6.QtWidgets import QAbstractButton, QMenu, QWidget
 
@@ -12,6 +14,14 @@ class Menu(QMenu):
 
     def __init__(self, parent: QWidget, title: str = "") -> None:
         super().__init__(title, parent)
+
+    def add_named(self, owner: QWidget, names: Iterable[str]) -> None:
+        """Add the actions of a widget by their names, those that it has; an empty name is a separator."""
+        for name in names:
+            if not name:
+                self.addSeparator()
+            elif (action := owner.findChild(QAction, name)) is not None:
+                self.addAction(action)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         pressed = QKeySequence(event.keyCombination())
