@@ -316,10 +316,10 @@ class MainWindow(QMainWindow):
 
     def _show_state(self) -> None:
         update_actions(self, self.state)
+        for sign in (self.status_bar, self.notices):
+            sign.set_state(self.state)
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
-        for part in (
-            self.status_bar, self.notices, self.central, self.tabs, self.notifier, self.remote, *self._faults,
-        ):  # fmt: skip
+        for part in (self.central, self.tabs, self.notifier, self.remote, *self._faults):
             part.set_state(self.state)
 
     @property
