@@ -48,7 +48,7 @@ class PlayedSource:
         self._send(("initialize", rest_v, low_v, high_v))
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        self._send(("at rest?", rest_v, low_v, high_v))
+        self._send(("is_at_rest", rest_v, low_v, high_v))
         return abs(self.level_v - rest_v) < 1e-3
 
     def close(self) -> None:
@@ -69,7 +69,7 @@ class CheckingSource(PlayedSource):
         return "it has no memory for steps" if isinstance(drive, Steps) else ""
 
     def is_left_live(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        self._send(("left live?", rest_v, low_v, high_v))
+        self._send(("is_left_live", rest_v, low_v, high_v))
         return self.left_live
 
     def predict_rest_s(self, distance_v: float, ramp_v_per_s: float) -> float:
@@ -209,7 +209,7 @@ def test_the_source_is_asked_and_set_up_with_the_levels_of_the_amplifier() -> No
     amplifier.initialize_at_rest()
     assert not amplifier.is_source_at_rest()
     assert not amplifier.is_left_live()
-    assert source.sent == [(what, 2.0, 0.5, 4.5) for what in ("initialize", "at rest?", "left live?")]
+    assert source.sent == [(what, 2.0, 0.5, 4.5) for what in ("initialize", "is_at_rest", "is_left_live")]
     assert watched == ["silence allowed", "sent tuple", "silence over"] * 3
 
 

@@ -67,7 +67,7 @@ def test_a_usb_instrument_that_windows_does_not_release_names_the_backend(
     monkeypatch.setattr(pyvisa, "ResourceManager", lambda _: Held())
     with pytest.raises(LinkError, match=r"cannot be reached \(No device found\); check the cable") as raised:
         VisaLink("USB0::0x2A8D::0x8D01::MY1::INSTR")
-    assert ('set backend = "@ivi" in the bench file' in str(raised.value)) is named
+    assert ("@ivi" in str(raised.value)) is named
 
 
 def test_a_missing_vendors_library_is_a_sentence_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

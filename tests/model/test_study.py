@@ -20,6 +20,7 @@ from model.studies.parameter_study import STUDY_PRESETS, Study
 from model.studies.sensitivity import sobol_indices_of
 
 F = (10.0, 90.0, 150.0, 400.0)
+UNITS = [("k2", "N m^2"), ("L1", "m"), ("delta", ""), ("mu", "N m/V"), ("frequency", "Hz")]
 GRID = Study(
     {"k2": (5e-3, 7e-3, 9e-3), "L1": (5e-3, 8e-3), "delta": (0.0, 0.01), "mu": (-2e-5, 1e-5)},
     F,
@@ -31,13 +32,7 @@ GRID = Study(
 def test_every_point_is_the_single_calculation(measure: str) -> None:
     got = replace(GRID, measure=measure).run()
     assert got.values.shape == (3, 2, 2, 2, 4)
-    assert [(a.name, a.unit) for a in got.axes] == [
-        ("k2", "N m^2"),
-        ("L1", "m"),
-        ("delta", ""),
-        ("mu", "N m/V"),
-        ("frequency", "Hz"),
-    ]
+    assert [(a.name, a.unit) for a in got.axes] == UNITS
     for i in np.ndindex(3, 2, 2, 2):
         k2, L1, delta, mu = (a.values[j] for a, j in zip(got.axes, i, strict=False))
         t = Tactor(k2=k2, L1=L1, mu=mu)
@@ -172,7 +167,7 @@ def test_csv_names_its_units_and_keeps_its_digits(tmp_path: Path) -> None:
         got.to_csv(tmp_path / "study.csv")
         with (tmp_path / "study.csv").open(encoding="utf-8") as file:
             rows = list(csv.reader(file))
-        assert rows[0] == ["k2 [N m^2]", "L1 [m]", "delta []", "mu [N m/V]", "frequency [Hz]", *columns]
+        assert rows[0] == [*(f"{name} [{unit}]" for name, unit in UNITS), *columns]
         numbers = np.array(rows[1:], float)
         assert len(numbers) == got.values.size
         z = numbers[:, 5] + (1j * numbers[:, 6] if measure == "receptance" else 0)

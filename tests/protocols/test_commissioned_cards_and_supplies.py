@@ -11,6 +11,7 @@ from protocols.commissioning.verdict import OutputVerdict, checked_assumptions
 from sim_hardware.nidaq.traits import CARD_DEVIATIONS
 from sim_hardware.supplies.traits import supply_deviations_of
 from tests.helpers.commissioning import commissioned_bench, contradicted, deviating, draw_deviations
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import simulated
 
 CARD_INPUTS = assumptions_about_card(plays=False)
@@ -109,7 +110,7 @@ def test_a_card_without_the_start_route_differs_in_it_with_the_remedy() -> None:
     found = commissioned_bench(config.model_copy(update={"simulation": simulation}))
     route = next(check for check in found.checks if check.check is OutputCheck.START_ROUTE)
     assert route.verdict is OutputVerdict.DIFFERS
-    assert "leave start_trigger empty in the bench file" in route.detail
+    assert_names(route.detail, "start_trigger")
 
 
 SUPPLY_PROPERTIES = {

@@ -81,7 +81,7 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) 
         ran = run(Levels(levels_v=(2.0,)), tmp_path, lab)
     with pytest.raises(RunReadError, match="is complete: there is nothing to resume"):
         load_resumable(ran.path)
-    with pytest.raises(RunReadError, match="has no point of entry 7"):
+    with pytest.raises(RunReadError, match=rf"{ran.path.name}.*\b7\b"):
         load_resumable(ran.path, repeat_entries=(7,))
 
 

@@ -125,7 +125,7 @@ def test_what_fits_is_not_adapted_and_what_nothing_helps_names_another_protocol(
     with laboratory(source_bench(SUPPLY)) as lab:
         with pytest.raises(DriveRejectedError, match=r"not play a Sine: .* run voltage-steps instead$"):
             rehearse(Hysteresis(), lab.bench.amplifier)
-        with pytest.raises(DriveRejectedError, match=r"follows 25 V/s at most, not 1000 V/s; lengthen the rise"):
+        with pytest.raises(DriveRejectedError, match=r"\b25 V/s.* 1000 V/s"):
             rehearse(FreeDecay(), lab.bench.amplifier)
 
 

@@ -1,5 +1,6 @@
 """Verdicts of protocols on their own results, runs without response, and verdicts on old files."""
 
+import re
 import shutil
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -9,13 +10,16 @@ import h5py
 import pytest
 
 from app.cli.main import main
+from app.services.prompts import prompts_of_run
 from protocols.base import Outcome, RunStatus
 from protocols.measurements.result_checks import added_mass_checks, labelled_weight_checks
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements.wiring_check import WiringCheck
 from protocols.rejudgement import judge_file
 from protocols.runfile.reader import Run
 from protocols.runner import conclusion
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "format-2" / "runs"
@@ -32,7 +36,7 @@ def weights(factors: dict[float, float]) -> dict[float, dict[float, list[tuple[f
 def test_weight_that_deviates_is_named() -> None:
     (check,) = labelled_weight_checks(weights({0.02: 1.0, 0.05: 1.22, 0.1: 1.01, 0.2: 0.99, 0.5: 1.0}))
     assert not check.passed
-    assert "50 g" in check.name
+    assert_names(check.name, "50", "g")
     assert check.value == pytest.approx(0.061, rel=0.01)
     assert "61" in check.text
     assert "weigh the weight labelled 50 g" in check.text
@@ -79,8 +83,11 @@ def test_dwell_with_the_membrane_left_on_is_doubtful(tmp_path: Path) -> None:
         lab.control.inject("membrane-left-on")
         ran = run(SineDwell(frequencies_hz=(100.0, 150.0)), tmp_path, lab)
     assert ran.verdict.outcome is Outcome.DOUBTFUL
-    assert "no membrane" in ran.verdict.reasons[0]
-    assert "the paper's values" in ran.verdict.reasons[0]
+    (failed,) = (check for check in ran.verdict.checks if not check.passed)
+    assert ran.verdict.reasons[0].startswith(failed.figure)
+    assert failed.remedy in ran.verdict.reasons[0]
+    assert_names(failed.name, "paper's")
+    assert_names(failed.remedy, "membrane")
     assert judge_file(ran.path) == ran.verdict
 
 
@@ -90,8 +97,7 @@ def test_static_loading_names_the_weight_that_weighs_61_g(tmp_path: Path) -> Non
         lab.control.inject("weight-mislabelled")
         ran = run(StaticLoading(repeats=1, sides="MFC up", weights_kg=(0.02, 0.05, 0.1)), tmp_path, lab)
     assert ran.verdict.outcome is Outcome.DOUBTFUL
-    assert "weight labelled 50 g" in ran.verdict.reasons[0]
-    assert ": 61.0" in ran.verdict.reasons[0]
+    assert re.search(r"\b50 g\b.*: 61\.0", ran.verdict.reasons[0])
 
 
 @pytest.mark.parametrize("name", ["20261122T015919Z_T1_sine-dwell.h5", "20261122T015928Z_T1_static-loading.h5"])
@@ -133,10 +139,16 @@ def test_run_that_nobody_can_answer_is_refused(
     monkeypatch.setattr("app.cli.headless.operator_reachable", lambda: False)
     bench = tmp_path / "bench.toml"
     bench.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
-    for command in (["run", "static-loading"], ["run", "sine-dwell"], ["check"]):
+    for command, protocol in (
+        (["run", "static-loading"], StaticLoading()),
+        (["run", "sine-dwell"], SineDwell()),
+        (["check"], WiringCheck()),
+    ):
         assert main([*command, "--bench", str(bench), "--out", str(tmp_path / "runs")]) == 2
         said = " ".join(capsys.readouterr().err.split())
-        assert "standard input is not a terminal" in said
-        assert "Nothing was moved" in said
-        assert "high voltage OFF" in said
+        assert " needs an operator, and standard input is not a terminal, so nobody can answer: " in said
+        assert (
+            ". Nothing was moved. Start it at a terminal (over the network: ssh -t, or tmux), or in the window" in said
+        )
+        assert f": '{prompts_of_run(protocol, 2.5)[0].text}'" in said
     assert not (tmp_path / "runs").exists()

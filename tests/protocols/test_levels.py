@@ -32,6 +32,7 @@ from protocols.runfile.reader import Run
 from protocols.runner.abort_levels import LevelMonitor
 from protocols.runner.readback import DriveReadback
 from sim_hardware.clock import VirtualClock
+from tests.helpers.messages import assert_names
 from tests.helpers.scripted_protocol import SHORT
 from tests.helpers.simulated_bench import Ran, Trigger, laboratory, run, simulated
 
@@ -74,7 +75,9 @@ def test_a_lost_laser_brings_the_run_to_rest_and_asks(tmp_path: Path) -> None:
     assert (event.level, event.channel, event.action, event.unit) == ("laser_lost", "displacement", "ask", "s")
     assert (ran.status, ran.verdict.outcome) == (RunStatus.STOPPED, Outcome.STOPPED)
     assert "the laser sensor has been out of range" in ran.verdict.reasons[0].lower()
-    assert any(isinstance(e, PromptShown) and "measure this entry again" in e.prompt.text for e in ran.events)
+    (asked,) = (e.prompt for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == "abort-level")
+    assert event.words in asked.text
+    assert asked.choices == ("stop", "again", "ignore")
     assert ran.report.ends_at_rest
     second_drive = [t for t, e in timed if isinstance(e, DriveStarted)][1]
     hold_s = LevelSettings().laser_lost_s
@@ -112,7 +115,7 @@ def test_a_warning_flags_the_points_and_makes_the_run_doubtful(tmp_path: Path) -
     assert all(Quality(p.quality).usable for p in ran.points)
     assert len(exceeded(ran)) == 2  # once per entry
     assert ran.verdict.outcome is Outcome.DOUBTFUL
-    assert "abort level" in ran.verdict.reasons[0]
+    assert_names(ran.verdict.reasons[0], "points", "level", 2)
 
 
 @pytest.mark.deep
@@ -124,7 +127,10 @@ def test_a_level_that_is_off_says_nothing(tmp_path: Path) -> None:
 def test_a_level_that_ends_the_run_names_it_in_the_verdict(tmp_path: Path) -> None:
     ran, _ = run_with(tmp_path, levels={"rate": LevelAction.REST, "rate_m_per_s": 0.05}, protocol=SHORT)
     assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)
-    assert "m/s" in ran.verdict.reasons[0]
+    (event,) = exceeded(ran)
+    assert (event.level, event.limit) == ("rate", 0.05)
+    assert event.words in ran.verdict.reasons[0]
+    assert_names(event.words, "0.05", "m/s")
     assert ran.report.ends_at_rest
 
 
@@ -163,14 +169,15 @@ class Unreachable(Answering):
 def test_where_nobody_can_be_asked_the_run_says_so_at_its_start_and_ends_at_rest(tmp_path: Path) -> None:
     with laboratory() as lab:
         lab.bench.levels = replace(lab.bench.levels, stroke_m=1e-4, rate=LevelAction.REST)
-        ran = run(SHORT, tmp_path, lab, operator=Unreachable(lab.operator, "again"))
+        operator = Unreachable(lab.operator, "again")
+        ran = run(SHORT, tmp_path, lab, operator=operator)
     first = next(event.text for event in ran.events if isinstance(event, LogMessage))
     assert first.startswith(
         "Nobody can answer: standard input is not a terminal. An abort level with the action 'ask' (stroke, "
     )
     assert "rate" not in first
     assert (ran.status, ran.verdict.outcome) == (RunStatus.FAILED, Outcome.FAILED)
-    assert ran.reason.endswith(". Nobody can answer how to proceed: standard input is not a terminal")
+    assert ran.reason.endswith(f": {operator.unreachable_reason}")
     assert not any(isinstance(e, PromptShown) and e.prompt.action == "abort-level" for e in ran.events)
     assert ran.report.ends_at_rest
 
@@ -241,10 +248,11 @@ def test_a_second_hand_on_the_generator_is_reported_in_the_first_block(command: 
 def test_three_points_without_response_stop_the_run(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(100, 110, 120, 130, 140), record_s=0.1, min_cycles=10)
     ran, _ = run_with(tmp_path, act=lambda lab: lab.control.inject("sensor-stuck"), protocol=protocol)
-    assert [event.level for event in exceeded(ran)] == ["no_response"]
+    (event,) = exceeded(ran)
+    assert (event.level, event.value) == ("no_response", 3.0)
     assert len(ran.points) == 4  # one good one before
     assert ran.status == RunStatus.STOPPED
-    assert "points in succession are without response" in ran.verdict.reasons[0]
+    assert event.words in ran.verdict.reasons[0]
 
 
 RATE_HZ = 5000.0

@@ -11,7 +11,7 @@ from protocols.base import RunStatus
 from protocols.rejudgement import complete_results
 from protocols.runfile import writer
 from protocols.runfile.reader import Run
-from protocols.runfile.repair import needs_repair, repair_folder
+from protocols.runfile.repair import RESULTS_LOST, needs_repair, repair_folder
 from protocols.runfile.verify import FileState, verify_run
 from tests.helpers.killed_writers import write_run
 
@@ -41,10 +41,10 @@ def test_a_run_that_ended_without_its_results_says_so_and_is_not_touched_again(
     (path,) = tmp_path.glob("*.h5")
     assert needs_repair(path)
     (sentence,) = repair_folder(tmp_path, complete_results)
-    assert "It had ended: its program was killed before it had stored the results. They cannot be computed" in sentence
+    assert f"It had ended: {RESULTS_LOST}. They cannot be computed" in sentence
     with Run(path) as run:
         assert run.record.status is RunStatus.COMPLETED
-        assert run.record.reason == "all points measured; its program was killed before it had stored the results"
+        assert run.record.reason.endswith(f"; {RESULTS_LOST}")
     assert verify_run(path).state is FileState.GOOD
     assert list(tmp_path.iterdir()) == [path]
     assert list(repair_folder(tmp_path, complete_results)) == []
@@ -59,7 +59,7 @@ def test_the_results_that_a_killed_program_had_not_stored_are_computed_from_the_
     (sentence,) = repair_folder(tmp_path / "killed", complete_results)
     with Run(paths["killed"]) as killed, Run(paths["whole"]) as whole:
         assert "They are computed from its points now" in sentence
-        assert killed.record.reason.endswith("had stored the results; they were computed from its points afterwards")
+        assert f"; {RESULTS_LOST}; " in killed.record.reason
         assert [e.name for e in killed.record.estimates] == [e.name for e in whole.record.estimates]
         assert [e.value for e in killed.record.estimates] == pytest.approx([e.value for e in whole.record.estimates])
         assert killed.record.verdict.outcome is whole.record.verdict.outcome

@@ -26,6 +26,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from protocols.runner.recording_buffer import RecordingBuffer
 from sim_hardware.nidaq.in_process_digitizer import SimulatedStream
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Trigger, laboratory, run
 from tests.helpers.wired_bench import wired
 
@@ -93,7 +94,8 @@ def test_an_entry_that_loses_scans_again_ends_the_run_at_measured_rest(tmp_path:
     with laboratory() as lab:
         ran = run(DWELL, tmp_path, lab, late)
     assert (ran.status, len(messages(ran.events))) == (RunStatus.FAILED, 1)
-    assert "lost samples" in ran.reason
+    assert ran.reason.startswith(str(lab.bench.digitizer.identity))
+    assert_names(ran.reason, "scans", "rate")
     assert any(isinstance(event, RestMeasured) and event.confirmed for event in ran.events)
 
 

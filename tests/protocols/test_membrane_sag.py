@@ -12,6 +12,7 @@ from model.parameters import Membrane
 from protocols.base import Prompt, PromptShown, Quality, RunStatus
 from protocols.measurements.membrane_sag import MembraneSag, SagPoint
 from protocols.runfile.reader import Run
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT = MembraneSag(repeats=2, sample_rate_hz=1000)
@@ -50,7 +51,8 @@ def test_a_sag_beyond_the_sensor_is_asked_about_flagged_and_gives_no_modulus(tmp
     assert ran.status == RunStatus.COMPLETED
     questions = [e.prompt for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == "out-of-range"]
     assert len(questions) == 2
-    assert "Choose another depth" in questions[0].text
+    assert_names(questions[0].text, "reference_m")
+    assert questions[0].choices == ("repeat", "keep")
     assert ran.points[0].quality & Quality.OUT_OF_RANGE
     assert estimates_of(ran.path) == {}
 

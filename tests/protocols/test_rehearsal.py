@@ -1,5 +1,6 @@
 """Rehearsal: rejects impossible runs before anything is driven; predicts travel as the model does."""
 
+import re
 import shutil
 from collections.abc import Generator
 from pathlib import Path
@@ -23,6 +24,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from protocols.predicted_travel import predict_travel
 from protocols.rehearsal import CannotRunError, rehearse
+from tests.helpers.messages import assert_names
 from tests.helpers.sampled import march
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -83,8 +85,7 @@ def test_a_held_level_does_not_ring_and_a_fast_step_does() -> None:
 def test_displacement_beyond_sensor_range_is_a_caution() -> None:
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
     rehearsal = rehearse(SineDwell(), guard(), sensor=near, tactor=Tactor())
-    assert rehearsal.worst.startswith("150 Hz: +")
-    assert "% of the sensor's range" in rehearsal.worst
+    assert re.fullmatch(r"150 Hz: \+\d+ µm .* \d+ % .*sensor.*", rehearsal.worst)
     assert any("leave the sensor's range" in text for text in rehearsal.cautions)
     assert not any("sensor" in text for text in rehearse(SineDwell(), guard(), sensor=SENSOR, tactor=Tactor()).cautions)
 
@@ -136,7 +137,8 @@ def test_a_disk_without_room_is_told_before_anything_moves(tmp_path: Path, monke
     with laboratory() as lab:
         ran = run(SineDwell(), tmp_path, lab)
     assert ran.status is RunStatus.FAILED
-    assert "Free some space" in ran.reason
+    assert str(tmp_path) in ran.reason
+    assert_names(ran.reason, 32, "MB")
     assert "Asked" not in ran.kinds()
 
 

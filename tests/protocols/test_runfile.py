@@ -29,6 +29,7 @@ from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.record import RunRecord
 from protocols.runfile.results import append_estimates, append_results
 from protocols.runfile.writer import RunFileWriter
+from tests.helpers.messages import assert_names
 from tests.helpers.run_files import SCALES
 from tests.helpers.simulated_bench import laboratory, run
 from tests.helpers.texts import texts
@@ -81,7 +82,8 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
     file.append_event(LogMessage(text), 0.3)
     file.append_recording((1, raw.shape[1]), quality, drive)
     file.append_point(Spot(1.5, 2.5e-6))
-    file.finish(RunStatus.COMPLETED, "fine", [EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here")])
+    estimate = EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here")
+    file.finish(RunStatus.COMPLETED, "fine", [estimate])
     with Run(file.path) as run:
         both = np.concatenate([raw, raw[:, ::-1]], axis=1)
         assert np.array_equal(run.trace.read_raw("drive"), both[0])
@@ -95,7 +97,7 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
         assert (recording.drive, recording.quality, recording.sensor_delay_s) == (drive, Quality(quality), 1e-4)
         assert run.points()["height"].tolist() == [2.5e-6]
         assert run.units() == {"frequency": "Hz", "height": "m", "entry": "1"}
-        assert run.record.estimates == (EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here"),)
+        assert run.record.estimates == (estimate,)
         assert run.record.sensor == SENSOR
         assert run.record.specimen == "T 1/µ"
     file.path.unlink()
@@ -212,7 +214,8 @@ def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Pat
     with laboratory() as lab:
         ran = run(SineDwell(), tmp_path, lab)
     assert ran.status == RunStatus.FAILED
-    assert "is full: 28 MB are left" in ran.reason
+    assert str(tmp_path) in ran.reason
+    assert_names(ran.reason, 28, "MB")
     with Run(ran.path) as file:
         assert file.record.status == RunStatus.FAILED
         assert len(file.points()["frequency"]) == len(ran.points) > 0

@@ -76,7 +76,7 @@ def test_a_file_that_leads_out_of_itself_says_so_and_is_closed(tmp_path: Path) -
     with h5py.File(file.path, "r+") as stored:
         stored["entry/away"] = h5py.ExternalLink("other.h5", "/x")
     for _ in range(2):
-        with pytest.raises(RunReadError, match=r"is not read: .*which no run file has; take another copy of it"):
+        with pytest.raises(RunReadError, match=rf"{file.path.name}.*entry/away"):
             Run(file.path)
     with h5py.File(file.path, "r+"):  # not while a reader still has it open
         pass
@@ -107,7 +107,7 @@ def test_damage_of_a_growing_file_is_not_read_again_for_ever(tmp_path: Path) -> 
     for at in (each.start() for each in re.finditer(b"OHDR", bytes(content))):
         content[at + 8] ^= 0x10
     left.write_bytes(content)
-    with pytest.raises(RunReadError, match=r"is damaged .*; take another copy of it"):
+    with pytest.raises(RunReadError, match=rf"{left.name}.*damaged"):
         Run(left)
 
 
@@ -157,7 +157,7 @@ def test_a_curve_whose_columns_differ_in_length_is_damaged(tmp_path: Path) -> No
         del curve["displacement"]
         curve["displacement"] = np.arange(2.0)
         curve["displacement"].attrs.update(attributes)
-    with Run(file.path) as run, pytest.raises(RunReadError, match="differ in length"):
+    with Run(file.path) as run, pytest.raises(RunReadError, match=rf"{file.path.name}.*damaged"):
         run.series()
 
 

@@ -31,6 +31,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.record import RunRecord
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import initial_record
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
@@ -230,7 +231,7 @@ def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) ->
         assert point.drive_amplitude == pytest.approx(2.5, abs=1e-3)
     messages = [text for text in notes(ran) if "no response" in text]
     assert len(messages) == 2
-    assert "Check that the amplifier's high voltage is on" in messages[0]
+    assert_names(messages[0], "voltage", "laser", "2.5", "V")
     with Run(ran.path) as file:
         assert file.record.estimates == ()
 

@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.base import CheckResult, Outcome, Quality, RunEnded, RunStatus, Verdict, judge, to_jsonable
-from protocols.base.verdict import usability_checks
+from protocols.base.verdict import REMEDIES, usability_checks
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run
 from tests.helpers.texts import texts
 
@@ -79,7 +80,9 @@ def test_unusable_points_are_no_result_or_doubtful(tmp_path: Path) -> None:
         verdict = judge(protocol, some, 2)
         assert verdict.outcome is Outcome.DOUBTFUL
         assert verdict.reasons
-    assert "2 out of range" in judge(protocol, lost, 2).reasons[0]
+    (check,) = usability_checks(lost, 2)
+    assert_names(check.detail, 2, "range")
+    assert check.detail in judge(protocol, lost, 2).reasons[0]
 
 
 @pytest.mark.deep
@@ -110,7 +113,7 @@ def test_the_check_of_the_points_names_causes_missing_points_and_the_remedy_of_t
     points = [Flagged(int(each)) for each in (Quality.UNSETTLED, Quality.OUT_OF_RANGE, Quality.GOOD)]
     (check,) = usability_checks(points, 3)
     assert (check.detail, check.passed) == ("1 unsettled, 1 out of range", False)
-    assert check.remedy == "check that the laser is on and bring the target into the sensor's range"
+    assert check.remedy == REMEDIES[Quality.OUT_OF_RANGE]
     (check,) = usability_checks(points, 5)
     assert check.detail == "1 unsettled, 1 out of range, 2 without a point"
     (check,) = usability_checks(points[2:], 1)
@@ -129,4 +132,4 @@ def test_the_check_of_the_points_names_causes_missing_points_and_the_remedy_of_t
     ],
 )
 def test_a_check_is_worded_with_readable_units(value: float, unit: str, limit: float, text: str) -> None:
-    assert CheckResult("it", value, unit, limit, None, "do this").figure == text
+    assert CheckResult("it", value, unit, limit, None, "remedy").figure == text

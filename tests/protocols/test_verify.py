@@ -2,7 +2,9 @@
 
 import os
 import random
+import re
 import shutil
+import socket
 from pathlib import Path
 from unittest import mock
 
@@ -24,6 +26,7 @@ from protocols.runfile.transaction import journal_path
 from protocols.runfile.verify import FileState, verify_run
 from tests.helpers.flipped_bits import flips
 from tests.helpers.killed_writers import check, kill_one
+from tests.helpers.messages import assert_names
 from tests.helpers.run_files import crashed_run, finished_run
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "format-2" / "runs"
@@ -62,8 +65,8 @@ def test_a_flipped_bit_in_points_samples_or_events_is_found_and_is_one_sentence(
     path = Path(shutil.copy(good, tmp_path))
     flip(path, chunk_place(path, dataset) + 6)
     (finding,) = verify_run(path).findings
-    assert finding.startswith(f"{dataset}: rows 0 to ")
-    assert finding.endswith("cannot be read, their checksum is wrong")
+    assert finding.startswith(f"{dataset}: ")
+    assert_names(finding, "rows", 0, "checksum")
     assert main(["verify", str(tmp_path)]) == ExitCode.FAILED
     assert f"damaged: {path}\n  {finding}" in capsys.readouterr().out
     commands = {
@@ -74,7 +77,8 @@ def test_a_flipped_bit_in_points_samples_or_events_is_found_and_is_one_sentence(
     assert main(commands[dataset]) != ExitCode.DONE
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "is damaged inside" in said
+    assert str(path) in said
+    assert_names(said, "damaged")
 
 
 def test_a_flipped_bit_in_the_free_space_of_names_is_found(good: Path, tmp_path: Path) -> None:
@@ -99,7 +103,7 @@ def test_a_text_and_an_attribute_changed_by_another_program_are_named(good: Path
     assert found.state is FileState.DAMAGED
     names = {finding.split()[0] for finding in found.findings}
     assert {"entry/specimen", "entry/points/phase", "entry/trace/sample_rate"} <= names
-    with pytest.raises(StorageError, match="contents differ from its checksums"), append_results(path):
+    with pytest.raises(StorageError, match=rf"{path.name}.*checksums"), append_results(path):
         pass
 
 
@@ -109,7 +113,9 @@ def test_old_and_unclosed_files_are_not_checkable(tmp_path: Path, capsys: pytest
         assert verify_run(path).state is FileState.NOT_CHECKABLE
     crashed = crashed_run(tmp_path)
     (finding,) = verify_run(crashed).findings
-    assert "its program was killed" in finding
+    assert (
+        "its program was killed, and it has no checksums of its texts; its samples are as they were written" in finding
+    )
     assert "--repair" in finding
     assert main(["verify", str(tmp_path)]) == ExitCode.NO_RESULT
     with h5py.File(tmp_path / "other.h5", "w") as file:
@@ -148,7 +154,7 @@ def test_the_next_start_repairs_what_a_killed_program_left_and_says_so(
 ) -> None:
     path = crashed_run(tmp_path)
     main(["run", "wiring-check", "--speed", "max", "--out", str(tmp_path)])
-    assert f"{path} was left by a program that was killed" in " ".join(capsys.readouterr().err.split())
+    assert re.search(rf"{re.escape(str(path))} .*killed", " ".join(capsys.readouterr().err.split()))
     with h5py.File(path, "r") as file:
         assert file["entry/status"][()] == b"running"
 
@@ -163,7 +169,7 @@ def test_a_chunk_that_was_being_overwritten_is_mended_without_loss(tmp_path: Pat
     data[place + 10_000 : place + 10_002] = b"\x7f\x7f"  # rows that were not acknowledged
     path.write_bytes(data)
     assert verify_run(path).state is FileState.NOT_CHECKABLE
-    assert "2000 samples and 1 points" in repair_run(path)
+    assert_names(repair_run(path), 2000, 1)
     with h5py.File(path, "r") as file:
         assert np.array_equal(file["entry/trace/drive"][:], before)
     assert verify_run(path).state is FileState.GOOD
@@ -192,12 +198,13 @@ def test_a_file_that_a_program_still_writes_is_left_alone(tmp_path: Path) -> Non
     path = crashed_run(tmp_path)
     before = path.read_bytes()
     with mock.patch("protocols.runfile.repair.writer_is_alive", return_value=True):
-        with pytest.raises(StorageError, match="is being written by process"):
+        with pytest.raises(StorageError, match=r"\bprocess 4200000\b"):
             repair_run(path)
         assert list(repair_folder(tmp_path)) == []
+    here = socket.gethostname()
     with (
         mock.patch("protocols.runfile.repair.socket.gethostname", return_value="elsewhere"),
-        pytest.raises(StorageError, match="is being written on the computer"),
+        pytest.raises(StorageError, match=rf"\b{re.escape(here)}\b"),
     ):
         repair_run(path)
     assert path.read_bytes() == before
@@ -265,7 +272,7 @@ def test_a_kill_between_two_pages_of_the_results_is_completed_by_the_next_start(
     assert main(["show", str(path)]) in (ExitCode.DONE, ExitCode.USAGE, ExitCode.FAILED)
     assert capsys.readouterr().err.count("\n") <= 1
     (sentence,) = repair_folder(tmp_path)
-    assert "are stored now" in sentence
+    assert str(path) in sentence
     assert verify_run(path).state is FileState.GOOD
     assert sorted(tmp_path.iterdir()) == [path, notes_path(path)]
     with h5py.File(path, "r") as after:

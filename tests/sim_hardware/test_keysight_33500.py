@@ -57,8 +57,8 @@ def test_it_wakes_up_with_the_output_off_and_fifty_ohm(bench, link):
     assert float(ask(link, "OUTP:LOAD?")) == 50
     assert float(ask(link, "VOLT?")) == pytest.approx(0.1)
     assert float(ask(link, "FREQ?")) == 1000
-    assert ask(link, "VOLT:RANG:AUTO?") == "1"
-    assert ask(link, "TRIG:SOUR?") == "IMM"
+    for query, reply in (("VOLT:RANG:AUTO?", "1"), ("TRIG:SOUR?", "IMM")):
+        assert ask(link, query) == reply
     assert volts(bench, 0.1) == [0.0]
 
 

@@ -58,7 +58,7 @@ def test_what_is_outside_the_model_is_noticed(
 ) -> None:
     verdict = judged(world, drives_v=drives_v)
     assert verdict.adequate is False
-    assert verdict.message.startswith("the model is wrong for these runs")
+    assert verdict.message.startswith("the model is wrong for these runs, most likely because ")
     named = [f for f in verdict.findings if f.kind == kind and message in f.words]
     assert named, [f.words for f in verdict.findings]
     if truth is not None:

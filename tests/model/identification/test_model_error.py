@@ -36,4 +36,4 @@ def test_totals_of_a_wrong_model_hold_the_truth(laboratory: Laboratory, name: st
 
 def test_an_adequate_fit_has_no_model_error() -> None:
     fit = joint_fit(measure(Laboratory(), 3, small=True), FitOptions(n=7))
-    assert with_model_error(fit, Adequacy(True, "the misfit is noise", (), 9)) is fit
+    assert with_model_error(fit, Adequacy(True, "", (), 9)) is fit

@@ -96,7 +96,7 @@ def test_longer_is_not_better_per_minute() -> None:
 
 def test_a_plan_without_sense_is_refused() -> None:
     fit = joint_fit(FEW)
-    with pytest.raises(ParameterError, match="no candidate"):
+    with pytest.raises(ParameterError, match="there is no candidate to choose from"):
         rank_candidates(fit, ())
     with pytest.raises(ParameterError, match="takes 0 minutes"):
         rank_candidates(fit, (Candidate(FEW.runs[0], 0.0),))
@@ -186,11 +186,14 @@ def test_a_point_that_is_none_is_told_and_forgotten() -> None:
     F = amplifier_response(Tactor(), f).fundamental
     for point in zip(f, F, 1e-3 * abs(F), strict=True):
         before = live.add_point(*point)
-    assert "not finite" in live.add_point(150.0, complex("nan"), 1e-6).message
+    refused = live.add_point(150.0, complex("nan"), 1e-6)
+    assert "is not finite at a point that counts as good; flag it" in refused.message
+    assert refused.estimates == ()
     assert live.add_point(150.0, F[1], 1e-3).estimates[0].value == pytest.approx(before.estimates[0].value, rel=1e-3)
 
 
 def test_a_live_fit_that_ends_early_says_so() -> None:
     live = LiveFit(max_evaluations=2)
-    text = live.add_point(150.0, amplifier_response(Tactor(), 150.0).fundamental[0], 1e-6).message
-    assert "not identifiable yet" in text or "stopped after 2 evaluations" in text
+    ended = live.add_point(150.0, amplifier_response(Tactor(), 150.0).fundamental[0], 1e-6)
+    (combination,) = ended.unidentified_combinations
+    assert combination.description in ended.message

@@ -114,7 +114,7 @@ def test_errors_are_enlarged_in_the_run_that_needs_it_and_not_in_the_others() ->
     assert factor["c0"] < 0.7 * fit.error_scale
     assert "(up)" in fit.verdict
     assert "(steps)" not in fit.verdict
-    assert "run by run" in fit.verdict
+    assert "standard errors are enlarged by that, run by run, " in fit.verdict
 
 
 def test_errors_that_explain_the_misfit_are_left_alone() -> None:
