@@ -1,6 +1,7 @@
 """Campaign: item states computed from the run files, robust against any termination of the program."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -234,7 +235,7 @@ def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         i.protocol for i in PAPER_ITEMS if i.protocol in PROTOCOLS
     ]
     assert main(["campaign", "rehearse", *options]) == 0
-    assert "+1500 V on the specimen" in capsys.readouterr().out
+    assert "+1500 V" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -270,7 +271,7 @@ def test_a_campaign_for_which_the_disk_has_no_space_is_refused_at_the_rehearsal(
             free = needed + RESERVE_BYTES + spare
             monkeypatch.setattr("shutil.disk_usage", lambda _, free=free: SimpleNamespace(free=free))
             if refused:
-                with pytest.raises(BenchError, match=r"the disk of .* has .* MB left"):
+                with pytest.raises(BenchError, match=rf"disk of {re.escape(str(tmp_path))}.* MB"):
                     rehearse_campaign(campaign, lab.bench)
             else:
                 rehearse_campaign(campaign, lab.bench)

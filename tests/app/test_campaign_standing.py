@@ -117,7 +117,8 @@ def test_what_came_before_tells_another_number_now() -> None:
 
 def test_a_run_made_by_hand_is_judged_by_the_time() -> None:
     assert standings({"a": [made("a", 1)], "b": [made("b", 2)]}, items=(A, B))[1] == ("done", "")
-    assert standings({"a": [made("a", 3)], "b": [made("b", 2)]}, items=(A, B))[1] == ("stale", "run again")
+    later = standings({"a": [made("a", 3)], "b": [made("b", 2)]}, items=(A, B))
+    assert later[1] == (ItemStatus.STALE, NextAction.REPEAT)
 
 
 def test_what_is_skipped_is_not_waited_for() -> None:
@@ -144,6 +145,6 @@ def test_the_paper_orders_k2_before_mu_before_c0_before_c_s() -> None:
 
 def test_run_made_outside_the_campaign_is_stale_where_its_basis_is_newer() -> None:
     older = {"a": [made("a", 5)], "b": [made("b", 3)]}
-    assert standings(older)[1] == ("stale", "run again")
+    assert standings(older)[1] == (ItemStatus.STALE, NextAction.REPEAT)
     newer = {"a": [made("a", 1)], "b": [made("b", 3)]}
     assert standings(newer)[1] == ("done", "")

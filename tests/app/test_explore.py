@@ -111,9 +111,9 @@ def test_undo_goes_back_a_slider_at_a_time() -> None:
 
 
 def test_differences_in_words() -> None:
-    old = ExploreSetting().with_value("m_add", 1e-3)
-    assert describe_difference(old, old.with_value("m_add", 2e-3)) == "m_add = 2 g"
-    assert describe_difference(ExploreSetting(), ExploreSetting()) == "Table I"
+    table, old = ExploreSetting(), ExploreSetting().with_value("m_add", 1e-3)
+    for before, after, words in ((old, old.with_value("m_add", 2e-3), "m_add = 2 g"), (table, table, "Table I")):
+        assert describe_difference(before, after) == words
 
 
 def test_a_study_varies_what_the_kept_curves_do_else_the_slider() -> None:

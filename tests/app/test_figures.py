@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from app.cli.main import main
 from app.common.errors import ExitCode
 from app.plotting.charts import draw_figure, typeset_symbols
-from model import Series
+from model import Series, quantity_label
 from model.parameters import Membrane, Tactor
 from model.studies.figures_of_the_paper import PaperFigure, figure5, figure9
 
@@ -46,8 +46,9 @@ def test_all_figures_are_there_as_picture_and_sheet(folder: Path) -> None:
 
 @pytest.mark.deep
 def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
+    columns = ["frequency [Hz]", "fig9a 2 x fundamental [m]", "fig9a max - min [m]"]
     head, rows = sheet(folder / "fig9.csv")
-    assert head[:3] == ["frequency [Hz]", "fig9a 2 x fundamental [m]", "fig9a max - min [m]"]
+    assert head[:3] == columns
     assert len(head) == 13
     assert rows[np.isin(rows[:, 0], [75, 150]), 1:3] == pytest.approx(
         1e-6 * np.array([[594.2, 702.7], [1154.0, 1154.2]]), abs=0.06e-6
@@ -100,7 +101,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):  # type: ignore[no-u
 def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # type: ignore[no-untyped-def]
     page = drawn(fig9())
     assert len(page.axes) == 6
-    assert {axes.get_xlabel() for axes in page.axes} == {"frequency (Hz)"}
+    assert {axes.get_xlabel() for axes in page.axes} == {f"{quantity_label('frequency')} (Hz)"}
     assert page.axes[0].get_ylabel() == "amplitude of the centre, peak to peak (µm)"
     caption = " ".join(page.get_supxlabel().split())
     assert "The text speaks of a zero before the resonance; Eqs. (1)-(6) with Table I have none" in caption

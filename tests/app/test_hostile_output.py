@@ -44,8 +44,9 @@ def test_no_text_of_a_run_gives_orders_to_the_terminal(
 
 
 def test_no_cell_of_a_table_gives_orders_to_the_terminal(tmp_path: Path, capfd: Any) -> None:
-    (tmp_path / "a.csv").write_text(f"frequency [Hz],peak_to_peak [um],{ORDER}\n100,{ORDER},1\n")
-    assert main(["import", str(tmp_path / "a.csv"), "--out", str(tmp_path)]) == ExitCode.USAGE
+    table = tmp_path / "a.csv"
+    table.write_text(f"frequency [Hz],peak_to_peak [um],{ORDER}\n100,{ORDER},1\n")
+    assert main(["import", str(table), "--out", str(tmp_path)]) == ExitCode.USAGE
     said = "".join(capfd.readouterr())
     assert all(c.isprintable() or c == "\n" for c in said), said
 

@@ -42,16 +42,17 @@ def test_only_the_prompt_to_switch_off_ends_the_state_in_which_the_specimen_is_l
 
 
 def test_a_run_that_was_asked_for_has_measured_nothing_yet() -> None:
-    progress = view_after(OPENED, RunRequested("Sine dwell")).progress
+    title = "Sine dwell"
+    progress = view_after(OPENED, RunRequested(title)).progress
     assert progress is not None
     assert (progress.title, progress.entries, progress.expected_s, progress.done, progress.label) == (
-        "Sine dwell",
+        title,
         0,
         0.0,
         0,
         "",
     )
-    progress = view_after(OPENED, RunRequested("Sine dwell", "run.h5")).progress
+    progress = view_after(OPENED, RunRequested(title, "run.h5")).progress
     assert progress is not None
     assert progress.label == "reading run.h5"
 

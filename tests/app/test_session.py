@@ -175,7 +175,7 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     assert one.finished.wait(60)
     assert isinstance(events[-1], RunRejected)
     assert one.outcome is not None
-    assert "cannot be created" in one.outcome.reason
+    assert "/proc/nowhere" in one.outcome.reason
     one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(60)
     assert one.outcome.status == RunStatus.COMPLETED

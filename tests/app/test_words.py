@@ -19,8 +19,10 @@ def test_durations(seconds: float, message: str) -> None:
 
 
 def test_a_value_of_one_is_no_unit() -> None:
-    assert (typeset_unit("1"), typeset_unit("N m^2")) == ("", "N m²")
-    assert (typeset("1"), typeset("7 N m^2")) == ("1", "7 N m²")
+    for unit, shown in {"1": "", "N m^2": "N m²"}.items():
+        assert typeset_unit(unit) == shown
+    for text, shown in {"1": "1", "7 N m^2": "7 N m²"}.items():
+        assert typeset(text) == shown
 
 
 @pytest.mark.parametrize(("count", "message"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
@@ -58,10 +60,10 @@ def test_curve_with_errors_is_summarised_by_its_peak_and_samples_are_not() -> No
 
 
 def test_how_a_run_ended_is_told_once() -> None:
-    assert (
-        format_outcome("stopped", "stopped by the operator after 5 of 18 points")
-        == "stopped by the operator after 5 of 18 points"
-    )
-    assert format_outcome("unsafe", "UNSAFE: rest could not be confirmed") == "UNSAFE: rest could not be confirmed"
-    assert format_outcome("completed", "all points measured") == "completed: all points measured"
+    for state, reason, shown in (
+        ("stopped", "stopped by the operator after 5 of 18 points", "stopped by the operator after 5 of 18 points"),
+        ("unsafe", "UNSAFE: rest could not be confirmed", "UNSAFE: rest could not be confirmed"),
+        ("completed", "all points measured", "completed: all points measured"),
+    ):
+        assert format_outcome(state, reason) == shown
     assert format_outcome("crashed", "") == "crashed"

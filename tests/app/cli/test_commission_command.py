@@ -12,7 +12,7 @@ from app.common import ExitCode
 from app.config import BenchConfig
 from app.session import commissioning_record, connect
 from app.session.commissioning import commission
-from app.session.commissioning_gate import commissioning_state
+from app.session.commissioning_gate import REMEDY, commissioning_state
 from app.session.commissioning_record import load_record, record_path, save_record, simulated_bench_key
 from drivers import Identity, NoWatchdog, WallClock, WatchdogConfig
 from drivers.evidence.assumption import OutputCheck
@@ -23,6 +23,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
+from tests.helpers.messages import assert_names
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 IDENTITY = Identity("Keysight Technologies", "33511B", "MY/12 34", "5.02-3.02")
@@ -75,9 +76,10 @@ def test_a_record_that_cannot_be_read_is_none(text: str) -> None:
 
 
 def test_a_simulated_bench_is_exempt() -> None:
+    stored = {"status": "exempt", "why": "simulated bench"}
     state = commissioning_state(IDENTITY, simulated=True)
     assert not state.refusal
-    assert state.stored == {"status": "exempt", "why": "simulated bench"}
+    assert state.stored == stored
 
 
 def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
@@ -85,10 +87,11 @@ def test_high_voltage_needs_a_record_or_a_reason_that_is_stored() -> None:
     assert state.refusal.startswith(
         "There is no commissioning record of Keysight Technologies 33511B #MY/12 34 with firmware"
     )
-    assert "--without-commissioning REASON" in state.refusal
+    assert state.refusal.endswith(f". {REMEDY}")
+    assert_names(REMEDY, "--without-commissioning")
     state = commissioning_state(IDENTITY, simulated=False, reason="first look")
     assert not state.refusal
-    assert "first look" in state.note
+    assert state.note.startswith("High voltage without a valid commissioning of the source: first look. ")
     assert state.stored["status"] == "overridden"
     assert state.stored["reason"] == "first look"
     save_record(IDENTITY, simulated=False, rate_hz=1e5, found=result())
@@ -182,16 +185,13 @@ def test_the_reason_is_stored_in_the_run_and_logged(tmp_path: Path) -> None:
         ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
     with Run(ran.path) as stored:
         assert stored.record.configuration["commissioning"]["reason"] == "first look"
-    assert any(
-        "High voltage without a valid commissioning of the source: first look" in getattr(e, "text", "")
-        for e in ran.events
-    )
+    assert any(state.note in getattr(e, "text", "") for e in ran.events)
 
 
 @pytest.mark.parametrize("command", [["run", "sine-dwell"], ["check"]])
 def test_a_reason_is_refused_on_the_simulated_bench(command: list[str], capfd: pytest.CaptureFixture[str]) -> None:
     assert main([*command, "--without-commissioning", "why"]) == ExitCode.USAGE
-    assert "the simulated bench needs no commissioning" in capfd.readouterr().err
+    assert_names(capfd.readouterr().err, "--without-commissioning", "simulated")
 
 
 def bench_file(folder: Path, traits: str) -> str:

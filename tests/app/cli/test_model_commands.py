@@ -154,7 +154,8 @@ def test_parameters_are_tabled_with_what_follows(ask: Any) -> None:
     assert got["derived"]["tau"] == pytest.approx(1.696e-3, rel=1e-3)
     assert got["derived"]["c_bar"] == pytest.approx(6.66, abs=0.005)
     assert {**got["tactor"], **got["skin"], **got["nonideal"], **got["derived"]}.keys() >= variable_specs().keys()
-    assert got["units"]["k2"] == "N m^2"
+    units = {"k2": "N m^2", "L": "m", "E_Al": "Pa"}
+    assert units.items() <= got["units"].items()
 
 
 def test_convergence_against_the_closed_form(ask: Any) -> None:
@@ -188,7 +189,8 @@ def test_long_tables_are_thinned_for_people_only(tmp_path: Path, capsys: pytest.
     assert "one row in 9 of 500" in output
     assert len(output.splitlines()) < 70
     head, rows = sheet(file)
-    assert head[:3] == ["frequency [Hz]", "peak_to_peak [m]", "twice_fundamental [m]"]
+    columns = ["frequency [Hz]", "peak_to_peak [m]", "twice_fundamental [m]"]
+    assert head[:3] == columns
     assert rows.shape[0] == 500
     assert rows[24, 1:3] == pytest.approx([491.0e-6, 486.8e-6], rel=1e-4)
     assert 1e3 * 2 * np.abs(rows[:, 4] + 1j * rows[:, 5]) == pytest.approx(rows[:, 2], rel=1e-9)
@@ -300,4 +302,5 @@ def test_every_topic_has_help_with_an_example(topic: str, capsys: pytest.Capture
     with pytest.raises(SystemExit) as left:
         main(["model", topic, "--help"])
     assert left.value.code == 0
-    assert f"example: tactor-bench model {topic}" in " ".join(capsys.readouterr().out.split())
+    words = capsys.readouterr().out.split()
+    assert words[words.index("example:") + 1 :][:3] == ["tactor-bench", "model", topic]

@@ -15,6 +15,7 @@ from model import Membrane, Specimen, replace_variables
 from model.response import exact_response
 from model.studies.parameter_study import STUDY_PRESETS, Study
 from protocols.runfile.study_file import read_study
+from tests.helpers.messages import assert_names
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
 SMALL = ["study", "-n", "7", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
@@ -51,9 +52,10 @@ def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: 
     assert stored.unit == "m"
     assert told["peak_to_peak"] == {"unit": "m", "values": stored.values.tolist()}
     assert told["axes"][0]["values"] == [0, 0.0075, 0.0373]
+    columns = ["delta []", "frequency [Hz]", "peak_to_peak [m]"]
     with sheet.open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
-    assert head == ["delta []", "frequency [Hz]", "peak_to_peak [m]"]
+    assert head == columns
     assert np.array(rows, float)[:, 2] == pytest.approx(stored.values.ravel(), rel=1e-15)
 
 
@@ -188,7 +190,10 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
 ) -> None:
     monkeypatch.setattr("protocols.runfile.study_file.RESERVE_BYTES", 10**18)
     assert main([*SMALL, "--out", str(tmp_path / "x.h5")]) == ExitCode.FAILED
-    assert "free some space" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert str(tmp_path) in told
+    assert_names(told, "disk", "MB")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

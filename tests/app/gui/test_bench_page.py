@@ -11,11 +11,14 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app.config.bench_editing import bench_files
 from app.config.bench_file import BenchConfig, load_bench
 from app.config.discovery import FoundDevice
+from app.config.template import TEMPLATE
 from app.gui import application
 from app.gui.shell.main_window import MainWindow
 from app.gui.shell.page_host import BENCH, MEASURE
 from app.live.commissioning_job import CommissioningJob
+from app.session.state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
+from tests.app.test_bench_editing import comment_of
 from tests.helpers.main_window import Bench, ListeningSession, OpenStage, find, press, until, whole_window
 
 pytestmark = pytest.mark.deep
@@ -144,7 +147,7 @@ def test_a_scan_fills_in_what_it_found_and_the_file_is_saved(
     assert (config.sensor.gain_m_per_v, config.specimen.gap_m) == (5e-4, 1e-3)
     assert [channel.channel for channel in config.channels] == ["ai2"]
     assert (config.environment.port, config.backup.folder) == ("COM7", "/mnt/share/tactors")
-    assert "# 0 V on the specimen" in bench_files()[0].read_text("utf-8")
+    assert comment_of("rest_v", bench_files()[0].read_text("utf-8")) == comment_of("rest_v", TEMPLATE) != ""
     assert not find(page, "bench.save").isEnabled()
 
 
@@ -308,7 +311,8 @@ def test_the_source_is_commissioned_with_checks_and_traces_and_the_bench_is_conn
     until(lambda: not find(page, "bench.commission.traces").pixmap().isNull(), "for the traces")
     until(lambda: window.state.can_run, "for the bench")
     assert window.adapter.session is not session
-    assert any("Commissioning of" in line.text for line in window.state.messages)
+    identity = next(each.identity for each in window.state.instruments if each.role == "generator")
+    assert any(identity in line.text and "pass" in line.text for line in window.state.messages)
 
 
 def test_stop_ends_a_commissioning_without_a_record(window: MainWindow) -> None:
@@ -319,7 +323,7 @@ def test_stop_ends_a_commissioning_without_a_record(window: MainWindow) -> None:
     press(window, Qt.Key.Key_F12)
     until(lambda: window.state.can_run, "for the bench")
     window.tick()
-    assert "Stopped by the operator" in find(page, "bench.commission.message").text()
+    assert find(page, "bench.commission.message").text().startswith("Stopped ")
     assert not find(page, "bench.commission.table").isVisible()
 
 
@@ -355,7 +359,7 @@ def test_a_level_and_a_tone_by_hand_are_runs_that_end_at_rest(window: MainWindow
         assert window.state.busy
         until(lambda: window.state.outcome is not None, "for the end")
         assert window.state.protocol == protocol
-        assert window.state.bench_state.value == "at rest"
+        assert window.state.bench_state is BenchState.AT_REST
         assert len(window.state.points) == 1
 
 

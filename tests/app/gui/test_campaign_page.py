@@ -84,7 +84,7 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
     settle(page)
     board = page.board
     assert board.step_pane.heading.text() == "Measure wiring: Wiring check"
-    assert "−20 … +60 V on the specimen" in board.step_pane.detail.text()
+    assert "−20 … +60 V" in board.step_pane.detail.text()
     assert "0 of 3 done" in board.header.progress_label.text()
 
     def carry_out(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:

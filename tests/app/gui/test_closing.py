@@ -18,8 +18,10 @@ from app.session.bench_connection import connect
 from app.session.state import BenchState
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from drivers.generators.keysight import Keysight33500
+from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import Bench, Stage, find, press, until, whole_window
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 
@@ -50,7 +52,7 @@ def test_closing_mid_run_asks_goes_to_rest_and_waits_for_the_session(stage: Stag
     assert stage.session.closed
     assert find(stage.window, "status.state").text == "GOING TO REST"
     stage.happen(*STOPPED)
-    assert find(stage.window, "status.state").text == "AT REST", "the window is alive while it closes"
+    assert find(stage.window, "status.state").text == BenchState.AT_REST.upper(), "the window is alive while it closes"
     assert stage.window.isVisible()
     stage.session.lets_go = True
     until(lambda: not stage.window.isVisible())
@@ -109,7 +111,9 @@ def test_a_driver_that_hangs_after_stop_is_given_up_unsafe_and_does_not_keep_the
         until(lambda: not window.state.busy, "for the run to be given up")
         assert find(window, "status.state").text == "UNSAFE"
         assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
-        assert "driver hangs" in find(window, "notices.unsafe.detail").text()
+        assert window.state.outcome is not None
+        assert window.state.outcome.status is RunStatus.UNSAFE
+        assert_names(find(window, "notices.unsafe.detail").text(), "driver", "hangs")
         assert not window.state.can_run, "its thread would never begin another run"
         window.close_session()
         until(lambda: not find(window, "notices.closing").isVisible(), "for the window to wait for the acknowledgement")

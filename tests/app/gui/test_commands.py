@@ -7,6 +7,7 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 
 from app.gui.shell.page_host import MEASURE, RUNS
+from app.gui.widgets.actions import ACTIONS
 from app.gui.widgets.theme import DARK, LIGHT
 from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.run_files import finished_run
@@ -26,7 +27,8 @@ def test_the_palette_finds_commands_protocols_settings_and_runs(open_stage: Open
     palette = stage.window.central.command_palette
     assert palette.isVisible()
     assert {entry.kind for entry in palette.shown} == {"command", "protocol", "setting", "run"}
-    assert not [entry for entry in palette.shown if entry.text.startswith("Focused plot")]
+    of_plots = {info.text for name, info in ACTIONS.items() if name.startswith("plot.")}
+    assert not of_plots & {entry.text for entry in palette.shown}
     QTest.keyClicks(palette.search, "t9")
     assert [entry.kind for entry in palette.shown] == ["run"]
     QTest.keyClick(palette.search, Qt.Key.Key_Return)
@@ -55,7 +57,7 @@ def test_stop_works_while_the_palette_or_a_menu_of_the_bar_is_open(stage: Stage)
     assert stage.session.stops == 1
     menu = find(stage.window, "menu.run")
     menu.popup(stage.window.mapToGlobal(stage.window.rect().center()))
-    assert "Stop: go to rest and end the run" in [action.text() for action in menu.actions()]
+    assert ACTIONS["stop"].text in [action.text() for action in menu.actions()]
     QTest.keyClick(menu, Qt.Key.Key_Escape)
     assert stage.session.stops == 2
     assert not menu.isVisible()

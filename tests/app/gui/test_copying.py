@@ -30,6 +30,7 @@ def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None
 
 
 def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
+    columns = ["series", "frequency (Hz)", "peak-to-peak displacement (µm)", "standard error"]
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 160.0))
@@ -39,7 +40,7 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
     QTest.keyClick(canvas, Qt.Key.Key_D, CONTROL)
     first, head, *rows = pasted().splitlines()
     assert first == "SIMULATED"
-    assert head.split("\t") == ["series", "frequency (Hz)", "peak-to-peak displacement (µm)", "standard error"]
+    assert head.split("\t") == columns
     table = [row.split("\t") for row in rows]
     assert [row[1:] for row in table if row[0] == "max − min, measured"] == [["100", "900", "2"], ["160", "840", "2"]]
     curve = [(float(x), float(y)) for name, x, y, _ in table if name == "max − min, curve: the paper's values"]

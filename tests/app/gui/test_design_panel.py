@@ -14,10 +14,12 @@ from app.gui.explore import design_panel
 from app.gui.explore.page import ExplorePage
 from app.gui.shell.page_host import EXPLORE
 from app.identification.calibrations import Calibrations, write_calibrations
-from model import ParameterError, Tactor
+from model import ParameterError, Specimen, Tactor
 from model.response import exact_response
+from model.studies.design import required_mass
 from tests.helpers.calibrations import calibration
 from tests.helpers.main_window import Stage, find, until
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import OPENED
 
 ERRORS = {"k2": (7.1e-3, 2e-5), "m_add": (7.9e-3, 1e-4), "c0": (150.0, 4.0), "mu": (-1.3e-5, 1e-7), "mass_fraction": (0.7, 0.01)}  # fmt: skip
@@ -52,8 +54,11 @@ def test_the_answers_of_the_calibration_are_those_of_the_command(
 
 def test_an_unreachable_answer_is_its_reason_and_the_other_one_is_given() -> None:
     (found,) = answer_design(DesignQuestion(ExploreSetting(), 20.0, 1e-2, 200.0))
-    assert "with the heaviest it lies higher" in found.mass
-    assert "It cannot be reached: the amplifier takes 5 V" in found.drive
+    with pytest.raises(ParameterError) as reason:
+        required_mass(Specimen(), 20.0)
+    assert str(reason.value).casefold() in found.mass.casefold()
+    assert_names(found.drive, 5, "V")
+    assert "95 %" not in found.drive, "there is no value"
 
 
 def test_the_page_asks_in_the_background_and_again_when_a_slider_moves(

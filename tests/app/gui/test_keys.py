@@ -15,6 +15,7 @@ from app.gui.widgets.file_dialog import Mode, choose_files
 from protocols.base import Outcome, Prompt, PromptShown, RunEnded, RunStatus, Verdict
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenStage, Stage, find, until
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
 
 CTRL = Qt.KeyboardModifier.ControlModifier
@@ -137,7 +138,7 @@ def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: 
     window.tick()
     assert stage.session.runs == [(SineDwell(), tmp_path, "T7")]
     stage.happen(*LIVE)
-    assert "Esc stops" in find(window, "hint.text").text()
+    assert_names(find(window, "hint.text").text(), ACTIONS["escape"].shortcut, "stops")
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", verdict=Verdict(Outcome.GOOD)))
     assert "Ctrl+4" in find(window, "hint.text").text()
     assert window.central.hint.isVisible()

@@ -13,13 +13,16 @@ from PySide6.QtCore import Qt
 
 from app.archive.audit_trail import begin_audit
 from app.archive.catalogue import Catalogue
-from app.common import Progress
+from app.common import Progress, typeset
 from app.config.certificate import Certificate, store_certificate
+from app.gui.laboratory.audit_pane import NO_TRAIL
 from app.gui.laboratory.page import AUDIT, CERTIFICATES, CHART, SPECIMENS, LaboratoryPage
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import LIGHT, WindowTheme
+from model import quantity_label
 from tests.helpers.fleet_runs import write_run
 from tests.helpers.main_window import OpenPage, until
+from tests.helpers.messages import assert_names
 
 GOLDEN_VALUES = 14
 STEP_AT = 9
@@ -141,7 +144,9 @@ def test_the_baseline_of_the_chart_ends_before_the_drift(page: LaboratoryPage) -
     assert drifted.centre == pytest.approx(1e-3, rel=0.005)
     assert {signal.index for signal in drifted.signals} >= set(range(STEP_AT, GOLDEN_VALUES))
     assert "baseline that includes the drift" in page.chart.notes_label.text()
-    assert page.chart.quantity.currentText() == "largest peak-to-peak displacement"
+    name = "amplitude_at_resonance"
+    assert page.chart.quantity.currentData() == name
+    assert page.chart.quantity.currentText() == typeset(quantity_label(name))
 
 
 def test_certificates_are_warned_of_before_and_after_their_date(open_page: OpenPage, tmp_path: Path) -> None:
@@ -166,7 +171,7 @@ def test_a_changed_file_is_found_by_verify(open_page: OpenPage, tmp_path: Path) 
     page = open_page(lambda: LaboratoryPage(lambda: folder, WindowTheme(), tmp_path / "index.sqlite"))
     page.show_view(AUDIT)
     until(lambda: is_idle(page))
-    assert "no audit trail" in page.audit.result_label.text()
+    assert page.audit.result_label.text() == NO_TRAIL
     page.audit.begin_button.click()
     until(lambda: is_idle(page) and not page.audit._worker.pending)
     assert [row[3] for row in rows(page.audit.table)] == ["start"]
@@ -179,7 +184,7 @@ def test_a_changed_file_is_found_by_verify(open_page: OpenPage, tmp_path: Path) 
     until(lambda: not page.audit._worker.pending)
     text = page.audit.result_label.text()
     assert "T7.specimen.toml was changed since entry 1" in text
-    assert f"{path.name} is missing" in text
+    assert_names(text.partition(f"{path.name} ")[2].splitlines()[0], "missing")
 
 
 def test_a_folder_is_read_in_the_background_and_reading_can_be_stopped(

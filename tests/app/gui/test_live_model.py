@@ -16,6 +16,7 @@ from app.identification.active_model import PAPER_MODEL
 from app.identification.calibrations import Calibrations, write_calibrations
 from app.live.estimates import LiveEstimator
 from drivers.sensors.laser_sensor import LaserSensor
+from model import quantity_label
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.harmonic_response import amplifier_response
@@ -129,11 +130,11 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     until(lambda: panel.estimates_panel.caption.text() == "From 8 usable points", "for the fit")
     assert panel.estimates_panel.isVisible()
     (mass, value, shrinking), *_ = panel.estimates_panel.rows
-    assert mass.text() == "added mass"
+    assert mass.text() == quantity_label("m_add")
     number, error = (float(word) for word in value.text().removesuffix(" g").split(" ± "))
     assert abs(number - 8.2) < 4 * error < 0.2
     assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
-    assert "the paper's values" in panel.estimates_panel.note.text()
+    assert PAPER_MODEL.description in panel.estimates_panel.note.text()
     assert panel.estimates_panel.minimumSizeHint().width() < 270, "a window of 800 points would cut the column"
     stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
     assert find(panel, "measure.rehearsal").isVisible()

@@ -1,6 +1,7 @@
 """Measure page with any protocol: selection, presets, pause, prompts with answers, measuring points again."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,7 @@ def test_presets_that_do_not_fit_are_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(PresetError, match="no preset 'tame'"):
         presets.get(SineDwell, "tame")
     presets.path.write_text("{")
-    with pytest.raises(PresetError, match="cannot be read"):
+    with pytest.raises(PresetError, match=re.escape(str(presets.path))):
         presets.names("sine-dwell")
 
 
@@ -200,8 +201,9 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1, "nothing else begins meanwhile"
-    stage.happen(RunRejected("run.h5 is damaged inside; take another copy of it"))
-    assert "another copy" in find(stage.window, "notices.problem.message").text()
+    why = "run.h5 is damaged inside; take another copy of it"
+    stage.happen(RunRejected(why))
+    assert find(stage.window, "notices.problem.message").text().casefold() == why.casefold()
     assert len(plot.scatters[0].points()) == 3
     plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[2]])
     plot.selection.button.click()

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import QMainWindow
 from app.gui.remote.controller import NETWORK, OFF, THIS_COMPUTER
 from app.gui.remote.setting import RemoteSetting, qr_pixmap
 from app.gui.status.notifier import NOTICE_KEY, PROMPT_DELAY_MS, SOUND_KEY, TONES, Notifier, tone_wave
+from app.gui.widgets.actions import ACTIONS
 from app.session import initial_window_state, reduce
 from app.session.state import TimedEvent
 from model import AmplifierMap
@@ -168,7 +169,7 @@ def test_one_key_saves_a_problem_report(stage: Stage, tmp_path: Path) -> None:
     stage.press(Qt.Key.Key_F1, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.central.is_covered
     stage.window.error_occurred.emit()
-    assert "Ctrl+F1" in stage.window.tabs._toast.label.text()
+    assert ACTIONS["problem"].shortcut in stage.window.tabs._toast.label.text()
 
 
 def test_the_settings_are_kept(open_stage: OpenStage, settings: QSettings) -> None:

@@ -8,6 +8,7 @@ from PySide6.QtCore import Qt
 from app.gui.runs.transfers import folder_link
 from app.gui.shell.page_host import EXPLORE, RUNS
 from tests.helpers.main_window import Stage
+from tests.helpers.messages import assert_names
 from tests.helpers.session_events import LIVE, OPENED, STOPPED
 
 
@@ -40,7 +41,7 @@ def test_a_key_that_starts_no_run_is_answered(stage: Stage) -> None:
     assert len(stage.session.runs) == 1
     stage.happen(*LIVE)
     stage.press(Qt.Key.Key_F5)
-    assert "a run is in progress" in toast.label.text()
+    assert_names(toast.label.text(), "run", "progress")
     stage.happen(*STOPPED)
     assert len(stage.session.runs) == 1
 

@@ -8,6 +8,7 @@ from PySide6.QtCore import Qt, QUrl
 
 from app.gui.results.report_job import ReportJob
 from app.gui.shell.page_host import RUNS
+from model import quantity_label
 from protocols.base import BenchArmed, EstimatedQuantity, PointMeasured, Quality, RunEnded, RunStarted, RunStatus
 from protocols.measurements.mass_resonance import MassPoint
 from tests.helpers.main_window import Stage, find, until
@@ -52,7 +53,7 @@ def test_interference_is_never_one_of_the_large_values(stage: Stage) -> None:
     stage.happen(*LIVE, point(0, 100.0), AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5", (ESTIMATES[0], hum)))
     assert find(card, "result.value-0").text() == "158.3 ± 1.6 Hz"
     assert not find(card, "result.value-1").isVisibleTo(card)
-    assert "interference at rest" in find(card, "result.more").text()
+    assert quantity_label(hum.name) in find(card, "result.more").text()
 
 
 def test_the_uncertainty_of_the_sensors_gain_stands_with_what_it_scales(stage: Stage) -> None:

@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
+from app.archive import RunState
 from app.archive.catalogue import Catalogue
 from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
@@ -108,7 +109,7 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     page.list.folder_model.rescan()
     until(lambda: page.list.model.rowCount() == 5, "for the new ones")
     status = {e.specimen: e.state for e in page.list.model.summaries}
-    assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
+    assert (status["T3"], status["T5"], status["half"]) == (RunState.CRASHED, RunState.NEWER, RunState.DAMAGED)
     choose(page, "half")
     page.open_selected()
     assert "half" in find(page, "runs.message").text()
@@ -302,7 +303,8 @@ def test_import_shows_progress_and_leaves_nothing_when_cancelled(
     assert going.label.text() == "taking in 2 runs …"
     until(lambda: going.bar.value() > 600, "for the share")
     page.export_selected(tmp_path / "sheets", "csv")
-    assert "Wait for its end" in find(page, "runs.message").text()
+    assert find(page, "runs.message").text().startswith(f"{going.label.text()} Wait ")
+    assert not (tmp_path / "sheets").exists()
     choose(page, "T7")
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for a run that is opened meanwhile")
@@ -408,8 +410,9 @@ def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..
 
 @pytest.mark.deep
 def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: RunsPage, folder: Path) -> None:
+    note = "the one"
     choose(page, "T7")
-    page.list.annotate("good", "the one")
+    page.list.annotate("good", note)
     until(lambda: page.list.folder_model.is_idle, "for the notes")
     (run,) = [folder / e.path for e in page.list.selected]
     assert notes_path(run).exists()
@@ -423,7 +426,7 @@ def test_a_run_is_moved_to_the_trash_with_its_notes_and_taken_out_of_it(page: Ru
     page.toast.undo_button.click()
     until(lambda: names(page).count("T7") == 1 and page.list.folder_model.is_idle, "for the list")
     notes = read_notes(notes_path(run))
-    assert (notes.tags, notes.note) == (("good",), "the one")
+    assert (notes.tags, notes.note) == (("good",), note)
 
 
 @pytest.mark.deep

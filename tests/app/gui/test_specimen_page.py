@@ -9,8 +9,9 @@ from PySide6.QtWidgets import QLineEdit, QWidget
 from app.gui.shell.page_host import CAMPAIGN, EXPLORE, MEASURE
 from app.gui.specimen.page import SpecimenPage
 from app.identification.sheet_file import create_sheet, edit_sheet, load_sheet
-from app.identification.specimen_sheet import SheetEntry
+from app.identification.specimen_sheet import SheetEntry, SpecimenSheet
 from tests.helpers.main_window import OpenStage, Stage, find, until
+from tests.helpers.messages import assert_names
 
 pytestmark = pytest.mark.deep
 
@@ -34,7 +35,7 @@ def enter(page: SpecimenPage, name: str, field: str, text: str) -> None:
 def test_a_specimen_without_a_sheet_gets_one_by_typing(open_stage: OpenStage, tmp_path: Path) -> None:
     stage = open_stage()
     page = opened(stage)
-    assert page.source_label.text().startswith("No specimen sheet: dimensions are from the paper's Table I")
+    assert page.source_label.text().casefold().startswith(SpecimenSheet().description.casefold())
     assert page.make_sheet_button.isVisible()
     assert find(page, "sheet.L.value").placeholderText() == "22"
     assert find(page, "sheet.L.instrument").placeholderText() == "Table I: ruler"
@@ -69,7 +70,7 @@ def test_a_sheet_is_made_from_table_one_and_read_again_if_another_program_change
     assert not page.make_sheet_button.isVisible()
     edit_sheet(sheet.path, {"L2": SheetEntry("L2", 15.1e-3, 0.1e-3, "caliper", "2026-11-20")}, {})
     enter(page, "L", "value", "22.1")
-    assert "was changed by another program" in page.message_label.text()
+    assert_names(page.message_label.text(), sheet.path.name, "changed")
     assert find(page, "sheet.L2.value").text() == "15.1"
     assert set(load_sheet(tmp_path, "T7").entries) == {"L2"}
     enter(page, "L", "value", "22.1")
@@ -112,7 +113,7 @@ def test_measure_explore_and_campaign_say_whether_there_is_a_sheet_and_open_it(
         assert isinstance(page, QWidget)
         button = find(page, f"{name}.sheet")
         until(lambda button=button: button.text() == "No sheet …", "for the sheet")
-        assert "Table I" in button.toolTip()
+        assert SpecimenSheet().description.casefold() in button.toolTip().casefold()
     create_sheet(tmp_path, "T7")
     tabs.select_page(MEASURE)
     button = find(tabs.measure, "measure.sheet")

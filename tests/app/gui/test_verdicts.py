@@ -10,6 +10,7 @@ from app.gui.runs.run_table import COLUMNS
 from app.gui.shell.page_host import RUNS
 from app.gui.widgets.theme import DARK, LIGHT
 from protocols.base import CheckResult, Outcome, RunEnded, RunStarted, RunStatus, Verdict
+from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from tests.helpers.main_window import Stage, find, until
 from tests.helpers.run_files import finished_run
@@ -46,7 +47,7 @@ def test_the_header_shows_the_verdict(stage: Stage, verdict: Verdict, header: st
         end_with(stage, verdict)
         sign = find(stage.window, "status.task")
         assert sign.text == header
-        assert "Sine dwell" in sign.note
+        assert SineDwell.title in sign.note
         assert sign._foreground == getattr(theme, color)
         assert "ompleted" not in stage.window.state.messages[-1].text
 
@@ -64,6 +65,10 @@ def test_no_usable_point_is_a_notice_with_the_remedy_until_it_is_dismissed(stage
 
 
 def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Stage) -> None:
+    expected = [
+        ["✕ FAIL", "gain above rest", "0.03", "1 .. 1000", "µm/V", OPTICS],  # what to remedy comes first
+        ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
+    ]
     begin = RunStarted("wiring-check", "run.h5", 6.0, 4, True)
     stage.window.measure_page.run_panel.set_protocol(WiringCheck())
     end_with(stage, FAILED_CHECK, begin)
@@ -71,10 +76,7 @@ def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Sta
     assert plots.currentWidget() is plots.checks
     table = plots.checks.table
     rows = [[table.item(r, c).text() for c in range(table.columnCount())] for r in range(table.rowCount())]
-    assert rows == [
-        ["✕ FAIL", "gain above rest", "0.03", "1 .. 1000", "µm/V", OPTICS],  # what to remedy comes first
-        ["✓ pass", "noise floor", "0.5", "at most 5", "µm", ""],
-    ]
+    assert rows == expected
     assert plots.checks.caption.text() == "⊘ 1 of 2 checks did not pass"
     assert find(stage.window, "notices.verdict").message_label.text() == "Did not pass: gain above rest"
     stage.window.start_run()
@@ -84,7 +86,8 @@ def test_a_wiring_check_ends_in_the_table_of_its_checks_with_remedies(stage: Sta
 
 @pytest.mark.deep
 def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) -> None:
-    for outcome in (Outcome.GOOD, Outcome.NO_RESULT, Outcome.DID_NOT_PASS, Outcome.NOT_JUDGED):
+    signs = {Outcome.GOOD: "✓", Outcome.NO_RESULT: "○", Outcome.DID_NOT_PASS: "⊘", Outcome.NOT_JUDGED: "–"}
+    for outcome in signs:
         reasons = () if outcome is Outcome.GOOD else (f"{outcome}; a remedy",)
         finished_run(tmp_path, outcome.replace(" ", "-"), verdict=Verdict(outcome, reasons))
     stage.window.tabs.setCurrentIndex(RUNS)
@@ -92,12 +95,12 @@ def test_the_runs_page_lists_and_opens_verdicts(stage: Stage, tmp_path: Path) ->
     until(lambda: page.list.model.rowCount() == 4, "for the runs")
     at = COLUMNS.index("verdict")
     shown = {page.list.model.index(r, at).data() for r in range(4)}
-    assert shown == {f"{w}, SIMULATED" for w in ("✓ good", "○ no result", "⊘ did not pass", "– not judged")}
+    assert shown == {f"{sign} {outcome}, SIMULATED" for outcome, sign in signs.items()}
     combo = find(page, "runs.verdict")
-    combo.setCurrentIndex(combo.findData("no result"))
+    combo.setCurrentIndex(combo.findData(Outcome.NO_RESULT.value))
     assert [run.specimen for run in page.list.model.summaries] == ["no-result"]
     page.open_selected()
     until(lambda: page.viewer.run is not None, "for the run")
-    assert find(page, "run.card.verdict").text() == "○ NO RESULT"
+    assert find(page, "run.card.verdict").text() == f"○ {Outcome.NO_RESULT.upper()}"
     assert find(page, "run.card.reason").text() == "No result; a remedy"
     assert find(page, "run.card.simulated").isVisibleTo(page.viewer)

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.shell.main_window import MainWindow
+from app.session.state import BenchState
 from drivers.errors import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
@@ -47,7 +48,7 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.COMPLETED
-    assert find(window, "status.state").text == "AT REST"
+    assert find(window, "status.state").text == BenchState.AT_REST.upper()
     (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
@@ -100,7 +101,7 @@ def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, be
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.STOPPED
-    assert find(window, "status.state").text == "AT REST"
+    assert find(window, "status.state").text == BenchState.AT_REST.upper()
     assert find(window, "status.voltage").text == "0 V"
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from tests.helpers.importing import FULL, GOOD, refused
+from tests.helpers.messages import assert_names
 from tests.helpers.run_files import finished_run
 
 BAD: dict[str, tuple[str, list[str], str]] = {
@@ -67,9 +68,10 @@ def test_a_bad_file_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[
     ):
         (tmp_path / name).write_bytes(data)
         assert words in refused(tmp_path / name, capsys, *FULL)
-    assert "there is no file" in refused(tmp_path / "gone.csv", capsys)
-    assert "cannot be read" in refused(tmp_path, capsys)
-    assert "an HDF5 file" in refused(finished_run(tmp_path / "old"), capsys)
+    assert_names(refused(tmp_path / "gone.csv", capsys), "gone.csv")
+    assert str(tmp_path) in refused(tmp_path, capsys)
+    run = finished_run(tmp_path / "old")
+    assert_names(refused(run, capsys), run.name, "HDF5")
 
 
 @pytest.mark.deep
@@ -88,7 +90,7 @@ def test_a_mat_file_that_is_damaged_is_a_sentence(
     (tmp_path / "t.mat").write_bytes(whole[:-100])
     assert "is cut off or damaged, 100 bytes are missing" in refused(tmp_path / "t.mat", capsys, *FULL)
     (tmp_path / "t.mat").write_bytes(whole[:132] + b"\xff\xff\xff\x7f" + whole[136:])  # two gigabytes, it says
-    assert "is cut off or damaged" in refused(tmp_path / "t.mat", capsys, *FULL)
+    assert_names(refused(tmp_path / "t.mat", capsys, *FULL), "t.mat", "damaged")
     (tmp_path / "t.mat").write_bytes(whole)
     monkeypatch.setattr(
         "app.archive.importing.mat_table.READER_SCRIPT", "import os; os.abort()"

@@ -10,6 +10,7 @@ from benchmarks.campaigns import elements
 from model import Array, Tactor
 from model.identification import FrequencyResponseObservation
 from protocols.aspects.sweep import sweep_frequencies
+from protocols.measurements.response_series import FREQUENCY_RESPONSE
 from protocols.runfile.reader import Run
 from protocols.signals import estimate_swept_response
 from tests.helpers.importing import brought, points, refused
@@ -68,7 +69,7 @@ def test_a_chirp_becomes_a_sweep_whose_lines_are_those_of_finite_elements(tmp_pa
         assert run.record.protocol == "sweep"
         assert run.record.imported
         response, _, series = run.series()
-        assert response.name == "frequency response"
+        assert response.name == FREQUENCY_RESPONSE
         assert series.y.size == round(11 * RATE_HZ)
     (amplitude,) = points(path)["drive_amplitude"]
     assert amplitude == pytest.approx(2.5, rel=0.01)

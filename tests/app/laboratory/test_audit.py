@@ -44,9 +44,14 @@ def test_a_changed_removed_moved_or_added_line_is_detected(tmp_path: Path) -> No
     assert after([*good[:2], good[2].replace(b"line 2", b"line X"), *good[3:]]) == [
         f"entry 3 ({entries[2].time}, note of line X) was changed"
     ]
-    assert "does not follow" in after([*good[:2], *good[3:]])[0]
-    assert "does not follow" in after([good[0], good[2], good[1], *good[3:]])[0]
-    assert "does not follow" in after([*good[:3], good[1], *good[3:]])[0]
+    for lines, number in (
+        ([*good[:2], *good[3:]], 4),
+        ([good[0], good[2], good[1], *good[3:]], 3),
+        ([*good[:3], good[1], *good[3:]], 2),
+    ):
+        assert after(lines)[0] == (
+            f"entry {number} ({entries[number - 1].time}) does not follow the one before it: lines are missing or were put in"
+        )
     assert "damaged" in after([*good[:2], b"hello\n", *good[3:]])[0]
     rewritten = json.loads(good[2])
     rewritten["subject"] = "line X"  # with a hash of its own that fits
@@ -163,8 +168,8 @@ def test_a_laboratory_day_is_on_record(tmp_path: Path, capsys: pytest.CaptureFix
     capsys.readouterr()
     assert main(["audit", "show", str(runs), "--json"]) == ExitCode.DONE
     entries = json.loads(capsys.readouterr().out)["entries"]
-    actions = [entry["action"] for entry in entries]
-    assert actions == ["start", "run", "specimen sheet", "notes"]
+    expected = ["start", "run", "specimen sheet", "notes"]
+    assert [entry["action"] for entry in entries] == expected
     assert entries[1]["by"].startswith("Anna (")
     assert entries[1]["details"]["verdict"] == "good"
     assert set(entries[1]["files"]) == {path.name, notes_path(path).name}

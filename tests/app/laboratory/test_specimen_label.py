@@ -54,8 +54,9 @@ def test_a_list_of_specimens_fills_the_places_of_a4_sheets(
     monkeypatch.setattr(label_figure, "_save", lambda figures, _path: pages.extend(figures))
     names = tmp_path / "names.csv"
     names.write_text("specimen,batch\nT7,B2\n" + "".join(f"X{i};B3\n" for i in range(20)))
+    path = tmp_path / "labels.pdf"
     words = ["label", "--list", str(names), "--folder", str(folder), "--sheet", "--size", "63.5x38.1", "--gap", "2.5x0"]
-    assert main([*words, "--used", "2", "--out", str(tmp_path / "a.pdf")]) == ExitCode.DONE
+    assert main([*words, "--used", "2", "--out", str(path)]) == ExitCode.DONE
     assert "21 labels on a sheet" in capsys.readouterr().err
     assert [len(page.axes) for page in pages] == [19, 2]
     pages[0].savefig(tmp_path / "page.png", dpi=254)  # ten pixels for each millimetre
@@ -94,10 +95,10 @@ def test_a_scan_is_compared_with_the_present_sheet(folder: Path) -> None:
     label = make_label(folder, "T7")
     assert read_label(f"{label.text}\r\n") == read_label(label.text)
     assert read_label(label.text).specimen == "T7"
-    assert "is the one" in compare_label(folder, read_label(label.text))
+    assert "its sheet is the one that the label was printed for" in compare_label(folder, read_label(label.text))
     (folder / "T7.specimen.toml").write_text('specimen = "T7"\nbatch = "B3"\n')
-    assert "has changed since" in compare_label(folder, read_label(label.text))
-    assert "no sheet" in compare_label(folder.parent, read_label(label.text))
+    assert "its sheet has changed since the label was printed" in compare_label(folder, read_label(label.text))
+    assert "there is no sheet of it in this folder" in compare_label(folder.parent, read_label(label.text))
     for name in ("T7", "T7 #2", "#1", "T7 #abc"):
         assert read_label(name).specimen == name
         assert compare_label(folder, read_label(name)) == ""

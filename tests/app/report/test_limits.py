@@ -11,6 +11,7 @@ from app.report.document import Paragraph
 from app.report.figures_of_merit import figure_of_merit
 from app.report.limits import FIGURES_OF_MERIT, Limit, Limits, LimitsError, judge_limits, read_limits
 from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
+from tests.helpers.messages import assert_names
 from tests.helpers.report_specimen import blocks_of
 
 
@@ -122,13 +123,13 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["report", "--new-limits", "limits.toml"]) == 0
-    assert main(["report", "--new-limits", "limits.toml"]) == 2
-    example = Path("limits.toml").read_text("utf-8")
+    example = Path("limits.toml")
+    assert main(["report", "--new-limits", str(example)]) == 0
+    assert main(["report", "--new-limits", str(example)]) == 2
     for name in FIGURES_OF_MERIT:
-        assert name in example
+        assert name in example.read_text("utf-8")
     report = ["report", "T1", "--folder", str(folder), "--out", "out", "--json", "--limits"]
-    assert set(read_limits(Path("limits.toml")).limits) == {
+    assert set(read_limits(example).limits) == {
         "peak_frequency",
         "amplitude_at_resonance",
         "smallest_margin",
@@ -146,7 +147,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     assert main([*report, "strict.toml"]) == 1
     captured = capsys.readouterr()
     assert "fail: peak_frequency is" in captured.err
-    assert "at least 160 Hz" in captured.err
+    assert_names(captured.err, "160", "Hz")
     record = json.loads(captured.out)
     assert record["passed"] is False
     assert [o["verdict"] for o in record["limits"]] == ["fail", "pass"]

@@ -28,7 +28,7 @@ from app.report.figures_of_merit import perception_margin_of, step_latency_of
 from app.report.runs import ReportRun, read_report_runs
 from app.report.signature import verification_command
 from app.report.specimen import SpecimenModel
-from model import EstimatedQuantity
+from model import EstimatedQuantity, quantity_label
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
@@ -36,6 +36,7 @@ from protocols.base import Outcome, Quality, Verdict
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from protocols.runfile.results import store_verdict
+from tests.helpers.messages import assert_names
 from tests.helpers.report_specimen import TRUTH, blocks_of, texts_of_pages
 from tests.helpers.simulated_bench import laboratory, run
 
@@ -90,10 +91,11 @@ def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(wri
         assert page.count("SIMULATED") >= 2, page  # across it
         assert f"page {at} " in page
         assert f"of {len(written.pages)} fingerprint" in page
-    assert "frequency (Hz)" in "".join(written.pages)  # texts of plots too
+    assert f"{quantity_label('frequency')} (Hz)" in "".join(written.pages)  # texts of plots too
     html = (written.out / "T1_report.html").read_text("utf-8")
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
+    assert "<h2>Every run</h2>" in html
     for path in written.runs.glob("*.h5"):
         assert path.name in html
         assert hashlib.sha256(path.read_bytes()).hexdigest() in html
@@ -129,10 +131,10 @@ def test_by_default_it_has_two_pages_with_the_laboratory_and_its_picture(
     assert b"/Subtype /Image" in written_pdf
     assert "Haptics &lt;Lab&gt;" in html
     assert f"data:image/png;base64,{b64encode(logo.read_bytes()).decode()}" in html
-    assert "Every run" not in html
+    assert "<h2>Every run</h2>" not in html
     capsys.readouterr()
     assert main([*words, "--logo", str(written.runs)]) == 2
-    assert "cannot be read" in capsys.readouterr().err
+    assert_names(capsys.readouterr().err, "--logo", written.runs)
     logo.write_bytes(b"GIF89a")
     assert main([*words, "--logo", str(logo)]) == 2
     assert "is no PNG picture of at most 2 MB; convert it, or leave it out" in capsys.readouterr().err
@@ -147,7 +149,8 @@ def test_a_signature_verifies_until_the_report_is_changed(
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     words = ["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path), "--sign", str(key)]
     assert main(words) == 2
-    assert "--sign needs the name of who signs: --by NAME" in capsys.readouterr().err
+    assert_names(capsys.readouterr().err, "--sign", "--by")
+    assert not (tmp_path / "T1_report.pdf").exists()
     assert main([*words, "--by", "K. Tanaka"]) == 0
     assert "-I 'K. Tanaka'" in capsys.readouterr().err
     (tmp_path / "allowed_signers").write_text(f'"K. Tanaka" {key.with_suffix(".pub").read_text()}')
@@ -240,11 +243,12 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     later = copy / "20991231T000000Z_T1_sine-dwell.h5"
     shutil.copy(first, later)
     change(later, lambda entry: replaced(entry, "continues", first.name))
-    (copy / "20991231T000001Z_T1_sweep.h5").write_bytes(first.read_bytes()[:20_000])
+    cut = copy / "20991231T000001Z_T1_sweep.h5"
+    cut.write_bytes(first.read_bytes()[:20_000])
     runs = read_report_runs(copy, "T1")
     by_name = {run.name: run for run in runs}
     assert by_name[first.name].exclusion_reason == f"its points are continued in {later.name}"
-    assert "cut off" in by_name["20991231T000001Z_T1_sweep.h5"].problem
+    assert_names(by_name[cut.name].problem, cut.name, "cut", 20_000, first.stat().st_size)
     assert sum(bool(r.observations) and not r.exclusion_reason for r in runs) == 2
 
 
@@ -263,7 +267,8 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
     )
     assert f"{steps.name} is doubtful: 2 of 4 clipped; choose a larger range" in said
     (table,) = [t for t in blocks_of(report, Table) if t.title.startswith("Runs and the quality")]
-    assert {row[0]: row[3] for row in table.rows} == {dwell.name: "no result", steps.name: "doubtful"}
+    verdicts = {dwell.name: Outcome.NO_RESULT.value, steps.name: Outcome.DOUBTFUL.value}
+    assert {row[0]: row[3] for row in table.rows} == verdicts
     cards = {t.title: t for t in blocks_of(report, Table) if t.title.startswith(("sine-dwell, ", "voltage-steps, "))}
     assert list(cards) == [
         f"sine-dwell, {dwell.name}: ○ NO RESULT, SIMULATED",
@@ -274,10 +279,7 @@ def test_runs_are_listed_with_their_verdicts_and_without_a_result_are_not_used(c
     assert [row[0] for row in next(iter(cards.values())).rows] == names
     assert known.identification is not None
     assert len(known.identification.observations.runs) == 1
-    assert {run["file"]: run["verdict"] for run in report.record["runs"]} == {
-        dwell.name: "no result",
-        steps.name: "doubtful",
-    }
+    assert {run["file"]: run["verdict"] for run in report.record["runs"]} == verdicts
 
 
 @pytest.mark.deep
@@ -286,7 +288,9 @@ def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
     (copy / "backup").mkdir()
     shutil.copy(first, copy / "backup")
     report, known, _ = build_report(copy, "T1")
-    assert f"backup/{first.name} is left out of the identification: it is a copy of {first.name}" in texts(report)
+    (reason,) = (run.exclusion_reason for run in read_report_runs(copy, "T1") if run.path.parent.name == "backup")
+    assert_names(reason, "copy", first.name)
+    assert any(f"backup/{first.name} " in line and line.endswith(f": {reason}.") for line in texts(report).splitlines())
     assert known.identification is not None
     assert len(known.identification.observations.runs) == 2
 

@@ -18,11 +18,12 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
     assert next(iter(fields)) == "frequencies_hz"
     assert list(fields)[-1] == "sample_rate_hz"
     assert fields["frequencies_hz"].is_list
-    assert fields["frequencies_hz"].limits == "1 to 2000 Hz"
-    assert fields["peak_to_peak_v"].label == "peak to peak"
-    assert fields["peak_to_peak_v"].unit == "V"
-    assert fields["peak_to_peak_v"].limits == "over 0 to 5 V"
-    assert fields["min_cycles"].unit == ""
+    expected = {
+        "frequencies_hz": ("frequencies", "Hz", "1 to 2000 Hz"),
+        "peak_to_peak_v": ("peak to peak", "V", "over 0 to 5 V"),
+        "min_cycles": ("min cycles", "", "3 to 100000"),
+    }
+    assert {name: (fields[name].label, fields[name].unit, fields[name].limits) for name in expected} == expected
     assert "settled" in fields["settle_tolerance"].description
 
 
