@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from app.common import record_audit
@@ -50,8 +51,8 @@ def restore_from_trash(moved: Sequence[TrashedRun]) -> int:
         RunReadError: a run cannot be moved back.
     """
     for one in moved:
-        if one.path.exists():
-            raise RunReadError(f"{one.path} exists again; move {one.trashed} by hand under another name")
+        if one.path.exists() or (notes_path(one.path).exists() and notes_path(one.trashed).exists()):
+            raise RunReadError(f"{one.path} or its notes exist again; move {one.trashed} by hand under another name")
         try:
             one.trashed.rename(one.path)
         except OSError as error:
@@ -67,6 +68,6 @@ def _move_notes(run: Path, moved_run: Path) -> None:
 
 
 def _free_name(path: Path) -> Path:
-    """Return the path, or one with a number that does not exist."""
+    """Return the path, or one with a number, at which there are neither a run nor notes."""
     numbered = (path.with_stem(f"{path.stem} ({at})") for at in range(2, 10_000))
-    return path if not path.exists() else next(other for other in numbered if not other.exists())
+    return next(free for free in chain((path,), numbered) if not free.exists() and not notes_path(free).exists())

@@ -68,7 +68,7 @@ def _write_changes(table: Any, before: BaseModel, after: BaseModel) -> None:
         elif isinstance(old, Mapping) and isinstance(new, Mapping):
             _write_record(table, name, old, new)
         else:
-            _write_value(table, name, _plain(new), description_of(type(after), name))
+            _write_value(table, name, new, description_of(type(after), name))
 
 
 def _write_record(table: Any, name: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
@@ -90,7 +90,7 @@ def _write_record(table: Any, name: str, before: Mapping[str, Any], after: Mappi
 def _new_table(record: BaseModel) -> Table:
     table = tomlkit.table()
     for name in type(record).model_fields:
-        _write_value(table, name, _plain(getattr(record, name)), description_of(type(record), name))
+        _write_value(table, name, getattr(record, name), description_of(type(record), name))
     return table
 
 
@@ -100,10 +100,6 @@ def _write_value(table: Any, name: str, value: Any, description: str) -> None:
     table[name] = value
     if is_new and description and isinstance(table, Table):
         table[name].comment(description)
-
-
-def _plain(value: Any) -> Any:
-    return [_plain(each) for each in value] if isinstance(value, tuple | list) else value
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,6 @@ class PlugIn:
     """A driver of another package, and why it cannot be used (empty: it can)."""
 
     name: str
-    package: str
     driver: Any = None
     problem: str = ""
 
@@ -179,7 +178,7 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
                 problem = f"{begin} is not a {interface.__name__}: it lacks {', '.join(missing)}"
         elif not callable(found):
             problem = f"{begin} is not a driver: {entry_point.value} cannot be called"
-    return PlugIn(entry_point.name, package, None if problem else found, problem)
+    return PlugIn(entry_point.name, None if problem else found, problem)
 
 
 def _missing_methods(driver_class: type, interface: type) -> list[str]:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from inspect import cleandoc
@@ -84,7 +85,7 @@ def table_at(simulation: Mapping[str, Any], keys: Keys) -> Mapping[str, Any]:
 
 def with_simulation_tables(simulation: Mapping[str, Any], tables: Mapping[Keys, SimulationTable]) -> dict[str, Any]:
     """Return [simulation] with the values of some tables; a default that the file leaves out stays out."""
-    result: dict[str, Any] = _copy(simulation)
+    result = deepcopy(dict(simulation))
     for keys, table in tables.items():
         for name, info in type(table).model_fields.items():
             present, value = table_at(result, keys), table.stored(name)
@@ -139,7 +140,8 @@ def _make_check(kind: Any, keys: Keys) -> Any:
 
     def check(table: SimulationTable) -> SimulationTable:
         try:
-            kind(**{name: _as_parameter(table.stored(name)) for name in type(table).model_fields})
+            stored = {name: table.stored(name) for name in type(table).model_fields}
+            kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()})
         except ValueError as error:
             raise ValueError(str(error).removeprefix(f"{keys[-1] if keys else 'simulation'}.")) from None
         return table
@@ -156,11 +158,3 @@ def _descriptions(kind: Any) -> dict[str, str]:
         for names, _, text in pairs
         for name in names.split(",")
     }
-
-
-def _as_parameter(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _copy(value: Any) -> Any:
-    return {key: _copy(each) for key, each in value.items()} if isinstance(value, Mapping) else value

@@ -171,7 +171,7 @@ def _after_prompt(view: WindowState, event: WindowEvent) -> WindowState | None:
                 view,
                 prompt=None,
                 drive=None if off else view.drive,
-                bench_state=_state_without_high_voltage(view) if off else view.bench_state,
+                bench_state=BenchState.HV_OFF if off else view.bench_state,
             )
         case BenchArmed(high_voltage):
             view = replace(view, rest_lost=False, instruments=_with_lamps(view, Lamp.READY), high_voltage=high_voltage)
@@ -256,10 +256,6 @@ def _with_live_state(view: WindowState) -> WindowState:
     if view.bench_state in (BenchState.GOING_TO_REST, BenchState.DRIVE_LOST):
         return view
     return replace(view, bench_state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
-
-
-def _state_without_high_voltage(view: WindowState) -> BenchState:
-    return view.bench_state if view.bench_state is BenchState.GOING_TO_REST else BenchState.HV_OFF
 
 
 def _state_between_runs(view: WindowState) -> BenchState:

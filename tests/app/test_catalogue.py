@@ -15,7 +15,7 @@ from unittest import mock
 import h5py
 import pytest
 
-from app.archive import annotate_runs, copy_runs_into, move_to_trash
+from app.archive import annotate_runs, copy_runs_into, move_to_trash, restore_from_trash
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import read_tags, write_notes
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_run_summary, read_since
@@ -398,6 +398,23 @@ def test_a_copied_run_replaces_no_other_notes(folder: Path, tmp_path: Path) -> N
         copy_runs_into([run], target)
     assert left.read_text() == '{"note": "of another run"}'
     assert not (target / run.name).exists()
+
+
+def test_the_trash_replaces_no_notes(folder: Path) -> None:
+    run = next(folder.glob("*_T7_*.h5"))
+    write_notes(run, note="mine")
+    left = run.parent / ".trash" / notes_path(run).name
+    left.parent.mkdir()
+    left.write_text('{"note": "of another run"}')
+    moved = move_to_trash([run])
+    assert left.read_text() == '{"note": "of another run"}'
+    notes_path(run).write_text('{"note": "written since"}')
+    with pytest.raises(RunReadError, match="or its notes exist again"):
+        restore_from_trash(moved)
+    assert read_notes(notes_path(run)).note == "written since"
+    notes_path(run).unlink()
+    assert restore_from_trash(moved) == 1
+    assert read_notes(notes_path(run)).note == "mine"
 
 
 def test_folders_with_new_files_are_noticed_without_a_list_of_them(

@@ -119,30 +119,21 @@ def _series_tables(series: Sequence[Series]) -> Iterator[Table]:
         (f"series-{re.sub(r'[^a-z0-9]+', '-', title.lower()).strip('-')}" for title in titles), MAX_SHEET_NAME
     )
     for name, title, alike in zip(names, titles, kinds.values(), strict=True):
-        rows = [one.x.size for one in alike]
         columns = [dict(one.columns()) for one in alike]
-        axes = dict.fromkeys(axis for each in columns for axis in each)
-        yield Table(
-            name,
-            title,
-            (
-                Column("entry", None, np.repeat([one.entry for one in alike], rows)),
-                Column(
-                    "label", None, [one.label for one, count in zip(alike, rows, strict=True) for _ in range(count)]
+        entries = np.repeat([one.entry for one in alike], [one.x.size for one in alike])
+        labels = [one.label for one in alike for _ in one.x]
+        axes = (
+            Column(
+                axis.name,
+                axis.unit,
+                np.concatenate(
+                    [own.get(axis, np.full(one.x.size, np.nan)) for one, own in zip(alike, columns, strict=True)]
                 ),
-                *(
-                    Column(
-                        axis.name,
-                        axis.unit,
-                        np.concatenate(
-                            [each.get(axis, np.full(count, np.nan)) for each, count in zip(columns, rows, strict=True)]
-                        ),
-                        description=axis.description,
-                    )
-                    for axis in axes
-                ),
-            ),
+                description=axis.description,
+            )
+            for axis in dict.fromkeys(axis for own in columns for axis in own)
         )
+        yield Table(name, title, (Column("entry", None, entries), Column("label", None, labels), *axes))
 
 
 def points_series(run: Run) -> Series:

@@ -50,8 +50,7 @@ def _decode(path: Path, data: bytes) -> str:
 
 
 def _parse_table(path: Path, text: str, progress: Progress, data: bytes = b"") -> ImportTable:
-    if "\r" in text:
-        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     if len(text) >= LONG_TABLE_CHARACTERS and (table := _read_plain_numbers(path, data, text, progress)) is not None:
         return table
     mark, lines = _delimited_lines(path, text, progress.part(0.0, SCAN_SHARE))
@@ -66,12 +65,9 @@ def _parse_table(path: Path, text: str, progress: Progress, data: bytes = b"") -
             f"{path}, line {first}: '{truncate_text(lines[0][1])}' are numbers where the names of the columns are expected; "
             "put a line above it, for example 'frequency [Hz],peak_to_peak [um]'"
         )
-    for at, cells in body:
-        if len(cells) != len(heads):
-            raise TableImportError(_uneven_row_message(path, at, cells, first, heads, mark))
+    _check_widths(path, rows, mark)
     split = [split_heading(head) for head in heads]
-    if body and _are_units(body[0][1]):
-        units = [cell.strip("[]() ") or None for cell in body[0][1]]
+    if units := _units(body[0][1]) if body else []:
         split = [(name, unit or below) for (name, unit), below in zip(split, units, strict=True)]
         body = body[1:]
     if not body:
@@ -152,13 +148,19 @@ def _split_line(line: str, delimiter: str) -> list[str]:
     return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
 
 
-def _uneven_row_message(
-    path: Path, line_number: int, cells: Sequence[str], first: int, headings: Sequence[str], delimiter: str
-) -> str:
-    message = f"{path}, line {line_number}: {len(cells)} cells where the header (line {first}) names {len(headings)} columns: '{truncate_text(delimiter.join(cells))}'"
-    if delimiter == "," and len(cells) == 2 * len(headings):
-        return f"{message}; decimal commas cannot be distinguished from delimiting commas: save it with ; between the cells"
-    return f"{message}; give every column a cell, an empty one where there is no value"
+def _check_widths(path: Path, rows: Sequence[tuple[int, Sequence[str]]], delimiter: str) -> None:
+    """Refuse the first row with more or fewer cells than the header."""
+    (first, heads), *body = rows
+    for at, cells in body:
+        if len(cells) != len(heads):
+            remedy = "give every column a cell, an empty one where there is no value"
+            if delimiter == "," and len(cells) == 2 * len(heads):
+                remedy = (
+                    "decimal commas cannot be distinguished from delimiting commas: save it with ; between the cells"
+                )
+            raise TableImportError(
+                f"{path}, line {at}: {len(cells)} cells where the header (line {first}) names {len(heads)} columns: '{truncate_text(delimiter.join(cells))}'; {remedy}"
+            )
 
 
 def _is_number(cell: str) -> bool:
@@ -169,10 +171,11 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether a line holds only units."""
-    texts = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(texts) and all(cell.casefold() in UNIT_SUFFIXES or cell in ("°", "%", "1") for cell in texts)
+def _units(cells: Sequence[str]) -> list[str | None]:
+    """Return the units in a line, None for an empty cell; nothing for a line that holds anything else."""
+    texts = [cell.strip("[]() ") or None for cell in cells]
+    known = (text.casefold() in UNIT_SUFFIXES or text in ("°", "%", "1") for text in texts if text)
+    return texts if any(texts) and all(known) else []
 
 
 def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:
