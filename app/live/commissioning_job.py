@@ -2,6 +2,7 @@
 
 import logging
 import threading
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.config import BenchConfig
@@ -31,7 +32,7 @@ class CommissioningJob:
     """
 
     def __init__(self, config: BenchConfig, speed: float | None) -> None:
-        self._config, self._speed = config, speed
+        self.config, self._speed = config, speed
         self._confirmed, self._stop = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="commissioning", daemon=False)
         self.started = False
@@ -44,16 +45,6 @@ class CommissioningJob:
         self.result: CommissionedSource | None = None
         self.error = ""
         """Why there is no result."""
-
-    @property
-    def rest_v(self) -> float:
-        """Volts of rest at the amplifier's input."""
-        return self._config.amplifier.rest_v
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the bench is simulated."""
-        return self._config.simulated
 
     @property
     def ended(self) -> bool:
@@ -85,7 +76,11 @@ class CommissioningJob:
         try:
             self._check_stop(STOPPED_BEFORE)
             self.result = commission(
-                self._config, self._speed, self._wait_for_operator, self._begin_exercise, self._check_exercise
+                self.config,
+                self._speed,
+                self._wait_for_operator,
+                self._begin_exercise,
+                partial(self._check_stop, STOPPED),
             )
         except _StoppedError as stopped:
             self.error = str(stopped)
@@ -106,9 +101,6 @@ class CommissioningJob:
     def _begin_exercise(self, name: str, fraction: float) -> None:
         self._check_stop(STOPPED)
         self.exercises, self.fraction = (*self.exercises, name), fraction
-
-    def _check_exercise(self) -> None:
-        self._check_stop(STOPPED)
 
     def _check_stop(self, text: str) -> None:
         if self._stop.is_set():

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QLineEdit, QWidget
 
 from app.common import UnitError, to_number
 from app.config import CalibrationPoint, SensorCalibration, SensorCalibrationError, calibrate_sensor
@@ -16,9 +16,11 @@ from app.gui.widgets import (
     WindowTheme,
     column,
     configure,
-    grid,
+    fill_table,
     make_button,
+    make_edit,
     make_label,
+    make_labelled_grid,
     make_panel,
     make_read_only_table,
     row,
@@ -35,6 +37,7 @@ HELP_TEXT = (
     "Put the target at a position that you know (gauge blocks, a micrometer), wait until the volts stand still, type the position and "
     "take the point; two or more. Positions increase in the direction that is to count as positive displacement."
 )
+UNCERTAINTY_TIP = "of one position; half the stated tolerance divided by 1.7 for gauge blocks"
 COLUMNS = ("position (µm)", "volts", "residual (µm)")
 
 
@@ -56,11 +59,15 @@ class CalibrationPanel(QWidget):
         self.points: list[CalibrationPoint] = []
         self.result: SensorCalibration | None = None
         self.volts_label = make_label("no live volts", "value", wrap=False, name="bench.calibration.volts")
-        self.position_edit = _edit("bench.calibration.position", "position of the target in µm", "µm or with a unit")
-        self.uncertainty_edit = _edit(
-            "bench.calibration.uncertainty",
-            "standard uncertainty of a position in µm",
-            "of one position; half the stated tolerance divided by 1.7 for gauge blocks",
+        today = datetime.now(UTC).astimezone().date()
+        self.position_edit, self.uncertainty_edit, self.calibrated_edit, self.expires_edit = (
+            make_edit(f"bench.calibration.{name}", label, text, toolTip=tip, minimumWidth=70)
+            for name, label, tip, text in (
+                ("position", "position of the target in µm", "µm or with a unit", ""),
+                ("uncertainty", "standard uncertainty of a position in µm", UNCERTAINTY_TIP, ""),
+                ("calibrated", "calibrated on", "YYYY-MM-DD", today.isoformat()),
+                ("expires", "calibration due on", "YYYY-MM-DD", (today + VALID_FOR).isoformat()),
+            )
         )
         self.take_button = make_button("Take point", self.take_point, "go", name="bench.calibration.take")
         self.move_button = make_button(
@@ -74,11 +81,6 @@ class CalibrationPanel(QWidget):
         # A fixed height: the buttons below do not move with the text.
         self.result_label = make_label(kind="large", name="bench.calibration.result", minimumHeight=RESULT_HEIGHT)
         self.result_label.setAlignment(Qt.AlignmentFlag.AlignTop)
-        today = datetime.now(UTC).astimezone().date()
-        self.calibrated_edit = _edit("bench.calibration.calibrated", "calibrated on", "YYYY-MM-DD", today.isoformat())
-        self.expires_edit = _edit(
-            "bench.calibration.expires", "calibration due on", "YYYY-MM-DD", (today + VALID_FOR).isoformat()
-        )
         self.table = make_read_only_table(
             COLUMNS,
             "bench.calibration.points",
@@ -194,30 +196,26 @@ class CalibrationPanel(QWidget):
         self.result_label.setText(f"{text[:1].upper()}{text[1:]}")
         self.apply_button.setEnabled(self.result is not None)
         self.remove_button.setEnabled(bool(self.points))
-        self.table.setRowCount(len(self.points))
-        for at, point in enumerate(self.points):
-            residual = "" if self.result is None else f"{1e6 * self.result.residuals_m[at]:+.3f}"
-            for place, cell in enumerate((f"{1e6 * point.position_m:g}", f"{point.volts:.5f}", residual)):
-                self.table.setItem(at, place, QTableWidgetItem(cell.replace("-", "−")))
+        residuals_m = [None] * len(self.points) if self.result is None else self.result.residuals_m
+        rows = [
+            (
+                f"{1e6 * point.position_m:g}",
+                f"{point.volts:.5f}",
+                "" if residual_m is None else f"{1e6 * residual_m:+.3f}",
+            )
+            for point, residual_m in zip(self.points, residuals_m, strict=True)
+        ]
+        fill_table(self.table, [[cell.replace("-", "−") for cell in cells] for cells in rows])
         self.plot.show_points(self.points, self.result)
 
     def _build(self) -> None:
-        fields = grid(
-            *(
-                (widget, at, place)
-                for at, (title, edit) in enumerate(
-                    (
-                        ("position (µm)", self.position_edit),
-                        ("standard uncertainty of a position (µm)", self.uncertainty_edit),
-                        ("calibrated on", self.calibrated_edit),
-                        ("due on", self.expires_edit),
-                    )
-                )
-                for place, widget in enumerate((make_label(title), edit))
-            ),
-            spacing=(8, 4),
-            stretch={1: 1},
-        )
+        editors = {
+            "position (µm)": self.position_edit,
+            "standard uncertainty of a position (µm)": self.uncertainty_edit,
+            "calibrated on": self.calibrated_edit,
+            "due on": self.expires_edit,
+        }
+        fields = make_labelled_grid(editors, (8, 4), stretch={1: 1}, wrap=True)
         left = column(
             self.volts_label,
             fields,
@@ -241,7 +239,3 @@ def _describe(found: SensorCalibration, count: int) -> str:
     if count > 2:
         return f"{text}, largest residual {1e6 * max(map(abs, found.residuals_m)):.2g} µm"
     return f"{text}; two points show no deviation from a line: a third one would"
-
-
-def _edit(name: str, label: str, tip: str, text: str = "") -> QLineEdit:
-    return configure(QLineEdit(text), name, accessibleName=label, toolTip=tip, minimumWidth=70)

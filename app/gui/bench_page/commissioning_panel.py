@@ -1,8 +1,9 @@
 """Commissioning of the source in the window: high voltage off, progress, checks and the page of traces."""
 
+from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QPixmap, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -39,23 +40,26 @@ class CommissioningPanel(QWidget):
     Args:
         worker: draws the page of traces.
         theme: at the beginning.
+        start: begins a commissioning.
+        stop: ends it.
     """
 
-    start_pressed = Signal()
-    stop_pressed = Signal()
-
-    def __init__(self, worker: BackgroundWorker, theme: WindowTheme) -> None:
+    def __init__(
+        self,
+        worker: BackgroundWorker,
+        theme: WindowTheme,
+        start: Callable[[], object],
+        stop: Callable[[], object],
+    ) -> None:
         super().__init__()
         self._worker, self._theme = worker, theme
         self._job: CommissioningJob | None = None
         self._shown = False
         self._picture = QPixmap()
-        self.start_button = make_button("Commission", self.start_pressed.emit, "go", name="bench.commission")
+        self.start_button = make_button("Commission", start, "go", name="bench.commission")
         self.progress_label = make_label(kind="large", name="bench.commission.progress")
         self.progress_bar = make_progress_bar(PROGRESS_STEPS, 8, "bench.commission.bar")
-        self.stop_button = make_button(
-            "Stop", self.stop_pressed.emit, "stop", name="bench.commission.stop", minimumHeight=36
-        )
+        self.stop_button = make_button("Stop", stop, "stop", name="bench.commission.stop", minimumHeight=36)
         self.confirm_button = make_button(
             "High voltage is off   (Enter)", self._confirm, name="bench.commission.confirm", minimumHeight=36
         )
@@ -158,7 +162,7 @@ class CommissioningPanel(QWidget):
         def draw() -> Path:
             from app.plotting import draw_commissioning
 
-            draw_commissioning(title, done.result.traces, job.rest_v, job.simulated, picture)
+            draw_commissioning(title, done.result.traces, job.config.amplifier.rest_v, job.config.simulated, picture)
             return picture
 
         self._worker.submit(draw, self._show_picture, self._on_error)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.config import BenchDraft, ConfigError, FoundDevice, find_devices
 from app.gui.bench_page.further_tables import FurtherTables
 from app.gui.bench_page.simulation_panel import SimulationPanel
 from app.gui.bench_page.table_form import TableForm
-from app.gui.bench_page.tile_grid import TileGrid
-from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile
+from app.gui.bench_page.tiles import AmplifierTile, CardTile, SensorTile, SourceTile, Tile, TileGrid
 from app.gui.status import SimulationControls
 from app.gui.widgets import (
     BackgroundWorker,
@@ -21,6 +20,7 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
+    make_edit,
     make_label,
     row,
 )
@@ -45,18 +45,16 @@ class BenchEditor(QWidget):
         super().__init__()
         self._worker = worker
         self.draft: BenchDraft | None = None
-        self.name_edit = configure(QLineEdit(), "bench.name", accessibleName="name of the bench")
-        self.hosts_edit = configure(
-            QLineEdit(),
+        self.name_edit = make_edit("bench.name", "name of the bench")
+        self.hosts_edit = make_edit(
             "bench.hosts",
-            accessibleName="LAN addresses of instruments",
+            "LAN addresses of instruments",
             placeholderText="LAN: 192.0.2.7, 192.0.2.8:5025",
             toolTip="Instruments on a LAN socket cannot be discovered, only queried: their addresses, host or host:port",
         )
-        self.server_edit = configure(
-            QLineEdit(),
+        self.server_edit = make_edit(
             "bench.server",
-            accessibleName="NI gRPC device server",
+            "NI gRPC device server",
             placeholderText="NI server: host:port",
             toolTip="NI's gRPC device server, for the card of another computer; empty for a card in this one",
         )
@@ -121,8 +119,7 @@ class BenchEditor(QWidget):
 
     def use_calibration(self, values: dict[str, Any]) -> None:
         """Put the values of a calibration into the sensor's tile; a preset must not look like their source."""
-        record = self.sensor.form.record
-        self.sensor.form.set_record(record.model_copy(update=values))
+        self.sensor.form.update_record(**values)
         self._on_edited()
 
     def _show_found(self, devices: list[FoundDevice], notes: list[str]) -> None:
@@ -147,10 +144,10 @@ class BenchEditor(QWidget):
             "simulation": self.simulation.table,
             **self.further.tables,
         }
+        problem = ""
         try:
             self.draft = self.draft.with_tables(**tables)
         except ConfigError as error:
-            self.show_problem(str(error))
-        else:
-            self.message_label.show_message("")
+            problem = str(error)
+        self.show_problem(problem)
         self.changed.emit()

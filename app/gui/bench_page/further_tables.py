@@ -5,28 +5,18 @@ from typing import Any, TypeVar
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from app.config import (
-    BackupTable,
-    BenchConfig,
-    ChannelTable,
-    ConfigTable,
-    EnvironmentTable,
-    LevelsTable,
-    MeterTable,
-    SpecimenTable,
-    WatchdogTable,
-)
+from app.config import BenchConfig, ChannelTable, ConfigTable, MeterTable
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, column, configure, make_button, make_choice, make_label, make_panel, row
+from app.gui.widgets import STRETCH, Item, column, make_button, make_choice, make_edit, make_label, make_panel, row
 
-SINGLE_TABLES: dict[str, tuple[type[ConfigTable], str]] = {
-    "specimen": (SpecimenTable, "Specimen as it is mounted"),
-    "levels": (LevelsTable, "Abort levels"),
-    "watchdog": (WatchdogTable, "Watchdog"),
-    "environment": (EnvironmentTable, "Sensor of temperature and humidity"),
-    "backup": (BackupTable, "Copies of run files"),
+SINGLE_TABLES = {
+    "specimen": "Specimen as it is mounted",
+    "levels": "Abort levels",
+    "watchdog": "Watchdog",
+    "environment": "Sensor of temperature and humidity",
+    "backup": "Copies of run files",
 }
-"""Type and title of each table that a bench file has once."""
+"""Titles of the tables that a bench file has once."""
 
 E = TypeVar("E")
 
@@ -46,7 +36,7 @@ class FurtherTables(QWidget):
             checkable=True,
         )
         self.open_button.setObjectName("bench.further")
-        self.single = {name: TableForm(name, kind) for name, (kind, _) in SINGLE_TABLES.items()}
+        self.single = {name: TableForm.of_bench(name) for name in SINGLE_TABLES}
         self.channels: list[TableForm] = []
         self.meters: list[tuple[QLineEdit, TableForm]] = []
         self._content, self._list = QWidget(), QWidget()
@@ -54,7 +44,7 @@ class FurtherTables(QWidget):
         column(
             *(
                 make_panel(make_label(title, "caption", wrap=False), self.single[name], spacing=4)
-                for name, (_, title) in SINGLE_TABLES.items()
+                for name, title in SINGLE_TABLES.items()
             ),
             self._list,
             row(
@@ -120,7 +110,7 @@ class FurtherTables(QWidget):
     def _show_meter(self, name: str, table: MeterTable) -> None:
         number = len(self.meters) + 1
         form = TableForm(f"meter{number}", MeterTable)
-        edit = configure(QLineEdit(name), f"bench.meter{number}.key", accessibleName="name of the meter")
+        edit = make_edit(f"bench.meter{number}.key", "name of the meter", name)
         edit.textEdited.connect(lambda _: self.changed.emit())
         self._show_entry(
             self.meters, (edit, form), form, table, make_label("Serial meter", "caption", wrap=False), (edit, 1)

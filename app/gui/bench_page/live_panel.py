@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLineEdit, QWidget
 
 from app.common import UsageError
 from app.config import SensorTable
@@ -15,6 +15,7 @@ from app.gui.widgets import (
     column,
     configure,
     make_button,
+    make_edit,
     make_label,
     make_panel,
     make_progress_bar,
@@ -52,13 +53,16 @@ class LivePanel(QWidget):
         self.range_bar = make_progress_bar(BAR_STEPS, 16, "bench.align.bar")
         self.range_bar.setAccessibleName("place of the laser's spot in the sensor's range")
         self.range_label = make_label("no live volts", "value", wrap=False, name="bench.align.text")
-        self.level_edit = _edit(
-            "bench.hand.level", "level at the amplifier's input in V", f"{amplifier.rest_v + 0.1:g}"
+        self.level_edit, self.level_s_edit, self.frequency_edit, self.swing_edit, self.tone_s_edit = (
+            make_edit(f"bench.hand.{name}", label, text, toolTip=label, minimumWidth=60, maximumWidth=90)
+            for name, label, text in (
+                ("level", "level at the amplifier's input in V", f"{amplifier.rest_v + 0.1:g}"),
+                ("level-s", "duration of the level in s", "10"),
+                ("frequency", "frequency of the tone in Hz", "100"),
+                ("swing", "peak to peak at the amplifier's input in V", "0.2"),
+                ("tone-s", "duration of the tone in s", "10"),
+            )
         )
-        self.level_s_edit = _edit("bench.hand.level-s", "duration of the level in s", "10")
-        self.frequency_edit = _edit("bench.hand.frequency", "frequency of the tone in Hz", "100")
-        self.swing_edit = _edit("bench.hand.swing", "peak to peak at the amplifier's input in V", "0.2")
-        self.tone_s_edit = _edit("bench.hand.tone-s", "duration of the tone in s", "10")
         self.level_button = make_button("Hold level", self._hold, name="bench.hand.hold")
         self.tone_button = make_button("Play tone", self._play, name="bench.hand.play")
         self.message_label = configure(StatusLine(), "bench.hand.message")
@@ -70,25 +74,16 @@ class LivePanel(QWidget):
             row(self.range_label, (self.range_bar, 1)),
             self._place,
             make_label(ABOUT_TEXT),
-            row(
-                make_label("Level", wrap=False),
-                self.level_edit,
-                make_label("V for", wrap=False),
-                self.level_s_edit,
-                make_label("s", wrap=False),
-                self.level_button,
-                STRETCH,
-            ),
-            row(
-                make_label("Tone", wrap=False),
+            _sentence("Level", self.level_edit, "V for", self.level_s_edit, "s", self.level_button),
+            _sentence(
+                "Tone",
                 self.frequency_edit,
-                make_label("Hz,", wrap=False),
+                "Hz,",
                 self.swing_edit,
-                make_label("V peak to peak for", wrap=False),
+                "V peak to peak for",
                 self.tone_s_edit,
-                make_label("s", wrap=False),
+                "s",
                 self.tone_button,
-                STRETCH,
             ),
             self.message_label,
         )
@@ -145,5 +140,6 @@ class LivePanel(QWidget):
         self.run_requested.emit(protocol)
 
 
-def _edit(name: str, label: str, text: str) -> QLineEdit:
-    return configure(QLineEdit(text), name, accessibleName=label, toolTip=label, minimumWidth=60, maximumWidth=90)
+def _sentence(*parts: QWidget | str) -> QHBoxLayout:
+    """Return a row of words and fields."""
+    return row(*(make_label(part, wrap=False) if isinstance(part, str) else part for part in parts), STRETCH)

@@ -98,8 +98,9 @@ class BenchPage(QSplitter):
         )
         self.live = LivePanel(adapter.feed, config.amplifier.amplifier_map, config.simulated, theme)
         self.live.hide()
-        self.wiring = WiringPanel(theme)
-        self.commissioning = CommissioningPanel(self._worker, theme)
+        wiring_check = PROTOCOLS[WIRING_CHECK]
+        self.wiring = WiringPanel(theme, lambda: self.run_requested.emit(build_protocol(wiring_check, {})))
+        self.commissioning = CommissioningPanel(self._worker, theme, self.commission, self.stop_requested.emit)
         self._build()
         self.show_bench(open_bench)
 
@@ -309,9 +310,6 @@ class BenchPage(QSplitter):
         self.live_button.toggled.connect(self.live.setVisible)
         self.live.run_requested.connect(self.run_requested)
         self.calibration.applied.connect(self.editor.use_calibration)
-        self.commissioning.start_pressed.connect(self.commission)
-        self.commissioning.stop_pressed.connect(self.stop_requested)
-        self.wiring.start_pressed.connect(lambda: self.run_requested.emit(build_protocol(PROTOCOLS[WIRING_CHECK], {})))
         self.benches.selected.connect(self.show_bench)
         self.benches.new_pressed.connect(self._begin_bench)
         self.editor.changed.connect(self._update_buttons)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.config import BenchConfig, SimulationTable, simulation_tables, table_at, with_simulation_tables
 from app.gui.bench_page.table_form import TableForm
-from app.gui.bench_page.tile_grid import TileGrid
+from app.gui.bench_page.tiles import TileGrid
 from app.gui.status import SimulationControls
 from app.gui.widgets import STRETCH, column, configure, make_choice, make_label, make_panel, row
 

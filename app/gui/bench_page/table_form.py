@@ -1,11 +1,11 @@
 """Form of one table of a bench file: its main fields, and the others behind *More*."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from PySide6.QtWidgets import QLineEdit, QSizePolicy, QWidget
 
-from app.config import ConfigTable
+from app.config import BenchConfig, ConfigTable
 from app.gui.widgets import FieldForm, FieldRow, column, grid, make_choice
 from app.services import FormField, bench_fields
 
@@ -15,6 +15,8 @@ EDITOR_PADDING = 20
 MAX_LABEL_WIDTH = 112
 """Longer labels have two lines."""
 
+EDITED_ELSEWHERE = ("calibration_points",)
+
 
 class TableForm(FieldForm):
     """Editable fields of a table of the bench file; a fault is written below its field.
@@ -23,18 +25,16 @@ class TableForm(FieldForm):
         table: name of the table, for object names.
         kind: of the table.
         main: names of the fields that are always visible; all if empty.
-        hidden: names of the fields that are edited elsewhere.
     """
 
-    def __init__(
-        self, table: str, kind: type[ConfigTable], main: Sequence[str] = (), hidden: Collection[str] = ()
-    ) -> None:
-        names = [name for name in kind.model_fields if name not in hidden]
+    def __init__(self, table: str, kind: type[ConfigTable], main: Sequence[str] = ()) -> None:
+        names = [name for name in kind.model_fields if name not in EDITED_ELSEWHERE]
         shown = [name for name in (main or names) if name in names]
         others = [name for name in names if name not in shown]
         fields = {field.name: field for field in bench_fields(kind)}
         super().__init__(kind, {name: _make_row(table, kind, fields[name]) for name in (*shown, *others)})
-        self._record = kind.model_construct()
+        self.record: Any = kind.model_construct()
+        """The table as it is typed; the last valid one while a field is at fault."""
         self._hints = {name: row.editor.toolTip() for name, row in self.rows.items()}
         self.more_button = make_choice("More", "Show the other values of this table", checkable=True)
         self.more_button.setObjectName(f"bench.{table}.more")
@@ -44,11 +44,22 @@ class TableForm(FieldForm):
         self._others.hide()
         self.more_button.toggled.connect(self._others.setVisible)
 
+    @classmethod
+    def of_bench(cls, table: str, main: Sequence[str] = ()) -> "TableForm":
+        """Return the form of a table that a bench file has once."""
+        kind = BenchConfig.model_fields[table].annotation
+        assert kind is not None
+        return cls(table, kind, main)
+
+    def update_record(self, **values: object) -> None:
+        """Show the table with other values."""
+        self.set_record(self.record.model_copy(update=values))
+
     def set_record(self, record: ConfigTable) -> None:
         """Show the values of a table."""
-        if record == self._record and not self.has_faults:
+        if record == self.record and not self.has_faults:
             return
-        self._record = record
+        self.record = record
         for name, row in self.rows.items():
             row.editor.blockSignals(True)
             row.set_value(getattr(record, name))
@@ -59,18 +70,13 @@ class TableForm(FieldForm):
             row.show_error("")
 
     @property
-    def record(self) -> Any:
-        """The table as it is typed; the last valid one while a field is at fault."""
-        return self._record
-
-    @property
     def has_faults(self) -> bool:
         """Whether a field is at fault."""
         return any(not row.note_label.isHidden() for row in self.rows.values())
 
     def _on_edited(self) -> None:
-        result = self.check(self._record.model_dump())
-        self._record = self._record if result.value is None else result.value
+        result = self.check(self.record.model_dump())
+        self.record = self.record if result.value is None else result.value
         errors = dict(result.errors)
         if (general := errors.pop("", "")) and self.rows:
             errors.setdefault(next(iter(self.rows)), general)

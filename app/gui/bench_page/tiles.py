@@ -3,26 +3,20 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QWidget
+from PySide6.QtCore import QSize, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QWidget
 
-from app.config import (
-    AmplifierTable,
-    BenchConfig,
-    CardTable,
-    FoundDevice,
-    GeneratorTable,
-    SensorTable,
-    SourceTable,
-    SupplyTable,
-)
+from app.config import BenchConfig, FoundDevice
 from app.gui.bench_page.amplifier_plot import AmplifierPlot
 from app.gui.bench_page.table_form import TableForm
-from app.gui.widgets import STRETCH, Item, WindowTheme, column, configure, make_label, row
+from app.gui.widgets import STRETCH, Item, WindowTheme, column, configure, make_combo, make_label, row
 from app.live import LiveValues
 from app.session import InstrumentStatus, Lamp
 
 LAMP_MARKS = {Lamp.READY: "●", Lamp.WAITING: "○", Lamp.SUSPECT: "▲", Lamp.MISSING: "✕"}
+SOURCE_KINDS = {"generator": "generator", "supply": "dc-supply"}
+"""Kind of source of each role that a scan finds, which is also the name of its table."""
 NOT_CONNECTED = "Save and connect to see its identity and live values"
 
 
@@ -33,24 +27,25 @@ class Tile(QFrame):
         role: of the instrument.
         title: of the tile.
         number: in the order of the wires.
-        forms: of the tables of the bench file, by their names.
+        tables: names of the tables of the bench file, each with its fields that are always visible.
         items: shown below them.
     """
 
     changed = Signal()
 
-    def __init__(self, role: str, title: str, number: int, forms: Mapping[str, TableForm], *items: Item) -> None:
+    def __init__(self, role: str, title: str, number: int, tables: Mapping[str, Sequence[str]], *items: Item) -> None:
         super().__init__()
         configure(self, f"bench.tile.{role}", kind="panel", accessibleName=title)
-        self.role, self.forms = role, forms
+        self.role = role
+        self.forms = {name: TableForm.of_bench(name, main) for name, main in tables.items()}
+        self.form, *_ = self.forms.values()
         self.title_label = make_label(f"{number}  {title}", "caption", wrap=False)
         self.state_label = make_label(kind="note-size", wrap=False, name=f"bench.{role}.state")
         self.identity_label = make_label(kind="small", name=f"bench.{role}.identity")
         self.live_label = make_label(kind="value", name=f"bench.{role}.live")
-        self.found_box = configure(
-            QComboBox(),
+        self.found_box = make_combo(
             f"bench.{role}.found",
-            accessibleName=f"{title}: instruments that were found",
+            f"{title}: instruments that were found",
             toolTip="Instruments of the scan; a choice fills in address, driver and serial number",
             visible=False,
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
@@ -64,14 +59,14 @@ class Tile(QFrame):
             self.live_label,
             self.identity_label,
             self.found_box,
-            *forms.values(),
+            *self.forms.values(),
             *items,
             STRETCH,
             parent=self,
             margins=(10, 8, 10, 8),
             spacing=4,
         )
-        for form in forms.values():
+        for form in self.forms.values():
             form.changed.connect(self._on_changed)
 
     def set_config(self, config: BenchConfig) -> None:
@@ -126,40 +121,72 @@ class Tile(QFrame):
             self.use(self._found[index - 1])
 
 
+class TileGrid(QWidget):
+    """Tiles in a row where there is room, else in two columns or one."""
+
+    def __init__(self, tiles: Sequence[QWidget]) -> None:
+        super().__init__()
+        self._tiles, self._columns = tuple(tiles), 0
+        self._layout = QGridLayout(self)
+        self._layout.setContentsMargins(0, 0, 0, 0)
+        self._layout.setSpacing(8)
+        self._layout.setSizeConstraint(QGridLayout.SizeConstraint.SetNoConstraint)
+        self._arrange(1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        fitting = [columns for columns in (4, 2) if self._least_width(columns) <= self.width()]
+        self._arrange(fitting[0] if fitting else 1)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(self._least_width(1), super().minimumSizeHint().height())
+
+    def _least_width(self, columns: int) -> int:
+        widths = [tile.minimumSizeHint().width() for tile in self._tiles]
+        return sum(max(widths[at::columns]) for at in range(columns)) + (columns - 1) * self._layout.spacing()
+
+    def _arrange(self, columns: int) -> None:
+        if columns == self._columns:
+            return
+        for at in range(max(self._columns, columns)):
+            self._layout.setColumnStretch(at, int(at < columns))
+        self._columns = columns
+        for at, tile in enumerate(self._tiles):
+            self._layout.addWidget(tile, at // columns, at % columns)
+
+
 class SourceTile(Tile):
     """The instrument at the amplifier's input: a generator, a DC supply or an output of the card."""
 
     def __init__(self) -> None:
-        self.source_form = TableForm("source", SourceTable, ("kind",))
-        self.generator_form = TableForm("generator", GeneratorTable, ("resource", "driver", "serial"))
-        self.supply_form = TableForm("supply", SupplyTable, ("resource", "serial", "channel"))
-        forms = {"source": self.source_form, "generator": self.generator_form, "supply": self.supply_form}
-        super().__init__("generator", "Generator", 1, forms)
+        super().__init__(
+            "generator",
+            "Generator",
+            1,
+            {
+                "source": ("kind",),
+                "generator": ("resource", "driver", "serial"),
+                "supply": ("resource", "serial", "channel"),
+            },
+        )
 
     def use(self, device: FoundDevice) -> None:
-        kind, form = ("dc-supply", self.supply_form) if device.role == "supply" else ("generator", self.generator_form)
-        self.source_form.set_record(self.source_form.record.model_copy(update={"kind": kind}))
-        update = {"resource": device.where, "serial": device.serial}
-        form.set_record(form.record.model_copy(update=update))
+        self.form.update_record(kind=SOURCE_KINDS[device.role])
+        self.forms[device.role].update_record(resource=device.where, serial=device.serial)
         self._on_changed()
 
     def _show_tables(self) -> None:
-        kind = self.source_form.record.kind
-        self.generator_form.setVisible(kind == "generator")
-        self.supply_form.setVisible(kind == "dc-supply")
+        for name, kind in SOURCE_KINDS.items():
+            self.forms[name].setVisible(self.form.record.kind == kind)
 
 
 class AmplifierTile(Tile):
     """The amplifier and its characteristic."""
 
     def __init__(self, theme: WindowTheme) -> None:
-        self.form = TableForm(
-            "amplifier",
-            AmplifierTable,
-            ("name", "serial", "rest_v", "low_v", "high_v", "slope_below", "slope_above"),
-        )
         self.plot = AmplifierPlot(theme)
-        super().__init__("amplifier", "Amplifier", 2, {"amplifier": self.form}, self.plot)
+        shown = ("name", "serial", "rest_v", "low_v", "high_v", "slope_below", "slope_above")
+        super().__init__("amplifier", "Amplifier", 2, {"amplifier": shown}, self.plot)
 
     def show_reading(self, reading: LiveValues | None) -> None:
         super().show_reading(reading)
@@ -179,16 +206,11 @@ class CardTile(Tile):
 
     def __init__(self, server: Callable[[], str]) -> None:
         self._server = server
-        self.form = TableForm(
-            "card",
-            CardTable,
-            ("device", "serial", "drive_channel", "displacement_channel", "range_v", "terminal", "server"),
-        )
-        super().__init__("card", "Card", 3, {"card": self.form})
+        shown = ("device", "serial", "drive_channel", "displacement_channel", "range_v", "terminal", "server")
+        super().__init__("card", "Card", 3, {"card": shown})
 
     def use(self, device: FoundDevice) -> None:
-        update = {"device": device.where, "serial": device.serial, "server": self._server()}
-        self.form.set_record(self.form.record.model_copy(update=update))
+        self.form.update_record(device=device.where, serial=device.serial, server=self._server())
         self.changed.emit()
 
     def _live_text(self, reading: LiveValues) -> str:
@@ -201,24 +223,9 @@ class SensorTile(Tile):
     """The displacement sensor and its calibration."""
 
     def __init__(self, *items: QWidget) -> None:
-        self.form = TableForm(
-            "sensor",
-            SensorTable,
-            (
-                "preset",
-                "name",
-                "serial",
-                "gain_m_per_v",
-                "gain_relative_uncertainty",
-                "zero_v",
-                "valid_low_v",
-                "valid_high_v",
-                "calibrated",
-                "expires",
-            ),
-            ("calibration_points",),
-        )
-        super().__init__("sensor", "Sensor", 4, {"sensor": self.form}, *items)
+        shown = ("preset", "name", "serial", "gain_m_per_v", "gain_relative_uncertainty", "zero_v", "valid_low_v")
+        further = ("valid_high_v", "calibrated", "expires")
+        super().__init__("sensor", "Sensor", 4, {"sensor": (*shown, *further)}, *items)
 
     def _live_text(self, reading: LiveValues) -> str:
         if math.isnan(reading.displacement_um):

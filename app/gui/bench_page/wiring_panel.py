@@ -1,6 +1,7 @@
 """Wiring check in the Bench page: starts it and shows its table of pass or fail with remedies."""
 
-from PySide6.QtCore import Signal
+from collections.abc import Callable
+
 from PySide6.QtWidgets import QWidget
 
 from app.gui.plots import CheckTable
@@ -17,11 +18,9 @@ ABOUT_TEXT = (
 class WiringPanel(QWidget):
     """Starts the wiring check and shows its last verdict."""
 
-    start_pressed = Signal()
-
-    def __init__(self, theme: WindowTheme) -> None:
+    def __init__(self, theme: WindowTheme, start: Callable[[], object]) -> None:
         super().__init__()
-        self.start_button = make_button("Check wiring", self.start_pressed.emit, "go", name="bench.check")
+        self.start_button = make_button("Check wiring", start, "go", name="bench.check")
         self.status_label = make_label(kind="large", name="bench.check.status")
         self.table = CheckTable(theme)
         self.table.setMinimumHeight(330)

@@ -32,6 +32,7 @@ from .layouts import grid as grid
 from .layouts import make_button as make_button
 from .layouts import make_choice as make_choice
 from .layouts import make_combo as make_combo
+from .layouts import make_edit as make_edit
 from .layouts import make_label as make_label
 from .layouts import make_labelled_grid as make_labelled_grid
 from .layouts import make_line_edit as make_line_edit

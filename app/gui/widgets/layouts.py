@@ -138,6 +138,11 @@ def make_scroll_area(
     return area
 
 
+def make_edit(name: str, accessible_name: str, text: str = "", **properties: object) -> QLineEdit:
+    """Return a field of one line."""
+    return configure(QLineEdit(text), name, accessibleName=accessible_name, **properties)
+
+
 def make_combo(
     name: str, accessible_name: str, choices: Iterable[tuple[str, object]] = (), **properties: object
 ) -> QComboBox:
@@ -165,12 +170,15 @@ def fill_combo(combo: QComboBox, choices: Iterable[tuple[str, object]], preferre
 
 
 def make_labelled_grid(
-    editors: Mapping[str, QWidget], spacing: tuple[int, int], stretch: Mapping[int, int] | None = None
+    editors: Mapping[str, QWidget],
+    spacing: tuple[int, int],
+    stretch: Mapping[int, int] | None = None,
+    wrap: bool = False,
 ) -> QGridLayout:
-    """Return a grid of editors in the second column, each with its label, from top to bottom."""
+    """Return a grid of editors in the second column, each with its label, from top to bottom; `wrap`: long labels have lines."""
     fields = grid(spacing=spacing, stretch=stretch)
     for at, (text, editor) in enumerate(editors.items()):
-        label = QLabel(text)
+        label = make_label(text, wrap=wrap)
         label.setBuddy(editor)
         fields.addWidget(label, at, 0)
         fields.addWidget(editor, at, 1)
