@@ -47,8 +47,7 @@ class TableForm(FieldForm):
     @classmethod
     def of_bench(cls, table: str, main: Sequence[str] = ()) -> "TableForm":
         """Return the form of a table that a bench file has once."""
-        kind = BenchConfig.model_fields[table].annotation
-        assert kind is not None
+        kind: Any = BenchConfig.model_fields[table].annotation
         return cls(table, kind, main)
 
     def update_record(self, **values: object) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
+import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import UnitError
 from app.gui.widgets import (
     STRETCH,
@@ -16,9 +16,11 @@ from app.gui.widgets import (
     StatusLine,
     column,
     configure,
+    fill_combo,
     grid,
     make_button,
     make_combo,
+    make_edit,
     make_label,
     make_panel,
     make_scroll_area,
@@ -27,9 +29,6 @@ from app.gui.widgets import (
 from app.services import field_error, format_parameter
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import Protocol
-
-if TYPE_CHECKING:
-    from app.campaign import CampaignItem
 
 INTRODUCTION = (
     "One run of a protocol, or a series: the protocol is repeated for each value of one parameter, as a single item of the "
@@ -55,11 +54,9 @@ class AddItemPane(QWidget):
         protocols = [(PROTOCOLS.title(name), name) for name in PROTOCOLS]
         self.protocol_box = make_combo("add.protocol", "protocol", protocols)
         self.varied_box = make_combo("add.varied", "repeat over")
-        self.values_edit = configure(
-            QLineEdit(), "add.values", accessibleName="values", placeholderText="100…200 step 5, or 1, 2, 3"
-        )
+        self.values_edit = make_edit("add.values", "values", placeholderText="100…200 step 5, or 1, 2, 3")
         self.unit_label, self.values_label = make_label(wrap=False), make_label(kind="note", name="add.values-read")
-        self.name_edit = configure(QLineEdit(), "add.name", accessibleName="name")
+        self.name_edit = make_edit("add.name", "name")
         self.after_box = make_combo(
             "add.after", "after", toolTip="A measurement that must be done before; its accepted results are used"
         )
@@ -114,11 +111,8 @@ class AddItemPane(QWidget):
     def begin(self, names: Sequence[str]) -> None:
         """Begin a new item; `names`: the items of the campaign."""
         self._names = tuple(names)
-        with QSignalBlocker(self.after_box):
-            self.after_box.clear()
-            self.after_box.addItem("nothing", ())
-            for name in names:
-                self.after_box.addItem(name, (name,))
+        fill_combo(self.after_box, [("nothing", ()), *((name, (name,)) for name in names)])
+        self.after_box.setCurrentIndex(0)
         self.values_edit.clear()
         self.name_edit.setModified(False)
         self.show_message("")
@@ -129,10 +123,8 @@ class AddItemPane(QWidget):
         self.message_label.show_message(text, is_error=True)
 
     @property
-    def item(self) -> CampaignItem | None:
+    def item(self) -> campaigns.CampaignItem | None:
         """The item of the fields; None while one has an error."""
-        from app.campaign import CampaignItem  # imports HDF5, which a background thread has loaded
-
         protocol = None if self.form is None else self.form.result.value
         name, values = self.name_edit.text().strip(), self._read_values()
         if protocol is None or not name or name in self._names or isinstance(values, str):
@@ -144,7 +136,9 @@ class AddItemPane(QWidget):
             if getattr(protocol, each) != field.get_default()
         }
         settings = protocol.model_dump(mode="json", include=changed - {varied})
-        return CampaignItem(name, protocol.name, settings, self.after_box.currentData(), varied=varied, values=values)
+        return campaigns.CampaignItem(
+            name, protocol.name, settings, self.after_box.currentData(), varied=varied, values=values
+        )
 
     @property
     def _kind(self) -> type[Protocol]:
@@ -155,21 +149,16 @@ class AddItemPane(QWidget):
         return self.varied_box.currentData() or ""
 
     def _show_protocol(self) -> None:
-        from app.campaign import series_parameters
-
         if self.form is not None:
             self.form.setParent(None)
             self.form.deleteLater()
         self.form = form = ProtocolForm(self._kind.model_validate({}))
         self._form_place.addWidget(form)
         form.changed.connect(self._validate)
-        can_vary = series_parameters(self._kind)
-        with QSignalBlocker(self.varied_box):
-            self.varied_box.clear()
-            self.varied_box.addItem(ONE_RUN, "")
-            for name, shown in form.rows.items():
-                if name in can_vary:
-                    self.varied_box.addItem(shown.field.label, name)
+        can_vary = campaigns.series_parameters(self._kind)
+        offered = [(row.field.label, name) for name, row in form.rows.items() if name in can_vary]
+        fill_combo(self.varied_box, [(ONE_RUN, ""), *offered])
+        self.varied_box.setCurrentIndex(0)
         self._on_varied()
 
     def _on_varied(self) -> None:
@@ -182,14 +171,13 @@ class AddItemPane(QWidget):
 
     def _read_values(self) -> tuple[float, ...] | str:
         """Return the values of the series, no values for a single run, or the error as text."""
-        from app.campaign import read_series_values
-
         assert self.form is not None
         if not self._varied:
             return ()
         field, protocol = self.form.rows[self._varied].field, self.form.result.value
         try:
-            values = read_series_values(self._kind, self._varied, self.values_edit.text(), (field.factor, field.unit))
+            shown = (field.factor, field.unit)
+            values = campaigns.read_series_values(self._kind, self._varied, self.values_edit.text(), shown)
         except UnitError as error:
             return str(error)
         given = {} if protocol is None else protocol.model_dump()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
+import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots import LivePane
@@ -141,8 +142,6 @@ class CampaignHeader(QWidget):
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
         """Show the progress of the campaign and the present run."""
-        from app.campaign import format_progress  # imports HDF5, which a background thread has loaded
-
         name = f"Campaign of {summary.specimen}"
         self.name_label.setText(name)
         self.name_label.setMinimumWidth(min(self.name_label.fontMetrics().horizontalAdvance(name) + 2, MAX_NAME_WIDTH))
@@ -150,7 +149,7 @@ class CampaignHeader(QWidget):
         self.simulated_label.setVisible(summary.simulated)
         progress = state.progress if running and state.busy else None
         left_s = progress.remaining_at(streamed_s) if progress is not None else 0.0
-        self.progress_label.setText(format_progress(summary, running, left_s))
+        self.progress_label.setText(campaigns.format_progress(summary, running, left_s))
         self.progress_label.setToolTip(self.progress_label.text())
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
         self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
@@ -222,11 +221,9 @@ class CampaignBoard(QWidget):
         queue: bool,
     ) -> None:
         """Show a campaign with its next step and present run."""
-        from app.campaign import next_step  # imports HDF5, which a background thread has loaded by now
-
         about = self.step.item_name if self.step is not None else ""
         self.summary, self._estimates, self._busy = summary, estimates, state.busy
-        self.step = next_step(summary, running, state.busy, queue)
+        self.step = campaigns.next_step(summary, running, state.busy, queue)
         self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason or _other_kind(summary, state))
         self.item_list.show_summary(summary, running)
         follows = about in ("", self.item_list.selected_item)  # another item that was chosen stays chosen

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
+import app.campaign as campaigns
 from app.gui.widgets import BackgroundWorker
 from app.session import SessionEvent
 
 if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the background threads that use them
-    from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary, ResultReview
+    from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary, ItemState
     from drivers import Bench
     from model import AmplifierMap
     from protocols.runner import RunRequest
@@ -87,36 +88,26 @@ class CampaignController(QObject):
         """List recent campaigns and those in the folder."""
 
         def find() -> tuple[Path, ...]:
-            from app.campaign import list_campaigns
-
-            found = [path for path in self.recent if path.is_file()] + list_campaigns(folder)
+            found = [path for path in self.recent if path.is_file()] + campaigns.list_campaigns(folder)
             return tuple(dict.fromkeys(path.absolute() for path in found))
 
         self._file_worker.submit(find, self._on_campaigns_found, self._on_error)
 
     def create(self, folder: Path, specimen: str, simulated: bool) -> None:
         """Create a campaign with the paper's measurements in their order."""
-
-        def begin() -> OpenedCampaign:
-            from app.campaign import Campaign
-
-            return _open_result(Campaign.create(folder, specimen, simulated))
-
-        self._file_worker.submit(begin, self._on_opened, self._on_error)
+        self._open(lambda: campaigns.Campaign.create(folder, specimen, simulated))
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""
         writing = self.active_file
 
-        def read() -> OpenedCampaign:
-            from app.campaign import Campaign
-
-            campaign = Campaign.open_file(path)
+        def read() -> Campaign:
+            campaign = campaigns.Campaign.open_file(path)
             if writing is not None:
                 campaign.run_started(writing)
-            return _open_result(campaign)
+            return campaign
 
-        self._file_worker.submit(read, self._on_opened, self._on_error)
+        self._open(read)
 
     # -- changes -----------------------------------------------------------------------------------------
 
@@ -130,12 +121,10 @@ class CampaignController(QObject):
             return
 
         def work() -> CampaignSummary:
-            from app.campaign import summarize_campaign
-
             campaign = self._current_campaign()
             action(campaign)
             self._stamp = campaign.path.stat().st_mtime_ns
-            return summarize_campaign(campaign, self._bench())
+            return campaigns.summarize_campaign(campaign, self._bench())
 
         def show(summary: CampaignSummary) -> None:
             self._on_summary(summary)
@@ -152,13 +141,12 @@ class CampaignController(QObject):
 
     def review(self, path: Path, before: Path | None) -> None:
         """Read a run with all that it is compared with."""
-
-        def read() -> ResultReview:
-            from app.campaign import review_run
-
-            return review_run(path, before, self._amplifier)
-
-        self._fit_worker.submit(read, self.reviewed.emit, self._on_error, latest_only="review")
+        self._fit_worker.submit(
+            lambda: campaigns.review_run(path, before, self._amplifier),
+            self.reviewed.emit,
+            self._on_error,
+            latest_only="review",
+        )
 
     # -- runs ----------------------------------------------------------------------------------------------------------
 
@@ -167,16 +155,12 @@ class CampaignController(QObject):
         if self._campaign is None:
             return
 
-        def work() -> RunRequest:
-            from app.campaign import check_bench_kind, first_item
-
-            campaign = self._current_campaign()
-            check_bench_kind(campaign, simulated)
-            assert self._runner is not None
-            return self._runner.prepare(first_item(campaign, name, hands_free))
+        def choose(campaign: Campaign) -> ItemState:
+            campaigns.check_bench_kind(campaign, simulated)
+            return campaigns.first_item(campaign, name, hands_free)
 
         self.queue_active = hands_free
-        self._file_worker.submit(work, self.run_requested.emit, self._on_error)
+        self._prepare(choose, self._request_run)
 
     def accept_run(self, request: RunRequest) -> CampaignRunner:
         """Note that a run of the campaign starts, and return the runner that submits it."""
@@ -196,9 +180,12 @@ class CampaignController(QObject):
         queued, self.queue_active = self.queue_active, self.queue_active and has_result and bool(before)
         self.refresh()
         if self.queue_active:
-            self._continue_queue(before)
-        elif has_result and before and not queued:
-            self._continue_series(before)
+            self._prepare(
+                lambda campaign: campaigns.next_item_after(campaign, campaign.item_state(before), hands_free=True),
+                self._continue_queue,
+            )
+        elif has_result and before and not queued:  # a series continues with a value that was never measured
+            self._prepare(lambda campaign: campaigns.next_value(campaign.item_state(before)), self._request_run)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -207,34 +194,23 @@ class CampaignController(QObject):
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _continue_queue(self, previous: str) -> None:
-        def work() -> RunRequest | None:
-            from app.campaign import next_item_after
-
-            campaign = self._current_campaign()
-            line = next_item_after(campaign, campaign.item_state(previous), hands_free=True)
-            assert self._runner is not None
-            return None if line is None else self._runner.prepare(line)
-
-        self._file_worker.submit(work, self._on_next_request, self._on_error)
-
-    def _continue_series(self, name: str) -> None:
-        """Measure the next value, if the item is a series and has one that was never measured."""
+    def _prepare(
+        self, choose: Callable[[Campaign], ItemState | None], submit: Callable[[RunRequest | None], object]
+    ) -> None:
+        """Choose an item and prepare its run in the background."""
 
         def work() -> RunRequest | None:
-            from app.campaign import next_value
-
-            state = next_value(self._current_campaign().item_state(name))
+            state = choose(self._current_campaign())
             assert self._runner is not None
             return None if state is None else self._runner.prepare(state)
 
-        def submit(request: RunRequest | None) -> None:
-            if request is not None:
-                self.run_requested.emit(request)
-
         self._file_worker.submit(work, submit, self._on_error)
 
-    def _on_next_request(self, request: RunRequest | None) -> None:
+    def _request_run(self, request: RunRequest | None) -> None:
+        if request is not None:
+            self.run_requested.emit(request)
+
+    def _continue_queue(self, request: RunRequest | None) -> None:
         if request is not None and self.queue_active:
             self.run_requested.emit(request)
         else:
@@ -245,11 +221,18 @@ class CampaignController(QObject):
         campaign = self._campaign
         assert campaign is not None
         if not self.running_item and campaign.path.stat().st_mtime_ns != self._stamp:
-            from app.campaign import Campaign, CampaignRunner
-
-            campaign = Campaign.open_file(campaign.path)
-            self._campaign, self._runner = campaign, CampaignRunner(campaign)
+            campaign = campaigns.Campaign.open_file(campaign.path)
+            self._campaign, self._runner = campaign, campaigns.CampaignRunner(campaign)
         return campaign
+
+    def _open(self, find: Callable[[], Campaign]) -> None:
+        """Open a campaign in the background."""
+
+        def work() -> OpenedCampaign:
+            campaign = find()
+            return campaign, campaigns.CampaignRunner(campaign), campaign.path.stat().st_mtime_ns
+
+        self._file_worker.submit(work, self._on_opened, self._on_error)
 
     def _on_opened(self, opened: OpenedCampaign) -> None:
         campaign, self._runner, self._stamp = opened
@@ -267,13 +250,12 @@ class CampaignController(QObject):
         if campaign is None or runs == self._fitted_runs:
             return
         self._fitted_runs = runs
-
-        def fit() -> CampaignEstimates:
-            from app.campaign import estimate_campaign
-
-            return estimate_campaign(campaign, self._amplifier)
-
-        self._fit_worker.submit(fit, self._on_estimates, self._on_error, latest_only="fit")
+        self._fit_worker.submit(
+            lambda: campaigns.estimate_campaign(campaign, self._amplifier),
+            self._on_estimates,
+            self._on_error,
+            latest_only="fit",
+        )
 
     def _on_estimates(self, estimates: CampaignEstimates) -> None:
         self.estimates = estimates
@@ -287,9 +269,3 @@ class CampaignController(QObject):
         self.queue_active = False
         self.message.emit(str(error))
         self.changed.emit()
-
-
-def _open_result(campaign: Campaign) -> OpenedCampaign:
-    from app.campaign import CampaignRunner
-
-    return campaign, CampaignRunner(campaign), campaign.path.stat().st_mtime_ns

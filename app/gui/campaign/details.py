@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QLabel, QTabWidget, QWidget
 
+import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.gui.campaign.review_pane import ReviewPane
 from app.gui.widgets import (
     SELECTABLE,
@@ -154,10 +155,8 @@ class ItemDetailsPane(QWidget):
         return "\n".join(label.text() for label in self.details_area.viewport().findChildren(QLabel))
 
     def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
-        from app.campaign import item_details  # imports HDF5, which a background thread has loaded by now
-
         content, sections = QWidget(autoFillBackground=False), list[Item]()
-        for section in item_details(item, estimates, specimen):
+        for section in campaigns.item_details(item, estimates, specimen):
             lines = make_label("\n".join(section.lines), textInteractionFlags=SELECTABLE)
             sections += [make_label(section.heading, "caption", wrap=False), lines, 8]
         column(*sections, STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=2)

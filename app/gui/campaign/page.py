@@ -19,7 +19,7 @@ from app.live import CurveRequest, LiveFeed, Overlay, curve_request_for, elongat
 from app.session import WindowState
 
 if TYPE_CHECKING:
-    from app.campaign import CampaignItem, CampaignRunner, ResultReview
+    from app.campaign import CampaignItem, CampaignRunner, ItemSummary, ResultReview
     from protocols.runner import RunRequest
 
 
@@ -101,7 +101,7 @@ class CampaignPage(QStackedWidget):
             return
         self._overlay.submit(request)
         if (curve := self._overlay.result()) is not None:
-            (self.board.live_pane if self._busy else self.board.details.review_pane).show_model_curve(curve)
+            (self.board.live_pane if self._busy else self.board.details.review_pane.plots).show_model_curve(curve)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -159,25 +159,27 @@ class CampaignPage(QStackedWidget):
                 self.run(hands_free=True)
             case "halt the queue":
                 self.controller.halt_queue()
-            case "open" if row is not None and row.state.run is not None:
-                self.run_open_requested.emit(self.board.details.reviewed_path or row.state.run)
-            case "explore" if row is not None and row.state.run is not None:
-                self.explore_requested.emit(self.board.details.reviewed_path or row.state.run)
-            case _ if row is None or self._busy:
-                return
+            case "open" | "explore" if row is not None and row.state.run is not None:
+                wanted = self.run_open_requested if action == "open" else self.explore_requested
+                wanted.emit(self.board.details.reviewed_path or row.state.run)
+            case _ if row is not None and not self._busy:
+                self._change_item(action, row)
+
+    def _change_item(self, action: str, row: ItemSummary) -> None:
+        """Skip, accept, repeat or reject an item, if its state allows that."""
+        name, state, modify = row.name, row.state, self.controller.modify
+        match action:
             case "skip":
-                why = "" if row.state.status == "skipped" else "skipped"
-                done = f"{row.name} is skipped" if why else f"{row.name} is included again"
-                self.controller.modify(lambda campaign: campaign.skip(row.name, why), done)
+                why = "" if state.status == "skipped" else "skipped"
+                modify(lambda plan: plan.skip(name, why), f"{name} is {why or 'included again'}")
             case "accept" if run := self.board.run_to_accept(row):
-                self.controller.modify(lambda campaign: campaign.accept(row.name, run), f"{row.name} is accepted")
-            case "repeat" if row.state.run is not None:
-                kept = "; its result counts until a new one is accepted" if row.state.estimates else ""
-                done = f"{row.name} is to be measured again{kept}"
-                self.controller.modify(lambda campaign: campaign.repeat(row.name), done)
-            case "reject" if row.state.run is not None:
-                done = f"{row.name}: {row.state.reviewed_run.name if row.state.reviewed_run else 'the run'} is rejected"
-                self.controller.modify(lambda campaign: campaign.reject(row.name), done)
+                modify(lambda plan: plan.accept(name, run), f"{name} is accepted")
+            case "repeat" if state.run is not None:
+                kept = "; its result counts until a new one is accepted" if state.estimates else ""
+                modify(lambda plan: plan.repeat(name), f"{name} is to be measured again{kept}")
+            case "reject" if state.run is not None:
+                rejected = state.reviewed_run.name if state.reviewed_run else "the run"
+                modify(lambda plan: plan.reject(name), f"{name}: {rejected} is rejected")
 
     def _read_review(self) -> None:
         """Read the run under review unless it is shown or being read."""

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QComboBox, QLabel, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
+import app.campaign as campaigns  # imports HDF5 when a name is first used: a background thread has done that
 from app.common import SEVERITY_SYMBOLS
 from app.gui.plots import ResultPlots
 from app.gui.results import ResultCard
@@ -16,13 +16,13 @@ from app.gui.widgets import (
     STRETCH,
     WindowTheme,
     column,
-    configure,
+    fill_table,
+    make_combo,
     make_label,
     make_read_only_table,
     make_splitter,
     row,
 )
-from app.live import ModelCurves
 from protocols import DEFAULT_PROTOCOL, PROTOCOLS
 from protocols.base import RunEnded, RunStatus, Series
 
@@ -59,10 +59,9 @@ class ReviewPane(QWidget):
         theme.changed.connect(self._show_review)
         self._series: tuple[Series, ...] = ()
         """Figures of a series over its parameter; the one that is drawn is the last."""
-        self.figure_box = configure(
-            QComboBox(),
+        self.figure_box = make_combo(
             "review.figure",
-            accessibleName="figure over the varied parameter",
+            "figure over the varied parameter",
             toolTip="Quantity drawn over the parameter of the series",
         )
         self.figure_box.activated.connect(lambda _: self._draw())
@@ -73,10 +72,9 @@ class ReviewPane(QWidget):
         self.plots.setMinimumSize(MIN_PLOT_WIDTH, MIN_PLOT_HEIGHT)
         self.card = ResultCard(theme, "review", ("report",), compact=True)
         self.indicator_labels = [make_label(wrap=False, name=f"review.indicator-{at}") for at in range(MAX_INDICATORS)]
-        self.run_box = configure(
-            QComboBox(),
+        self.run_box = make_combo(
             "review.run",
-            accessibleName="runs of this measurement",
+            "runs of this measurement",
             toolTip="Every result of this measurement; accepting one makes it count",
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon,
             minimumContentsLength=16,
@@ -105,11 +103,9 @@ class ReviewPane(QWidget):
 
     def show_runs(self, item: ItemSummary, shown: str) -> None:
         """List the results of an item, newest first, and select the one that is shown."""
-        from app.campaign import series_curves, varied_label  # imports HDF5, which a background thread has loaded
-
         state = item.state
-        label = varied_label(state.item) if state.steps else ""
-        self._series = tuple(_with_x_in_words(curve, label) for curve in series_curves(state))
+        label = campaigns.varied_label(state.item) if state.steps else ""
+        self._series = tuple(_with_x_in_words(curve, label) for curve in campaigns.series_curves(state))
         chosen = self.figure_box.currentText()
         self.figure_box.clear()
         self.figure_box.addItems([curve.y_axis.name for curve in reversed(self._series)])
@@ -164,24 +160,24 @@ class ReviewPane(QWidget):
         curves = series or run.series
         self.plots.show_results(kind, run.points, curves, found, run.record.simulated, curves_first=bool(series))
 
-    def show_model_curve(self, curve: ModelCurves) -> None:
-        """Show the model's curve under the points."""
-        self.plots.show_model_curve(curve)
-
     def _fill_table(self, review: ResultReview) -> None:
-        self.table.setRowCount(len(review.rows))
-        for at, line in enumerate(review.rows):
-            mark = "" if not line.limits else "✓" if line.passed else "✕"
-            texts = (mark, line.name, line.value, line.limits, line.before, line.paper, line.others)
+        marks = ["" if not line.limits else "✓" if line.passed else "✕" for line in review.rows]
+        rows = [
+            (mark, line.name, line.value, line.limits, line.before, line.paper, line.others)
+            for mark, line in zip(marks, review.rows, strict=True)
+        ]
+
+        def color(at: int, place: int) -> str:
+            passed = review.rows[at].passed
+            return self._theme.colors.passed_color(passed) if marks[at] and (place == 0 or not passed) else ""
+
+        fill_table(self.table, rows, color)
+        for at, texts in enumerate(rows):
             for place, text in enumerate(texts):
-                cell = QTableWidgetItem(text)
-                cell.setToolTip(line.remedy or text)
-                if mark and (place == 0 or not line.passed):
-                    cell.setForeground(QColor(self._theme.colors.success if line.passed else self._theme.colors.error))
-                self.table.setItem(at, place, cell)
-        columns = zip(*((row.value, row.limits, row.before, row.paper, row.others) for row in review.rows), strict=True)
-        for place, texts_of in enumerate(columns, 2):  # nothing to compare with: no empty column
-            self.table.setColumnHidden(place, not any(texts_of))
+                if (cell := self.table.item(at, place)) is not None:
+                    cell.setToolTip(review.rows[at].remedy or text)
+        for place, texts in list(enumerate(zip(*rows, strict=True)))[2:]:  # nothing to compare with: no empty column
+            self.table.setColumnHidden(place, not any(texts))
 
 
 def _with_x_in_words(curve: Series, label: str) -> Series:

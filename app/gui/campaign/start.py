@@ -4,9 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtWidgets import QListWidget, QListWidgetItem, QWidget
 
-from app.gui.widgets import STRETCH, StatusLine, configure, make_button, make_label, make_panel, row, shortcut_label
+from app.gui.widgets import (
+    STRETCH,
+    StatusLine,
+    configure,
+    make_button,
+    make_edit,
+    make_label,
+    make_panel,
+    row,
+    shortcut_label,
+)
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after the measurements it depends on. "
@@ -25,11 +35,10 @@ class CampaignStart(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.location_label = make_label(kind="note-size")
-        self.specimen_edit = configure(
-            QLineEdit(),
+        self.specimen_edit = make_edit(
             "campaign.specimen",
+            "specimen of the new campaign",
             placeholderText="name of the specimen, for example T7",
-            accessibleName="specimen of the new campaign",
         )
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
