@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from app.common import UnitError, to_number
 from app.explore import DesignAnswers, DesignQuestion, answer_design
 from app.gui.plots import caption_label
-from app.gui.widgets import WrappedRow, column, configure, make_label
+from app.gui.widgets import WrappedRow, column, make_combo, make_edit, make_label
 from app.live import LatestOnlyWorker
 
 if TYPE_CHECKING:
@@ -34,21 +34,20 @@ class DesignPanel(QWidget):
         self._worker = LatestOnlyWorker(answer_design, self._answered.emit, "explore design")
         self.answers: DesignAnswers | None = None
         self.resonance, self.amplitude, self.frequency = (
-            configure(QLineEdit(text), f"explore.design.{name}", accessibleName=about)
+            make_edit(f"explore.design.{name}", about, text)
             for name, text, about in (
                 ("resonance", "160 Hz", "resonance that the added mass is to give"),
                 ("amplitude", "100 µm", "peak-to-peak displacement that the drive is to give"),
                 ("frequency", "200 Hz", "frequency of the drive"),
             )
         )
-        self.source_box = configure(
-            QComboBox(),
+        self.source_box = make_combo(
             "explore.design.source",
-            accessibleName="specimen of the answers",
+            "specimen of the answers",
+            [(SLIDERS_TEXT, None)],
             toolTip="The calibration gives the uncertainties; the sliders have none",
             sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
         )
-        self.source_box.addItem(SLIDERS_TEXT)
         self.mass_label, self.drive_label = (make_label(name=f"explore.design.{each}") for each in ("mass", "drive"))
         self.source_label = make_label(kind="note", name="explore.design.about")
         for edit in (self.resonance, self.amplitude, self.frequency):

@@ -6,15 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Qt, Signal, SignalInstance
-from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.common import ResultSummary
-from app.explore import (
-    PRESET_TITLES,
-    ExploreFit,
-    ExploreRequest,
-    ExploreResult,
-)
+from app.explore import PRESET_TITLES, ExploreFit, ExploreRequest, ExploreResult
 from app.gui.explore.design_panel import DesignPanel
 from app.gui.explore.model import ExploreModel
 from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
@@ -34,6 +29,7 @@ from app.gui.widgets import (
     add_actions,
     choose_files,
     column,
+    configure,
     make_pane,
     make_scroll_area,
     make_splitter,
@@ -83,8 +79,7 @@ class ExplorePage(QSplitter):
         self.setStretchFactor(0, 0)
         self.setStretchFactor(1, 1)
         self.setSizes([430, 820])
-        self.setObjectName("explore/columns")
-        self.setChildrenCollapsible(False)
+        configure(self, "explore/columns", childrenCollapsible=False)
         self._connect_signals()
         FileDrops(self, {RUN_SUFFIXES: self.overlaid.add})
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
@@ -223,12 +218,10 @@ class ExplorePage(QSplitter):
         )  # fmt: skip
 
     def _left_column(self) -> QWidget:
-        scroll = QScrollArea()
+        scroll = make_scroll_area(
+            focusPolicy=Qt.FocusPolicy.NoFocus, horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff
+        )
         scroll.setWidget(self.sliders)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setWidgetResizable(True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.viewport().setAutoFillBackground(False)
         self.sliders.setAutoFillBackground(False)
         left = make_pane(
             self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
@@ -277,13 +270,14 @@ class ExplorePage(QSplitter):
             (self.plot.cursor_moved, self._on_cursor_moved),
             (self.plot.log_changed, bar.series[-1].setChecked),
             (bar.preset_chosen, self.load_preset),
-            (bar.skin_chosen, lambda on: self.model.set_setting(replace(self.model.setting, on_skin=on))),
+            (bar.skin_button.toggled, lambda on: self.model.set_setting(replace(self.model.setting, on_skin=on))),
             (bar.frequency_chosen, self.plot.show_cursor),
             (bar.range_chosen, self._set_range),
-            (bar.series_changed, self._update_series),
-            (bar.site_chosen, self.model.set_site),
+            *((box.toggled, self._update_series) for box in bar.series),
+            (bar.site_box.currentTextChanged, self.model.set_site),
             (bar.design_button.toggled, self.design.toggle),
-            (bar.copy_chosen, self.model.copy),
+            (bar.copy_json_button.clicked, lambda: self.model.copy("JSON")),
+            (bar.copy_toml_button.clicked, lambda: self.model.copy("TOML")),
             (bar.run_chosen, self._show_result_of),
             (bar.run_removed, self.overlaid.remove),
             (bar.undo_button.clicked, self.model.undo),

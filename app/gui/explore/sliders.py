@@ -4,12 +4,12 @@ from collections.abc import Iterable
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
-from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QWidget
 
 from app.common import PEAK_TO_PEAK, PLAIN_NUMBER, UnitError, read_number
 from app.explore import DRIVE_SLIDER, GROUPS, SKIN_PARAMETERS, ExploreSetting, SliderSpec
 from app.gui.plots import caption_label
-from app.gui.widgets import set_style_kind
+from app.gui.widgets import column, configure, grid, set_style_kind
 from model import ParameterError, ParameterSpec, variable_specs
 
 SLIDER_STEPS = 1000
@@ -28,18 +28,13 @@ class SliderRow:
     def __init__(self, spec: SliderSpec, quantity: ParameterSpec, panel: "SliderPanel") -> None:
         self.spec, self._quantity, self._panel = spec, quantity, panel
         self.label = QLabel(spec.label)
-        self.slider_widget = _Slider(Qt.Orientation.Horizontal)
-        self.slider_widget.setRange(0, SLIDER_STEPS)
-        self.slider_widget.setSingleStep(5)
-        self.slider_widget.setPageStep(50)
-        self.slider_widget.setMinimumWidth(40)
+        self.slider_widget = configure(
+            _Slider(Qt.Orientation.Horizontal), maximum=SLIDER_STEPS, singleStep=5, pageStep=50, minimumWidth=40
+        )
         self.field = QLineEdit()
         self.field.setFixedWidth(78)
         self.unit = QLabel(spec.unit.replace("^2", "²"))
-        self.reset_button = QToolButton()
-        self.reset_button.setText("↺")
-        self.reset_button.setAutoRaise(True)
-        self.reset_button.setToolTip("Back")
+        self.reset_button = configure(QToolButton(), text="↺", autoRaise=True, toolTip="Back")
         hint = f"{quantity.description}\n{quantity.limits}; the field takes values beyond the slider's ends, and units"
         for widget in (self.label, self.slider_widget, self.field):
             widget.setToolTip(hint)
@@ -100,9 +95,7 @@ class SliderPanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.rows: dict[str, SliderRow] = {}
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 8, 0)
-        layout.setSpacing(4)
+        layout = column(parent=self, margins=(0, 0, 8, 0), spacing=4)
         known = variable_specs()
         for title, sliders in GROUPS.items():
             layout.addWidget(caption_label(title))
@@ -122,15 +115,12 @@ class SliderPanel(QWidget):
                 row.show_value(values[name], name in setting.values, setting.on_skin or name not in SKIN_PARAMETERS)
 
     def _group_layout(self, sliders: Iterable[tuple[SliderSpec, ParameterSpec]]) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(4)
-        grid.setVerticalSpacing(1)
-        grid.setColumnStretch(1, 1)
-        for column, width in ((0, 150), (3, 56), (4, 24)):
-            grid.setColumnMinimumWidth(column, width)
+        layout = grid(spacing=(4, 1), stretch={1: 1})
+        for place, width in ((0, 150), (3, 56), (4, 24)):
+            layout.setColumnMinimumWidth(place, width)
         for at, (slider, quantity) in enumerate(sliders):
             row = SliderRow(slider, quantity, self)
-            for column, widget in enumerate((row.label, row.slider_widget, row.field, row.unit, row.reset_button)):
-                grid.addWidget(widget, at, column)
+            for place, widget in enumerate((row.label, row.slider_widget, row.field, row.unit, row.reset_button)):
+                layout.addWidget(widget, at, place)
             self.rows[slider.name] = row
-        return grid
+        return layout

@@ -4,13 +4,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QLineEdit, QPushButton
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QLabel, QPushButton
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
 from app.explore import LABORATORY_SITE, ExploreSetting
 from app.gui.plots import SERIES, caption_label
-from app.gui.widgets import SheetButton, WrappedRow, configure, make_choice, make_combo, make_pane, row, tooltip
+from app.gui.widgets import (
+    SheetButton,
+    WrappedRow,
+    configure,
+    make_choice,
+    make_combo,
+    make_edit,
+    make_pane,
+    row,
+    tooltip,
+)
 
 RANGES_HZ = (250, 500, 1000, 4000)
 SITE_NAMES = ("abdomen", "thenar", "forearm")
@@ -25,13 +35,8 @@ class ExploreToolbar(QObject):
     """Makes the buttons; the page lays out the rows."""
 
     preset_chosen = Signal(str)
-    skin_chosen = Signal(bool)
     frequency_chosen = Signal(float)
     range_chosen = Signal(float)
-    site_chosen = Signal(str)
-    """Body site of the perception threshold."""
-    series_changed = Signal()
-    copy_chosen = Signal(str)
     run_chosen = Signal(object)
     """Path of the overlaid run whose result is to be shown; None for no longer."""
     run_removed = Signal(object)
@@ -47,7 +52,6 @@ class ExploreToolbar(QObject):
             make_choice("On skin", "On the membrane", checkable=True),
         )
         _make_exclusive(self, self.free_button, self.skin_button)
-        self.skin_button.toggled.connect(self.skin_chosen)
         self.undo_button, self.redo_button = (
             make_choice(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
         )
@@ -55,12 +59,11 @@ class ExploreToolbar(QObject):
         self.redo_button.setAccessibleName("redo")
         self.series = [QCheckBox(label) for label in (*(series.label for series in SERIES), "phase", "log")]
         self.series[0].setChecked(True)
-        for box in self.series:
-            box.toggled.connect(self.series_changed)
-        self.frequency = configure(
-            QLineEdit("160"),
+        self.frequency = make_edit(
+            "",
+            "frequency of the motion in Hz",
+            "160",
             toolTip="Frequency whose motion is shown; the dotted line can be dragged, too",
-            accessibleName="frequency of the motion in Hz",
         )
         self.frequency.setFixedWidth(64)
         self.frequency.editingFinished.connect(self._on_frequency)
@@ -71,7 +74,6 @@ class ExploreToolbar(QObject):
         self.ranges[0].setChecked(True)
         sites = ((name, name) for name in SITE_NAMES)
         self.site_box = make_combo("explore.site", "body site of the perception threshold", sites, toolTip=SITE_TIP)
-        self.site_box.currentTextChanged.connect(self.site_chosen)
         self.keep_button = make_choice("Pin curve", tooltip("explore.keep"))
         self.clear_button = make_choice("Clear", "Take kept curves and measured runs away")
         self.overlay_button = make_choice("Add runs …", f"{tooltip('explore.overlay')}, or drop files here")
@@ -82,8 +84,6 @@ class ExploreToolbar(QObject):
         self.study_button = make_choice("Save study …", tooltip("explore.study"))
         self.copy_json_button = make_choice("Copy JSON", tooltip("explore.copy-json"))
         self.copy_toml_button = make_choice("Copy TOML", "Every parameter as TOML for --set")
-        self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
-        self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self.sheet_button = SheetButton("explore")
         self.identify_button = configure(make_choice("Identify …", tooltip("identification")), "explore.identify")
         self.design_button = make_choice(

@@ -1,12 +1,13 @@
 """Pane of the audit trail: its entries, newest first, and the verification of all lines and files."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.archive import AuditResult, begin_audit, verify_audit
-from app.common import AuditEntry, Column, OperationCancelled, Table, pluralize
+from app.common import AuditEntry, OperationCancelled, Table, pluralize
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import (
     STRETCH,
@@ -15,13 +16,15 @@ from app.gui.widgets import (
     WindowTheme,
     WrappedRow,
     column,
-    configure,
     make_button,
+    make_edit,
     make_label,
     set_style_kind,
 )
 
 SHOWN_PROBLEMS, SHOWN_FILES = 12, 3
+COLUMNS = ("no.", "time", "who", "what", "subject", "hash", "details")
+UNPROVEN = "; a change that rewrites the whole trail shows only against a head hash kept elsewhere"
 NO_TRAIL = (
     "This folder has no audit trail. Once begun, every run, acceptance, rejection, note, edit and deletion appends a line with who, "
     "when and the hashes of the files."
@@ -40,11 +43,10 @@ class AuditPane(QWidget):
         super().__init__()
         self._worker = BackgroundWorker("audit", self)
         self._folder, self._reload = Path(), reload
-        self.head_edit = configure(
-            QLineEdit(),
+        self.head_edit = make_edit(
             "laboratory.audit.head",
+            "head hash that was printed or copied elsewhere",
             placeholderText="head hash of a report, if you have one",
-            accessibleName="head hash that was printed or copied elsewhere",
             minimumWidth=260,
         )
         self.verify_button = make_button(
@@ -86,45 +88,34 @@ class AuditPane(QWidget):
             self._show_result("\n".join(f"✕ {problem}" for problem in problems[:SHOWN_PROBLEMS]), "danger")
         elif self.result_label.text() == NO_TRAIL:
             self._show_result("", "")
-        newest = list(reversed(entries))
-        self.table.set_table(
-            Table(
-                "audit",
-                "Audit trail",
-                (
-                    Column("no.", None, [each.number for each in newest], format_spec="d"),
-                    Column("time", None, [each.time[:16].replace("T", " ") for each in newest]),
-                    Column("who", None, [each.by for each in newest]),
-                    Column("what", None, [each.action for each in newest]),
-                    Column("subject", None, [each.subject for each in newest]),
-                    Column("hash", None, [each.hash[:12] for each in newest]),
-                    Column("details", None, [_details(each) for each in newest]),
-                ),
-            )
-        )
+        table = Table.of_rows("Audit trail", COLUMNS, [_cells(each) for each in reversed(entries)])
+        number, *texts = table.columns
+        self.table.set_table(replace(table, columns=(replace(number, format_spec="d"), *texts)))
 
     def verify(self) -> None:
         """Verify all lines and files in the background."""
         folder, head, progress = self._folder, self.head_edit.text(), self.progress_row.progress
-        self._start("hashing files")
+        self._start()
         self._worker.submit(lambda: verify_audit(folder, head, progress), self._on_verified, self._on_error)
 
     def begin(self) -> None:
         """Begin the audit trail of the folder in the background."""
         folder, progress = self._folder, self.progress_row.progress
-        self._start("hashing files")
+        self._start()
         self._worker.submit(lambda: begin_audit(folder, progress), self._on_begun, self._on_error)
 
-    def _start(self, text: str) -> None:
+    def _start(self) -> None:
         self._show_result("", "")
-        self.progress_row.start(text)
-        for button in (self.verify_button, self.begin_button):
-            button.setEnabled(False)
+        self.progress_row.start("hashing files")
+        self._enable(False)
 
     def _finish(self) -> None:
         self.progress_row.finish()
+        self._enable(True)
+
+    def _enable(self, enabled: bool) -> None:
         for button in (self.verify_button, self.begin_button):
-            button.setEnabled(True)
+            button.setEnabled(enabled)
 
     def _on_verified(self, result: AuditResult) -> None:
         self._finish()
@@ -138,11 +129,7 @@ class AuditPane(QWidget):
         if result.problems:
             lines.insert(0, f"{count}: {pluralize(len(result.problems), 'problem')}")
         else:
-            so_far = (
-                ""
-                if self.head_edit.text().strip()
-                else "; a change that rewrites the whole trail shows only against a head hash kept elsewhere"
-            )
+            so_far = "" if self.head_edit.text().strip() else UNPROVEN
             lines.insert(0, f"✓ {count} and all files are unchanged{so_far}. Head: {result.head[:16]}…")
         self._show_result("\n".join(lines), "danger" if result.problems else "")
 
@@ -159,6 +146,11 @@ class AuditPane(QWidget):
         self.result_label.setText(text)
         self.result_label.setVisible(bool(text))
         set_style_kind(self.result_label, kind)
+
+
+def _cells(entry: AuditEntry) -> tuple[int | str, ...]:
+    time = entry.time[:16].replace("T", " ")
+    return entry.number, time, entry.by, entry.action, entry.subject, entry.hash[:12], _details(entry)
 
 
 def _details(entry: AuditEntry) -> str:

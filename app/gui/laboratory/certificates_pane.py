@@ -5,13 +5,14 @@ from datetime import date
 
 from PySide6.QtWidgets import QWidget
 
-from app.common import Column, Severity, Table, pluralize
+from app.common import Severity, Table, pluralize
 from app.config import WARNING_DAYS, Certificate
 from app.gui.laboratory.value_table import ValueTable
 from app.gui.widgets import WindowTheme, column, make_label, set_style_kind
 
 SEVERITIES = {"expired": Severity.ERROR, "due soon": Severity.WARNING}
 SYMBOLS = {"expired": "✕ ", "due soon": "! ", "valid": "✓ "}
+COLUMNS = ("due", "state", "days left", "instrument", "certificate", "calibrated", "laboratory")
 NOTE = (
     f"Every run warns from {WARNING_DAYS} days before the due date of an instrument that it uses, and flags every point after it. "
     "Add certificates with: tactor-bench certificate add"
@@ -33,33 +34,34 @@ class CertificatesPane(QWidget):
             spacing=4,
         )
 
-    def show_certificates(self, found: Sequence[Certificate], problems: Sequence[str], today: date) -> str:
-        """Show certificates; return the numbers of expired and soon due ones as text, empty for none."""
+    def show_certificates(self, found: Sequence[Certificate], problems: Sequence[str], today: date) -> None:
+        """Show certificates, and the numbers of expired and soon due ones."""
         states = [each.state(today) for each in found]
-        words = [f"{states.count(state)} {state}" for state in ("expired", "due soon") if state in states]
-        text = ", ".join(words) if words else ("" if found else "There are no certificates beside the runs.")
-        if found and not words:
-            text = f"{pluralize(len(found), 'certificate')}: none is due within {WARNING_DAYS} days."
-        self.state_label.setText("\n".join([text, *problems]) if problems else text)
+        self.state_label.setText("\n".join((_summary(states), *problems)))
         kind = "danger" if "expired" in states or problems else "caution" if "due soon" in states else "caption"
         set_style_kind(self.state_label, kind)
-        self.table.set_table(
-            Table(
-                "certificates",
-                "Calibration certificates",
-                (
-                    Column("due", None, [each.due or "not stated" for each in found]),
-                    Column("state", None, [f"{SYMBOLS.get(s, '')}{s}" for s in states]),
-                    Column("days left", None, [_days_left(each, today) for each in found]),
-                    Column("instrument", None, [each.name for each in found]),
-                    Column("certificate", None, [each.number for each in found]),
-                    Column("calibrated", None, [each.date for each in found]),
-                    Column("laboratory", None, [each.laboratory for each in found]),
-                ),
-            ),
-            [SEVERITIES.get(state, Severity.INFO) for state in states],
-        )
-        return ", ".join(words)
+        rows = [
+            (
+                each.due or "not stated",
+                f"{SYMBOLS.get(state, '')}{state}",
+                _days_left(each, today),
+                each.name,
+                each.number,
+                each.date,
+                each.laboratory,
+            )
+            for each, state in zip(found, states, strict=True)
+        ]
+        table = Table.of_rows("Calibration certificates", COLUMNS, rows)
+        self.table.set_table(table, [SEVERITIES.get(state, Severity.INFO) for state in states])
+
+
+def _summary(states: Sequence[str]) -> str:
+    """Return the numbers of certificates that are expired or due soon as text."""
+    if not states:
+        return "There are no certificates beside the runs."
+    words = [f"{states.count(state)} {state}" for state in SEVERITIES if state in states]
+    return ", ".join(words) or f"{pluralize(len(states), 'certificate')}: none is due within {WARNING_DAYS} days."
 
 
 def _days_left(certificate: Certificate, today: date) -> str:

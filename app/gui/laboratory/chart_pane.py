@@ -24,6 +24,12 @@ from app.gui.widgets import (
 )
 from model import quantity_label
 
+VERDICTS = {
+    DriftCause.NOTHING: ("✓ In control: no value breaks a rule", "caption"),
+    DriftCause.NO_LASTING_CHANGE: ("A rule is broken, but nothing changed to stay", "caution"),
+    DriftCause.UNDECIDED: ("✕ Something changed to stay, bench or specimen is not decided", "danger"),
+}
+"""Text and kind of style of a cause that is neither bench nor specimen."""
 DEFAULT_QUANTITY = "amplitude_at_resonance"
 MAX_BASELINE = 1000
 BASELINE_TEXT = (
@@ -33,18 +39,14 @@ BASELINE_TEXT = (
 
 
 class ChartPane(ViewPane):
-    """Charts a golden specimen of the folder that was read.
+    """Charts a golden specimen of the folder that was read."""
 
-    Args:
-        theme: first theme.
-        worker: computes the charts, in the background.
-        say: shows a message; the second argument marks an error.
-    """
-
+    FILE_STEM, EXPORTED = "control_chart", "the values of the control charts"
+    BUTTON_NAME, PROBLEM = "laboratory.chart.export", "No control chart: {}"
     view: ChartView | None
 
     def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__(worker, say, "control_chart", "the values of the control charts", "laboratory.chart.export")
+        super().__init__(worker, say)
         self.golden, self.quantity, self.sensor = (
             make_filter_combo(f"laboratory.chart.{name}", name)
             for name in ("golden specimen", "quantity of the chart", "sensor")
@@ -114,9 +116,10 @@ class ChartPane(ViewPane):
         with QSignalBlocker(self.sensor):
             chosen = self.sensor.currentText()
             self.sensor.clear()
-            for at, chart in enumerate(view.charts if view is not None else ()):
+            charts = () if view is None else view.charts
+            for at, chart in enumerate(charts):
                 self.sensor.addItem(chart.sensor or "unknown sensor", at)
-            drifted = next((i for i, c in enumerate(view.charts if view is not None else ()) if c.cause.is_drift), 0)
+            drifted = next((at for at, chart in enumerate(charts) if chart.cause.is_drift), 0)
             self.sensor.setCurrentIndex(found if (found := self.sensor.findText(chosen)) >= 0 else drifted)
         self.export_button.setEnabled(view is not None)
         for widget in (self.sensor, self.plot, self.broken):
@@ -134,26 +137,14 @@ class ChartPane(ViewPane):
         chart = view.charts[at]
         first = chart.first_signal
         since = "" if first is None else f", first signal on {chart.values[first].start_time[:10]}"
-        match chart.cause:
-            case DriftCause.NOTHING:
-                text, kind = "✓ In control: no value breaks a rule", "caption"
-            case DriftCause.NO_LASTING_CHANGE:
-                text, kind = "A rule is broken, but nothing changed to stay", "caution"
-            case DriftCause.UNDECIDED:
-                text, kind = f"✕ Something changed to stay, bench or specimen is not decided{since}", "danger"
-            case cause:
-                text, kind = f"✕ Drift of the {cause}{since}", "danger"
-        self.verdict_label.setText(text)
+        text, kind = VERDICTS.get(chart.cause, (f"✕ Drift of the {chart.cause}", "danger"))
+        self.verdict_label.setText(f"{text}{since if chart.cause.is_drift else ''}")
         set_style_kind(self.verdict_label, kind)
         self.notes_label.setText("\n".join((*view.notes, BASELINE_TEXT)))
         name = typeset(view.selection.label)
         title = f"{view.golden} on {chart.sensor or 'an unknown sensor'}: {name}, {view.selection.about}"
         self.plot.show_chart(chart, view.selection.unit, title, view.simulated)
         self.broken.set_table(view.broken[at])
-
-    def _on_error(self, error: Exception) -> None:
-        self._show_view(None)
-        self._say(f"No control chart: {error}", True)
 
     def _open_run(self, row: int) -> None:
         if self.view is not None and (at := self.sensor.currentData()) is not None:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtWidgets import QLineEdit
 
 from app.common import Table, typeset
 from app.fleet import CALIBRATION, GROUPS, Bounds, Fleet, FleetQuery, FleetView, view_fleet
@@ -16,8 +15,8 @@ from app.gui.widgets import (
     WindowTheme,
     WrappedRow,
     column,
-    configure,
     fill_combo,
+    make_edit,
     make_label,
     make_pane,
     make_splitter,
@@ -29,28 +28,22 @@ SEARCH_DELAY_MS = 150
 
 
 class FleetPane(ViewPane):
-    """Compares the specimens of the folder that was read.
+    """Compares the specimens of the folder that was read."""
 
-    Args:
-        theme: first theme.
-        worker: computes the view, in the background.
-        say: shows a message; the second argument marks an error.
-    """
-
+    FILE_STEM, EXPORTED, BUTTON_NAME = "specimens", "the table of the specimens", "laboratory.export"
     view: FleetView | None
 
     def __init__(self, theme: WindowTheme, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
-        super().__init__(worker, say, "specimens", "the table of the specimens", "laboratory.export")
+        super().__init__(worker, say)
         self._limits: Mapping[str, Bounds] = {}
         self.quantity = make_filter_combo("laboratory.quantity", "quantity")
         self.batch = make_filter_combo("laboratory.batch", "batch", ("any batch", ""))
         self.since = make_filter_combo("laboratory.since", "since", *SINCE)
         self.group_by = make_filter_combo("laboratory.group by", "group by", *((f"by {name}", name) for name in GROUPS))
-        self.search_edit = configure(
-            QLineEdit(),
+        self.search_edit = make_edit(
             "laboratory.search",
+            "search",
             placeholderText="specimen, sensor or bench",
-            accessibleName="search",
             clearButtonEnabled=True,
             minimumWidth=170,
         )
@@ -116,16 +109,11 @@ class FleetPane(ViewPane):
         self.view = view
         self.export_button.setEnabled(view is not None)
         self.plot.show_view(view)
-        empty = Table("", "", ())
-        self.summary.set_table(view.summary if view is not None else empty)
-        self.groups.set_table(view.by_group if view is not None else empty)
-        self.specimens.set_table(view.specimens if view is not None else empty)
+        tables = (Table("", "", ()),) * 3 if view is None else (view.summary, view.by_group, view.specimens)
+        for shown, table in zip((self.summary, self.groups, self.specimens), tables, strict=True):
+            shown.set_table(table)
         if view is not None:
             self._say("", False)
-
-    def _on_error(self, error: Exception) -> None:
-        self._show_view(None)
-        self._say(str(error), True)
 
     def _specimen_at(self, row: int) -> str:
         return "" if row < 0 or self.view is None else str(self.view.specimens.columns[0].values[row])

@@ -4,9 +4,9 @@ import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import cast
+from typing import TypeVar
 
 from PySide6.QtCore import QSettings, QTimer, Signal
 from PySide6.QtWidgets import QButtonGroup, QStackedWidget, QWidget
@@ -19,6 +19,7 @@ from app.gui.laboratory.audit_pane import AuditPane
 from app.gui.laboratory.certificates_pane import CertificatesPane
 from app.gui.laboratory.chart_pane import ChartPane
 from app.gui.laboratory.fleet_pane import FleetPane
+from app.gui.laboratory.view_pane import ViewPane
 from app.gui.widgets import (
     STRETCH,
     BackgroundWorker,
@@ -35,10 +36,13 @@ from app.session import WindowState
 from model import ParameterError
 
 SPECIMENS, CHART, CERTIFICATES, AUDIT = range(4)
-Pane = FleetPane | ChartPane | CertificatesPane | AuditPane
 READ_DELAY_MS = 400
 """After which a page that is shown again reads the folder: at once it would compete with its own painting."""
 VIEWS = ("Specimens", "Control chart", "Certificates", "Audit trail")
+PANES = ("fleet", "chart", "certificates", "audit")
+"""Attributes of the page with the panes of `VIEWS`."""
+
+P = TypeVar("P", bound=QWidget)
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,6 @@ class LaboratoryPage(QWidget):
         self.message_label = configure(StatusLine(), "laboratory.message")
         self.progress_row = ProgressRow()
         self.stack = QStackedWidget()
-        self._panes: dict[int, Pane] = {}
         top = row(
             *choices, STRETCH, self.simulated_mark, self.kind_button, self.count_label, spacing=6, margins=(0, 2, 0, 0)
         )
@@ -184,25 +187,25 @@ class LaboratoryPage(QWidget):
         """The chosen view."""
         return self.buttons.checkedId()
 
-    @property
+    @cached_property
     def fleet(self) -> FleetPane:
         """The specimens, created if necessary."""
-        return cast("FleetPane", self._pane(SPECIMENS))
+        return self._add(FleetPane(self._theme, self._worker, partial(self._say, SPECIMENS)))
 
-    @property
+    @cached_property
     def chart(self) -> ChartPane:
         """The control charts, created if necessary."""
-        return cast("ChartPane", self._pane(CHART))
+        return self._add(ChartPane(self._theme, self._worker, partial(self._say, CHART)))
 
-    @property
+    @cached_property
     def certificates(self) -> CertificatesPane:
         """The certificates, created if necessary."""
-        return cast("CertificatesPane", self._pane(CERTIFICATES))
+        return self._add(CertificatesPane(self._theme))
 
-    @property
+    @cached_property
     def audit(self) -> AuditPane:
         """The audit trail, created if necessary."""
-        return cast("AuditPane", self._pane(AUDIT))
+        return self._add(AuditPane(self._theme, self.reload))
 
     def set_state(self, view: WindowState) -> None:
         """Show a window state; the folder is read again after a run."""
@@ -230,7 +233,7 @@ class LaboratoryPage(QWidget):
         """Stop background threads."""
         self.progress_row.request_cancel()
         self._worker.close()
-        if AUDIT in self._panes:
+        if "audit" in vars(self):
             self.audit.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
@@ -248,7 +251,7 @@ class LaboratoryPage(QWidget):
     def show_view(self, view: int) -> None:
         """Show one of the views."""
         self.buttons.button(view).setChecked(True)
-        self.stack.setCurrentWidget(self._pane(view))
+        self.stack.setCurrentWidget(getattr(self, PANES[view]))
         text, is_error = self._messages.get(view, ("", False))
         self.message_label.show_message(text, is_error=is_error)
         self._show_records()
@@ -274,40 +277,29 @@ class LaboratoryPage(QWidget):
     def _request_reading(self) -> None:
         self._read_due = True
 
-    def _pane(self, view: int) -> Pane:
-        if view not in self._panes:
-            self._panes[view] = pane = self._make_pane(view)
-            self.stack.addWidget(pane)
-        return self._panes[view]
-
-    def _make_pane(self, view: int) -> Pane:
-        if view == CERTIFICATES:
-            return CertificatesPane(self._theme)
-        if view == AUDIT:
-            return AuditPane(self._theme, self.reload)
-        kind = FleetPane if view == SPECIMENS else ChartPane
-        pane = kind(self._theme, self._worker, partial(self._say, view))
-        pane.run_open_requested.connect(self._open_run)
+    def _add(self, pane: P) -> P:
+        self.stack.addWidget(pane)
+        if isinstance(pane, ViewPane):
+            pane.run_open_requested.connect(self._open_run)
         return pane
 
     def _on_read(self, records: FolderRecords) -> None:
         self._reading = False
         self.progress_row.finish()
         self._records = records
-        fleet = records.fleet
-        self.simulated_mark.setVisible(fleet is not None and fleet.simulated)
-        self.kind_button.setVisible(self.kind_button.isChecked() or (fleet is not None and fleet.left_out > 0))
-        specimens = 0 if fleet is None else len({v.specimen for v in fleet.values})
-        runs = 0 if fleet is None else len({v.path for v in fleet.values})
+        fleet = records.fleet or Fleet(())
+        self.simulated_mark.setVisible(fleet.simulated)
+        self.kind_button.setVisible(self.kind_button.isChecked() or fleet.left_out > 0)
+        specimens, runs = len({v.specimen for v in fleet.values}), len({v.path for v in fleet.values})
         self.count_label.setText(f"{specimens:,} specimens, {runs:,} runs with results".replace(",", " "))
         today = datetime.now(UTC).date()
         states = [each.state(today) for each in records.certificates]
-        expired = states.count("expired")
-        soon = states.count("due soon")
-        mark = f"   {expired} expired" if expired else f"   {soon} due soon" if soon else ""
-        self.buttons.button(CERTIFICATES).setText(VIEWS[CERTIFICATES] + mark)
+        worst = next((state for state in ("expired", "due soon") if state in states), "")
+        self.buttons.button(CERTIFICATES).setText(
+            f"{VIEWS[CERTIFICATES]}   {states.count(worst)} {worst}" if worst else VIEWS[CERTIFICATES]
+        )
         self._show_records()
-        QTimer.singleShot(0, self, lambda: self._pane(CHART))  # which takes longest to make, before it is selected
+        QTimer.singleShot(0, self, lambda: self.chart)  # which takes longest to make, before it is selected
 
     def _show_records(self) -> None:
         """Show the records in the visible view, once."""

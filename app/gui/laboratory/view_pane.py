@@ -18,29 +18,28 @@ class ViewPane(QWidget):
     Args:
         worker: computes the view, in the background.
         say: shows a message; the second argument marks an error.
-        file_stem: proposed name of an exported file.
-        exported: noun phrase of the exported table.
-        name: object name of the button.
+
+    Attributes:
+        FILE_STEM: proposed name of an exported file.
+        EXPORTED: noun phrase of the exported table.
+        BUTTON_NAME: object name of the button that exports.
+        PROBLEM: message of an error.
     """
+
+    FILE_STEM = EXPORTED = BUTTON_NAME = ""
+    PROBLEM = "{}"
 
     run_open_requested = Signal(str)
     """Path of a run, from the folder."""
 
-    def __init__(
-        self, worker: BackgroundWorker, say: Callable[[str, bool], object], file_stem: str, exported: str, name: str
-    ) -> None:
+    def __init__(self, worker: BackgroundWorker, say: Callable[[str, bool], object]) -> None:
         super().__init__()
-        self._worker, self._say, self._file_stem, self._exported = worker, say, file_stem, exported
+        self._worker, self._say = worker, say
         self._fleet: Fleet | None = None
         self._folder = Path()
         self.view: Any = None
-        self.export_button = make_button(
-            "Export …",
-            self._choose_export,
-            "choice",
-            f"{exported[:1].upper()}{exported[1:]} as CSV, SI, every digit",
-            name,
-        )
+        tip = f"{self.EXPORTED[:1].upper()}{self.EXPORTED[1:]} as CSV, SI, every digit"
+        self.export_button = make_button("Export …", self._choose_export, "choice", tip, self.BUTTON_NAME)
 
     @property
     def exported_table(self) -> Table:
@@ -57,14 +56,22 @@ class ViewPane(QWidget):
                 lambda error: self._say(f"{path} cannot be written: {error}", True),
             )
 
+    def _show_view(self, view: Any) -> None:
+        """Show a computed view; None: there is none."""
+        raise NotImplementedError
+
+    def _on_error(self, error: Exception) -> None:
+        self._show_view(None)
+        self._say(self.PROBLEM.format(error), True)
+
     def _choose_export(self) -> None:
         mark = "_SIMULATED" if self.view is not None and self.view.simulated else ""
         choose_files(
             self,
-            f"Export {self._exported}",
+            f"Export {self.EXPORTED}",
             lambda paths: self.export(paths[0]),
             "CSV (*.csv)",
-            str(self._folder / f"{self._file_stem}{mark}.csv"),
+            str(self._folder / f"{self.FILE_STEM}{mark}.csv"),
             Mode.AnyFile,
         )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from app.archive import Catalogue, RunFilter, RunState, RunSummary
 from app.common import Severity, pluralize
@@ -21,6 +21,7 @@ from app.gui.widgets import (
     fill_table,
     make_button,
     make_choice,
+    make_edit,
     make_label,
     make_pane,
     make_panel,
@@ -108,7 +109,7 @@ class IdentificationPage(QWidget):
         self.proposals = QWidget()
         self._proposal_rows: QVBoxLayout = column(parent=self.proposals, spacing=6)
         self.reason_edit, self.by_edit, self.note_edit = (
-            configure(QLineEdit(), f"identification.{name}", accessibleName=label, placeholderText=label)
+            make_edit(f"identification.{name}", label, placeholderText=label)
             for name, label in (
                 ("reason", "why it is used all the same"),
                 ("by", "accepted by"),

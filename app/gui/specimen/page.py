@@ -1,5 +1,6 @@
 """Specimen page over the pages: the sheet of a specimen, saved at every change and undone by steps."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, Signal
@@ -118,12 +119,7 @@ class SpecimenPage(QWidget):
 
     def _load(self, specimen: str, problem: str = "") -> None:
         folder = self._folder
-
-        def load() -> SpecimenSheet:
-            self._base = load_sheet(folder, specimen)
-            return self._base
-
-        self._worker.submit(load, lambda sheet: self._on_loaded(sheet, problem), self._on_error, latest_only="load")
+        self._submit(lambda: load_sheet(folder, specimen), lambda sheet: self._on_loaded(sheet, problem), "load")
 
     def _on_loaded(self, sheet: SpecimenSheet, problem: str) -> None:
         self._sheet = sheet
@@ -140,23 +136,27 @@ class SpecimenPage(QWidget):
 
     def _make_sheet(self) -> None:
         folder, specimen = self._folder, self._sheet.specimen
-
-        def make() -> SpecimenSheet:
-            self._base = create_sheet(folder, specimen)
-            return self._base
-
-        self._worker.submit(make, self._on_saved, self._on_error)
+        self._submit(lambda: create_sheet(folder, specimen), self._on_saved)
 
     def _save(self) -> None:
         """Write the draft in the background; values at fault stay in the form and are not written."""
         draft, folder = self._history.current, self._folder
         self._show_draft()
+        self._submit(lambda: save_draft(folder, self._base, draft), self._on_saved)
 
-        def write() -> SpecimenSheet:
-            self._base = save_draft(folder, self._base, draft)
+    def _submit(
+        self,
+        work: Callable[[], SpecimenSheet],
+        on_sheet: Callable[[SpecimenSheet], object],
+        latest_only: str = "",
+    ) -> None:
+        """Read or write the sheet in the background."""
+
+        def work_and_keep() -> SpecimenSheet:
+            self._base = work()
             return self._base
 
-        self._worker.submit(write, self._on_saved, self._on_error)
+        self._worker.submit(work_and_keep, on_sheet, self._on_error, latest_only)
 
     def _on_saved(self, sheet: SpecimenSheet) -> None:
         written, self._sheet = sheet != self._sheet, sheet

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage, QPixmap
-from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QWidget
 
 from app.gui.widgets import (
     column,
@@ -14,6 +14,8 @@ from app.gui.widgets import (
     fill_combo,
     grid,
     make_button,
+    make_combo,
+    make_edit,
     make_label,
     make_labelled_grid,
     make_panel,
@@ -66,23 +68,21 @@ class EntryRow(QObject):
         self.label = make_label(f"{name}  {spec.description}", name=f"sheet.{name}")
         self.unit_label = make_label(unit, wrap=False)
         self.note_label = make_label(name=f"sheet.{name}.note")
-        placeholders = dict.fromkeys(ENTRY_FIELDS, "")
+        placeholders = dict[str, str]()
         if name in TABLE_ONE and TABLE_ONE[name].uncertainty is not None:
             entry, (factor, _) = table_one_entry(name), sheet_unit(name)
             placeholders = {
                 "value": f"{factor * entry.value:.6g}",
                 "uncertainty": f"{factor * entry.uncertainty:.3g}",
                 "instrument": f"Table I: {TABLE_ONE[name].instrument or 'literature'}",
-                "date": "",
             }
         self.edits: dict[str, QLineEdit] = {}
         for field in ENTRY_FIELDS:
             shown = unit if field in ("value", "uncertainty") else ""
-            self.edits[field] = edit = configure(
-                QLineEdit(),
+            self.edits[field] = edit = make_edit(
                 f"sheet.{name}.{field}",
-                accessibleName=f"{name} {FIELD_LABELS[field]} {shown}",
-                placeholderText=placeholders[field],
+                f"{name} {FIELD_LABELS[field]} {shown}",
+                placeholderText=placeholders.get(field, ""),
                 toolTip=self._help(field, unit),
                 minimumWidth=LEAST_WIDTHS[field],
             )
@@ -153,15 +153,10 @@ class SheetForm(QWidget):
         self.draft = SheetDraft()
         self.rows: dict[str, EntryRow] = {}
         self._grids: dict[str, QGridLayout] = {}
-        self.text_edits = {
-            name: configure(QLineEdit(), f"sheet.{name}", accessibleName=label) for name, label in TEXT_LABELS.items()
-        }
+        self.text_edits = {name: make_edit(f"sheet.{name}", label) for name, label in TEXT_LABELS.items()}
         self.description_edits = {
-            group: configure(
-                QLineEdit(),
-                f"sheet.{group}.description",
-                accessibleName=f"description of the {group}",
-                placeholderText=DESCRIPTION_HINTS[group],
+            group: make_edit(
+                f"sheet.{group}.description", f"description of the {group}", placeholderText=DESCRIPTION_HINTS[group]
             )
             for group in GROUPS
         }
@@ -172,10 +167,9 @@ class SheetForm(QWidget):
         self.browse_button = make_button(
             "Choose …", self.browse_pressed.emit, "choice", "Choose a picture", "sheet.browse"
         )
-        self.more_box = configure(
-            QComboBox(),
+        self.more_box = make_combo(
             "sheet.more",
-            accessibleName="another value",
+            "another value",
             toolTip="Another parameter of the model with a value for this specimen",
         )
         self.more_box.activated.connect(lambda _: self._add_chosen())
