@@ -230,20 +230,11 @@ def identification_checks(
     missing = [name for name in promised if name not in found]
     if not promised:
         return ()
+    name, found_count = f"estimates identified of {len(promised)}", len(promised) - len(missing)
     remedy = "measure more points, or look at those that are not usable"
-    none = len(missing) == len(promised)
-    return (
-        CheckResult(
-            f"estimates identified of {len(promised)}",
-            float(len(promised) - len(missing)),
-            "1",
-            float(len(promised)),
-            None,
-            remedy,
-            Outcome.NO_RESULT if none else Outcome.DOUBTFUL,
-            f"missing: {', '.join(map(quantity_label, missing))}" if missing else "",
-        ),
-    )
+    outcome = Outcome.DOUBTFUL if found_count else Outcome.NO_RESULT
+    detail = f"missing: {', '.join(map(quantity_label, missing))}" if missing else ""
+    return (CheckResult(name, float(found_count), "1", float(len(promised)), None, remedy, outcome, detail),)
 
 
 def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, ...]:
@@ -257,28 +248,27 @@ def usability_checks(points: Sequence[Any], planned: int) -> tuple[CheckResult, 
     if missing := planned - len(points):
         detail = f"{detail}, {missing} without a point".removeprefix(", ")
     remedy = remedy_for(flag for flag in flags if not flag.usable)
-    checks = [
-        CheckResult(
-            f"usable points of {planned}" if usable else f"no usable point of {planned}",
-            float(usable),
-            "1" if usable else "",
-            float(planned) if usable else 1.0,
-            None,
-            remedy,
-            Outcome.DOUBTFUL if usable else Outcome.NO_RESULT,
-            detail,
+    if usable:
+        first = CheckResult(
+            f"usable points of {planned}", float(usable), "1", float(planned), None, remedy, detail=detail
         )
-    ]
-    if expired := sum(bool(flag & Quality.CALIBRATION_EXPIRED) for flag in flags):
-        remedy = "calibrate the displacement sensor and enter the date under [sensor] in the bench file"
-        checks.append(CheckResult("points with an expired sensor calibration", float(expired), "1", None, 0.0, remedy))
-    if exceeded := sum(bool(flag & Quality.LEVEL_EXCEEDED) for flag in flags):
-        remedy = "see the log for the level and its value"
-        checks.append(
-            CheckResult("points in which an abort level was exceeded", float(exceeded), "1", None, 0.0, remedy)
-        )
-    return tuple(checks)
+    else:
+        first = CheckResult(f"no usable point of {planned}", 0.0, "", 1.0, None, remedy, Outcome.NO_RESULT, detail)
+    counts = ((sum(flag in each for each in flags), *words) for flag, words in QUESTIONABLE.items())
+    return first, *(CheckResult(name, float(count), "1", None, 0.0, remedy) for count, name, remedy in counts if count)
 
+
+QUESTIONABLE = {
+    Quality.CALIBRATION_EXPIRED: (
+        "points with an expired sensor calibration",
+        "calibrate the displacement sensor and enter the date under [sensor] in the bench file",
+    ),
+    Quality.LEVEL_EXCEEDED: (
+        "points in which an abort level was exceeded",
+        "see the log for the level and its value",
+    ),
+}
+"""Name and remedy of the check of points that are usable but for a flag."""
 
 REMEDIES = {
     Quality.OUT_OF_RANGE: "check that the laser is on and bring the target into the sensor's range",

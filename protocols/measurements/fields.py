@@ -8,6 +8,7 @@ from annotated_types import Interval, Unit
 
 from model import QUANTITIES
 from protocols.base import EstimatedQuantity, Quality, Recording
+from protocols.signals import DecayFit, ModalFit
 
 SampleRate = Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"]
 DriveVpp = Annotated[float, Unit("V"), Interval(gt=0, le=5), QUANTITIES["peak_to_peak_v"].definition]
@@ -29,6 +30,21 @@ def point_quality(recordings: Sequence[Recording], simulated: bool, detected: Ma
     for flag, present in detected.items():
         quality |= flag if present else Quality.GOOD
     return int(quality)
+
+
+def modal_columns(mode: ModalFit | DecayFit | None) -> dict[str, float]:
+    """Return the columns of a fitted mode in a point; NaN without one."""
+    fields = ("natural_hz", "natural_error_hz", "damping_ratio", "damping_error")
+    columns = ("natural_frequency", "natural_frequency_errors", "damping", "damping_errors")
+    return {column: getattr(mode, field, math.nan) for column, field in zip(columns, fields, strict=True)}
+
+
+def check_sample_rate(sample_rate_hz: float, needed_hz: float, purpose: str) -> None:
+    """Raise ValueError for a sample rate that is too low `for` or `to` a purpose, which the message names."""
+    if sample_rate_hz < needed_hz:
+        raise ValueError(
+            f"sample_rate_hz of {sample_rate_hz:g} Hz is too low {purpose}; at least {needed_hz:g} Hz is needed"
+        )
 
 
 def modal_estimates(

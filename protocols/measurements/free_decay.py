@@ -35,6 +35,7 @@ from protocols.measurements.fields import (
     NaturalFrequencyError,
     QualityFlags,
     SampleRate,
+    modal_columns,
     modal_estimates,
     point_quality,
 )
@@ -121,10 +122,7 @@ class FreeDecay(Protocol):
         drive_off = abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01
         return DecayPoint(
             edge=float(edge),
-            natural_frequency=decay.natural_hz,
-            natural_frequency_errors=decay.natural_error_hz,
-            damping=decay.damping_ratio,
-            damping_errors=decay.damping_error,
+            **modal_columns(decay),
             amplitude=decay.amplitude,
             noise=decay.noise,
             quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),

@@ -29,8 +29,15 @@ from protocols.base import (
     SeriesAxis,
     Step,
 )
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
-from protocols.measurements.fit_lines import line_indices
+from protocols.measurements.fields import (
+    DriveVpp,
+    FittedFrequency,
+    QualityFlags,
+    SampleRate,
+    check_sample_rate,
+    point_quality,
+)
+from protocols.measurements.fit_lines import line_indices, weighted_fit
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.signals import fit_frequency, fit_sine, fold, measure_loops, remove_lines
 
@@ -115,12 +122,8 @@ class Hysteresis(Protocol):
 
     @model_validator(mode="after")
     def _check_sample_rate(self) -> Self:
-        needed = 2.2 * PHASES_PER_CYCLE * max(self.frequencies_hz)
-        if self.sample_rate_hz < needed:
-            raise ValueError(
-                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for loops at {max(self.frequencies_hz):g} Hz; "
-                f"at least {needed:g} Hz is needed"
-            )
+        highest = max(self.frequencies_hz)
+        check_sample_rate(self.sample_rate_hz, 2.2 * PHASES_PER_CYCLE * highest, f"for loops at {highest:g} Hz")
         return self
 
     def adapted(self, rest_v: float, reason_unsupported: Callable[[Drive], str]) -> Self:
@@ -263,11 +266,5 @@ def _width_over_frequency(points: Iterable[Any]) -> tuple[Array, Array] | None:
     if len({round(p.frequency, 3) for p in good}) < MIN_FREQUENCIES:
         return None
     f, share = np.array([p.frequency for p in good]), np.array([p.share for p in good])
-    weight = 1 / np.array([p.share_errors for p in good])
-    basis = np.stack([np.ones_like(f), f], axis=1) * weight[:, None]
-    inverse = np.linalg.inv(basis.T @ basis)
-    line = inverse @ basis.T @ (share * weight)
-    left = share * weight - basis @ line
-    # Where the widths do not lie on a line (creep, a bend), the errors increase.
-    scale = max(float(left @ left) / (len(good) - 2), 1.0)
-    return np.asarray(line), np.sqrt(np.diag(inverse) * scale)
+    line, covariance = weighted_fit((np.ones_like(f), f), share, 1 / np.array([p.share_errors for p in good]))
+    return line, np.sqrt(np.diag(covariance))

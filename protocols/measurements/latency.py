@@ -332,6 +332,13 @@ def _rest(recording: Recording, begin: int) -> tuple[float, float, float]:
     return float(quiet.mean()), math.hypot(noise / math.sqrt(quiet.size), hum), noise
 
 
+def _check_follows(drive: str, final_m: float, error_m: float) -> None:
+    if final_m <= LEAST_SIGMAS * error_m:
+        raise ValueError(
+            f"the displacement does not follow the {drive}: check that high voltage is on and the laser meets the tactor"
+        )
+
+
 def _step_onset(recording: Recording) -> _Onset:
     drive, rate = recording.drive, recording.rate_hz
     if not isinstance(drive, Steps):
@@ -347,10 +354,7 @@ def _step_onset(recording: Recording) -> _Onset:
     sign = math.copysign(1.0, float(end.mean()))
     final = abs(float(end.mean()))
     sample_error = math.hypot(noise * left, rest_error)
-    if final <= LEAST_SIGMAS * sample_error:
-        raise ValueError(
-            "the displacement does not follow the step: check that high voltage is on and the laser meets the tactor"
-        )
+    _check_follows("step", final, sample_error)
     moved = sign * smoothed
     return _Onset(
         time,
@@ -395,10 +399,7 @@ def _sine_onset(recording: Recording) -> _Onset:
     waveform = (turns @ steady.components).imag + steady.offset
     final = float(np.abs(waveform).max())
     sample_error = math.hypot(noise * left, rest_error)
-    if final <= LEAST_SIGMAS * sample_error:
-        raise ValueError(
-            "the displacement does not follow the sine: check that high voltage is on and the laser meets the tactor"
-        )
+    _check_follows("sine", final, sample_error)
     return _Onset(
         time,
         smoothed,

@@ -12,6 +12,7 @@ from drivers import REST_TOLERANCE_V, Hold
 from model import format_quantity
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
+from protocols.measurements.fit_lines import weighted_fit
 from protocols.signals import LevelEstimate, WeightStepDetector
 
 SOURCE = "static loading, weighted lines through zero"
@@ -75,11 +76,7 @@ def nonlinearity(points: Sequence[Any]) -> ValueWithError | None:
     load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
     most = float(load.max())
     root = 1 / np.sqrt(_variance(points, first[0]))
-    basis = np.stack((load, load**2 / most), axis=1) * root[:, None]
-    covariance = np.linalg.inv(basis.T @ basis)
-    c, bent = covariance @ basis.T @ (moved * root)
-    left = moved * root - basis @ np.array([c, bent])
-    covariance *= max(float(left @ left) / (len(points) - 2), 1.0)
+    (c, bent), covariance = weighted_fit((load, load**2 / most), moved, root)
     turn = np.array([-bent / c**2, 1 / c])
     return float(bent / c), math.sqrt(float(turn @ covariance @ turn))
 

@@ -35,7 +35,7 @@ from protocols.base import (
     first_adapted,
 )
 from protocols.measurements.dwelt_response import LINES_IN_PEAK, coarse_frequencies, dwelt_response, next_frequencies
-from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, modal_columns, point_quality
 from protocols.measurements.fit_lines import CURVE_POINTS, line_indices
 from protocols.measurements.response_series import check_response_present, with_fitted_mode
 from protocols.measurements.result_checks import (
@@ -278,10 +278,7 @@ class MassResonance(Protocol):
             frequency_errors=float(peak.standard_error_hz),
             spectrum_peak=spectrum[0],
             spectrum_peak_errors=spectrum[1],
-            natural_frequency=mode.natural_hz,
-            natural_frequency_errors=mode.natural_error_hz,
-            damping=mode.damping_ratio,
-            damping_errors=mode.damping_error,
+            **modal_columns(mode),
             height=float(peak.height),
             coherence=float(response.within(*peak.band_hz).coherence.min()),
             resolution=response.resolution_hz,

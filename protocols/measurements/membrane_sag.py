@@ -190,32 +190,18 @@ class MembraneSag(Protocol):
             )
         )
         if outside := sum(bool(Quality(int(p.quality)) & Quality.OUT_OF_RANGE) for p in points):
+            remedy = "make sure that the membrane is clamped under the sensor, and choose reference_m near its sag"
+            outcome = Outcome.DOUBTFUL if good else Outcome.NO_RESULT
             checks.append(
-                CheckResult(
-                    "sags out of the sensor's range",
-                    float(outside),
-                    "1",
-                    None,
-                    0.0,
-                    "make sure that the membrane is clamped under the sensor, and choose reference_m near its sag",
-                    Outcome.DOUBTFUL if good else Outcome.NO_RESULT,
-                )
+                CheckResult("sags out of the sensor's range", float(outside), "1", None, 0.0, remedy, outcome)
             )
         apart = [abs(p.hanging - p.reference) / p.sag_errors for p in good if p.sag_errors > 0]
         if apart:
             remedy = (
                 "take the reference surface away before the membrane is read, or choose another depth (reference_m)"
             )
-            checks.append(
-                CheckResult(
-                    "membrane against the reference / its standard error, least",
-                    min(apart),
-                    "1",
-                    SAME_SURFACE_SIGMAS,
-                    None,
-                    remedy,
-                )
-            )
+            name = "membrane against the reference / its standard error, least"
+            checks.append(CheckResult(name, min(apart), "1", SAME_SURFACE_SIGMAS, None, remedy))
         if modulus := found.get("E_m"):
             remedy = "make sure that the membrane is under the sensor, and check reference_m, length_m and thickness_m"
             checks.append(CheckResult("Young modulus", modulus, "Pa", *RUBBER_MODULI_PA, remedy))

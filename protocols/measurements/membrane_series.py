@@ -13,7 +13,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from model import format_quantity
-from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Quality, Recording, ReferenceModel
+from protocols.base import CheckResult, EstimatedQuantity, PlanEntry, Prompt, Recording, ReferenceModel
 from protocols.measurements.result_checks import usable_points
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
@@ -90,7 +90,7 @@ class MembraneSeries(SineDwell):
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
-        passes = _group_passes(points)
+        free, stretched = _free_and_stretched(points)
         found = [
             EstimatedQuantity.listed(
                 f"largest_twice_fundamental, {elongation_label(elongation)}",
@@ -98,9 +98,8 @@ class MembraneSeries(SineDwell):
                 2 * top.fundamental_errors,
                 f"highest of the pass, at {top.frequency:g} Hz",
             )
-            for elongation, top in ((e, max(p, key=_compliance)) for _, e, p in passes if e is not None)
+            for elongation, top in ((e, max(p, key=_compliance)) for e, p in stretched)
         ]
-        free = [p for _, e, p in passes if e is None]
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             source = "free tactor after against before, mean over frequencies"
@@ -111,16 +110,15 @@ class MembraneSeries(SineDwell):
         """Return the influence of the way the membrane was stretched, and the drift, from complete passes."""
         warnings = []
         parts = [p.part for p in points]
-        passes = _group_passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])
-        by_elongation = sorted(((e, p) for _, e, p in passes if e is not None), key=lambda pair: pair[0])
-        free = [p for _, e, p in passes if e is None]
-        for i, (elongation, stretched) in enumerate(by_elongation):
+        free, stretched = _free_and_stretched(p for p in points if parts.count(p.part) == len(self.frequencies_hz))
+        by_elongation = sorted(stretched, key=lambda pair: pair[0])
+        for i, (elongation, group) in enumerate(by_elongation):
             looser, where = (by_elongation[i - 1][1], elongation_label(by_elongation[i - 1][0])) if i else (None, "")
             if looser is None and free:
                 looser, where = free[0], "the free tactor"
             if looser is None:
                 continue
-            change, error = _relative_change(looser, stretched, lowest_octave=True)
+            change, error = _relative_change(looser, group, lowest_octave=True)
             if change > SIGNIFICANCE_SIGMAS * error and change > DRIFT_LIMIT / 2:
                 warnings.append(
                     f"At {elongation_label(elongation)} the tactor moves {100 * change:.1f} % further at low frequencies than at {where}: a "
@@ -146,9 +144,7 @@ class MembraneSeries(SineDwell):
 
     def _order_checks(self, points: Sequence[Any]) -> tuple[CheckResult, ...]:
         """The free tactor must respond most, and the same before and after."""
-        passes = _group_passes(points)
-        free = [p for _, e, p in passes if e is None]
-        stretched = [(e, p) for _, e, p in passes if e is not None]
+        free, stretched = _free_and_stretched(points)
         if not free or not stretched:
             return ()
         checks = []
@@ -157,17 +153,12 @@ class MembraneSeries(SineDwell):
         if known:
             elongation, change, error = max(known, key=lambda each: each[1])
             limit = -max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT)
-            checks.append(
-                CheckResult(
-                    "response with membrane against the free tactor, largest change",
-                    change,
-                    "1",
-                    None,
-                    limit,
-                    "make sure that the membrane is off for the free tactor and on for every elongation",
-                    detail=f"at {elongation_label(elongation)}",
-                )
+            name, detail = (
+                "response with membrane against the free tactor, largest change",
+                elongation_label(elongation),
             )
+            remedy = "make sure that the membrane is off for the free tactor and on for every elongation"
+            checks.append(CheckResult(name, change, "1", None, limit, remedy, detail=f"at {detail}"))
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             if math.isfinite(error):
@@ -189,16 +180,13 @@ def elongation_label(elongation: float | None) -> str:
     return FREE if elongation is None else f"{1e3 * elongation:g} mm"
 
 
-def _group_passes(points: Iterable[Any]) -> list[tuple[int, float | None, list[Any]]]:
-    """Usable points by pass, in order: its number, the elongation (None: free), its points."""
+def _free_and_stretched(points: Iterable[Any]) -> tuple[list[list[Any]], list[tuple[float, list[Any]]]]:
+    """Return the usable points by pass, in order: passes of the free tactor, and passes under a membrane with their elongation."""
     passes: dict[int, list[Any]] = {}
-    for point in points:
-        if Quality(point.quality).usable:
-            passes.setdefault(int(point.part), []).append(point)
-    return [
-        (part, None if math.isnan(some[0].elongation) else some[0].elongation, some)
-        for part, some in sorted(passes.items())
-    ]
+    for point in usable_points(list(points)):
+        passes.setdefault(int(point.part), []).append(point)
+    in_order = [(some[0].elongation, some) for _, some in sorted(passes.items())]
+    return [p for e, p in in_order if math.isnan(e)], [(e, p) for e, p in in_order if not math.isnan(e)]
 
 
 def _compliance(point: Any) -> float:

@@ -45,11 +45,8 @@ def signal_to_noise_check(name: str, pairs: Sequence[tuple[float, float]], detai
     ratios = [abs(value) / error for value, error in pairs if math.isfinite(value) and error > 0]
     if not ratios:
         return ()
-    return (
-        CheckResult(
-            f"signal to noise, {name}", min(ratios), "1", SIGNAL_TO_NOISE_LIMIT, None, NOISE_REMEDY, detail=detail
-        ),
-    )
+    name = f"signal to noise, {name}"
+    return (CheckResult(name, min(ratios), "1", SIGNAL_TO_NOISE_LIMIT, None, NOISE_REMEDY, detail=detail),)
 
 
 def drive_ratio_check(seen_v: Sequence[float], commanded_v: float) -> tuple[CheckResult, ...]:
@@ -123,16 +120,12 @@ def labelled_weight_checks(
     }
     mass, (ratio, error) = max(combined.items(), key=lambda pair: abs(math.log(max(pair[1][0], 1e-9))))
     limit = max(WEIGHT_DEVIATION_LIMIT, SIGNIFICANCE_SIGMAS * error)
-    return (
-        CheckResult(
-            f"weight labelled {1e3 * mass:.6g} g, mass by its deflection against the other weights",
-            ratio * mass,
-            "kg",
-            (1 - limit) * mass,
-            (1 + limit) * mass,
-            f"weigh the weight labelled {1e3 * mass:.6g} g, and measure its points again",
-        ),
+    label = f"weight labelled {1e3 * mass:.6g} g"
+    name, remedy = (
+        f"{label}, mass by its deflection against the other weights",
+        f"weigh the {label}, and measure its points again",
     )
+    return (CheckResult(name, ratio * mass, "kg", (1 - limit) * mass, (1 + limit) * mass, remedy),)
 
 
 MASS_LIMIT_KG = 3e-4
@@ -206,12 +199,8 @@ def membrane_absent_check(ratios: Sequence[float], calibrated: bool, source: str
         if calibrated
         else "; if the specimen is of another design, identify it and accept the calibration (tactor-bench identify --accept)"
     )
-    middle = float(np.median(ratios))
-    return (
-        CheckResult(
-            f"response around the resonance / response of the free tactor by {source}", middle, "1", low, high, remedy
-        ),
-    )
+    name = f"response around the resonance / response of the free tactor by {source}"
+    return (CheckResult(name, float(np.median(ratios)), "1", low, high, remedy),)
 
 
 def group_values(points: Sequence[Any], key: Callable[[Any], Any], column: str) -> list[list[float]]:

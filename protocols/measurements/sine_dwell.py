@@ -31,7 +31,14 @@ from protocols.base import (
     Settle,
     Step,
 )
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, modal_estimates, point_quality
+from protocols.measurements.fields import (
+    DriveVpp,
+    FittedFrequency,
+    QualityFlags,
+    check_sample_rate,
+    modal_estimates,
+    point_quality,
+)
 from protocols.measurements.result_checks import (
     RESONANCE_BAND,
     drive_ratio_check,
@@ -280,11 +287,7 @@ class SineDwell(Protocol):
     def _check_parameters(self) -> Self:
         highest = max(self.frequencies_hz)
         # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
-        if self.sample_rate_hz < MIN_SAMPLES_PER_CYCLE * highest:
-            raise ValueError(
-                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a sine of {highest:g} Hz; "
-                f"at least {MIN_SAMPLES_PER_CYCLE * highest:g} Hz is needed"
-            )
+        check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a sine of {highest:g} Hz")
         for f in self.dwell_frequencies_hz:
             if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
                 raise ValueError(
@@ -374,17 +377,9 @@ class SineDwell(Protocol):
         moved = [abs(p.drift) * p.cycles / p.frequency / p.fundamental for p in good if p.fundamental > 0]
         moved = [each for each in moved if math.isfinite(each)]
         if moved:
+            name = "move of the mean while recording / amplitude, largest"
             remedy = "wait longer after switching high voltage on, and check the clamp and the sensor's mount"
-            checks += (
-                CheckResult(
-                    "move of the mean while recording / amplitude, largest",
-                    max(moved),
-                    "1",
-                    None,
-                    SETTLING_LIMIT,
-                    remedy,
-                ),
-            )
+            checks += (CheckResult(name, max(moved), "1", None, SETTLING_LIMIT, remedy),)
         return checks + self._resonance_check(good)
 
     def _resonance_check(self, good: Sequence[Any]) -> tuple[CheckResult, ...]:

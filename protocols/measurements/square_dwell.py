@@ -32,7 +32,14 @@ from protocols.base import (
     SettlingResult,
     Step,
 )
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fields import (
+    DriveVpp,
+    FittedFrequency,
+    QualityFlags,
+    SampleRate,
+    check_sample_rate,
+    point_quality,
+)
 from protocols.measurements.result_checks import signal_to_noise_check, usable_points
 from protocols.measurements.sine_dwell import HARMONIC_COUNT, MIN_RESPONSE_SIGMAS, harmonic_amplitudes, sine_point
 from protocols.signals import estimate_max_min, fit_frequency, fit_sine, fold, remove_lines
@@ -117,11 +124,7 @@ class SquareDwell(Protocol):
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:
         highest = max(self.frequencies_hz)
-        if self.sample_rate_hz < MIN_SAMPLES_PER_CYCLE * highest:
-            raise ValueError(
-                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a square wave of {highest:g} Hz; "
-                f"at least {MIN_SAMPLES_PER_CYCLE * highest:g} Hz is needed"
-            )
+        check_sample_rate(self.sample_rate_hz, MIN_SAMPLES_PER_CYCLE * highest, f"for a square wave of {highest:g} Hz")
         for f in self.frequencies_hz:
             self._square(f, 0.0)  # it must cross its offset
         return self

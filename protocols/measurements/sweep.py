@@ -38,6 +38,7 @@ from protocols.measurements.fields import (
     NaturalFrequencyError,
     QualityFlags,
     SampleRate,
+    modal_columns,
     modal_estimates,
     point_quality,
 )
@@ -129,19 +130,13 @@ def sweep_point(repeat: float, response: FrequencyResponse, amplitude_v: float, 
     """Return the point of a frequency response: resonance and damping of one mode where one fits, and the highest line."""
     top = int(response.plotted.argmax())
     near, mode = fit_one_mode(response)
-    natural_hz = natural_error_hz = damping = damping_error = math.nan
     core = near.coherence
     if mode is not None:  # else what is measured is kept: its height shows whether a membrane is on the tactor
-        natural_hz, natural_error_hz = mode.natural_hz, mode.natural_error_hz
-        damping, damping_error = mode.damping_ratio, mode.damping_error
-        half = natural_hz * min(damping, 0.5)
-        core = response.within(natural_hz - half, natural_hz + half).coherence
+        half = mode.natural_hz * min(mode.damping_ratio, 0.5)
+        core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
     return SweepPoint(
         repeat=repeat,
-        natural_frequency=natural_hz,
-        natural_frequency_errors=natural_error_hz,
-        damping=damping,
-        damping_errors=damping_error,
+        **modal_columns(mode),
         peak_frequency=float(response.x[top]),
         peak_response=float(response.plotted[top]),
         coherence=float(core.min()) if core.size else math.nan,

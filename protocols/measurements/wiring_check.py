@@ -27,7 +27,7 @@ from protocols.base import (
     Recording,
     Step,
 )
-from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate, point_quality
+from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate, check_sample_rate, point_quality
 from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"
@@ -102,11 +102,8 @@ class WiringCheck(Protocol):
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:
-        if self.sample_rate_hz < 20 * self.frequency_hz:
-            raise ValueError(
-                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low to see the latency of a sine of "
-                f"{self.frequency_hz:g} Hz; at least {20 * self.frequency_hz:g} Hz is needed"
-            )
+        purpose = f"to see the latency of a sine of {self.frequency_hz:g} Hz"
+        check_sample_rate(self.sample_rate_hz, 20 * self.frequency_hz, purpose)
         for low, high in (("gain_low_m_per_v", "gain_high_m_per_v"), ("slopes_low", "slopes_high")):
             if getattr(self, low) >= getattr(self, high):
                 raise ValueError(f"{low} must lie below {high}")
