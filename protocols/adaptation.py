@@ -37,17 +37,6 @@ def adapt_to_source(protocol: Protocol, amplifier: HvAmplifier) -> AdaptedProtoc
     return AdaptedProtocol(adapted, changed, f"{protocol.title} is adapted to the source: {values} ({reason})")
 
 
-def longest_unattended_s(protocol: Protocol, amplifier: HvAmplifier) -> float:
-    """Return after how long every drive of a protocol is at rest by itself, program and watchdog dead.
-
-    In seconds, of the longest drive; infinite if one of them stays, 0 if nothing is driven.
-    """
-    rest_v = amplifier.map.rest_v
-    adapted = protocol.adapted(rest_v, amplifier.reason_unsupported)
-    drives = (drive for entry in adapted.plan(rest_v) for drive in entry.drives)
-    return max((amplifier.unattended_rest_s(drive) for drive in drives), default=0.0)
-
-
 def _text(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(_text, value))

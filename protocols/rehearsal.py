@@ -15,7 +15,7 @@ from protocols.base import PlanEntry, Protocol, recording_too_long_message
 from protocols.registry import PROTOCOLS
 from protocols.runfile import RESERVE_BYTES
 
-BYTES_PER_SAMPLE = 2
+BYTES_PER_SCAN = 4
 FILE_OVERHEAD_BYTES = 200_000
 
 
@@ -42,7 +42,6 @@ class Rehearsal:
 def rehearse(
     protocol: Protocol,
     amplifier: HvAmplifier,
-    channels: int = 2,
     *,
     sensor: LaserSensor | None = None,
     tactor: Tactor | None = None,
@@ -55,7 +54,6 @@ def rehearse(
     Args:
         protocol: the protocol to run.
         amplifier: the guard, with the limits of its source.
-        channels: of the card that are kept.
         sensor: whose range the predicted stroke is held against, where there is also a `tactor` to predict it with.
         tactor: model of the specimen.
         meters: of the bench; None where they are not known yet.
@@ -76,7 +74,7 @@ def rehearse(
         _check_meters(protocol, meters)
     _check_recordings(protocol, plan)
     duration_s = protocol.rest_record_s + sum(_entry_duration_s(entry, amplifier) for entry in plan)
-    file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_PER_SAMPLE) + FILE_OVERHEAD_BYTES
+    file_bytes = round(duration_s * protocol.sample_rate_hz * BYTES_PER_SCAN) + FILE_OVERHEAD_BYTES
     if folder is not None:
         check_disk_space(file_bytes, folder)
     travel = None

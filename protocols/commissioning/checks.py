@@ -30,13 +30,11 @@ CAUSES = {
 """The messages whose transients each check is of; a transient at the trigger, before Stop, belongs to the waveform."""
 
 
-def worst_deviation(
-    check: OutputCheck, found: Sequence[tuple[float, str]], limit: float, unit: str = "V"
-) -> CheckedOutput:
+def worst_deviation(check: OutputCheck, found: Sequence[tuple[float, str]], limit: float) -> CheckedOutput:
     """Return the check of the largest deviation."""
     finite = [each for each in found if math.isfinite(each[0])]
     value, detail = max(finite, key=lambda each: abs(each[0]), default=(math.nan, ""))
-    return CheckedOutput(check, value, unit, -limit, limit, detail)
+    return CheckedOutput(check, value, "V", -limit, limit, detail)
 
 
 def check_offset(above: Evaluation | None, below: Evaluation | None) -> CheckedOutput:

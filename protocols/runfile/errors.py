@@ -6,6 +6,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+READ_FAILURES = (
+    OSError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""Errors that reading a damaged or hostile file raises."""
+
 
 class StorageError(Exception):
     """The file cannot be written. The message contains the path and the reason; what was written before stays readable."""

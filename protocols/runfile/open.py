@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from protocols.base import RunStatus, visible_text
+from protocols.runfile.errors import READ_FAILURES
 from protocols.runfile.fields import attribute_integer, attribute_text, read_text
 from protocols.runfile.foreign_file_check import StructureError, check_structure, find_endless_heap
 from protocols.runfile.schema import FORMAT, FORMAT_VERSION, is_hdf5
@@ -53,16 +54,7 @@ def translate_read_errors(path: Path) -> Iterator[None]:
         yield
     except StructureError as error:
         raise RunReadError(f"{path} is not read: {error}, which no run file has; take another copy of it") from error
-    except (
-        OSError,
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except READ_FAILURES as error:
         raise RunReadError(f"{path} is damaged inside ({_first_line(error)}); take another copy of it") from error
 
 

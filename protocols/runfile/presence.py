@@ -108,7 +108,7 @@ def process_is_alive(pid: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:
-        return True
+        pass
     return True
 
 
@@ -120,11 +120,9 @@ def _has_open(path: Path, pid: int) -> bool:
     except OSError:
         return True
     for handle in handles:
-        try:
+        with contextlib.suppress(OSError):
             if os.path.samestat(handle.stat(), file):
                 return True
-        except OSError:
-            continue
     return False
 
 
@@ -216,10 +214,6 @@ def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 def _final(a: int, b: int, c: int) -> int:
     a, b, c = a & 0xFFFFFFFF, b & 0xFFFFFFFF, c & 0xFFFFFFFF
-    c = ((c ^ b) - _rotate(b, 14)) & 0xFFFFFFFF
-    a = ((a ^ c) - _rotate(c, 11)) & 0xFFFFFFFF
-    b = ((b ^ a) - _rotate(a, 25)) & 0xFFFFFFFF
-    c = ((c ^ b) - _rotate(b, 16)) & 0xFFFFFFFF
-    a = ((a ^ c) - _rotate(c, 4)) & 0xFFFFFFFF
-    b = ((b ^ a) - _rotate(a, 14)) & 0xFFFFFFFF
-    return ((c ^ b) - _rotate(b, 24)) & 0xFFFFFFFF
+    for by in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - _rotate(b, by)) & 0xFFFFFFFF, a
+    return b

@@ -283,12 +283,9 @@ class Run(Closeable):
         return found
 
     def _own_entries(self) -> dict[int, StartedEntry]:
+        started = (event.fields for event in self.events() if event.kind == EntryStarted.kind)
         return {
-            int(event.fields["index"]): StartedEntry(
-                visible_text(str(event.fields["label"])), tuple(event.fields["key"])
-            )
-            for event in self.events()
-            if event.kind == EntryStarted.kind
+            int(each["index"]): StartedEntry(visible_text(str(each["label"])), tuple(each["key"])) for each in started
         }
 
     @cached_property

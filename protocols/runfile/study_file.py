@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from model import variable_specs
 from model.studies import MEASURE_UNITS, Axis, Study
 from protocols.runfile.creation import create_group, software_versions
-from protocols.runfile.errors import StorageError, translate_write_errors
+from protocols.runfile.errors import READ_FAILURES, StorageError, translate_write_errors
 from protocols.runfile.foreign_file_check import StructureError, check_structure
 from protocols.runfile.schema import RESERVE_BYTES
 
@@ -200,17 +200,7 @@ def read_study(path: Path) -> LoadedStudy:
                 json.loads(entry["process/study"].asstr()[()]),
                 json.loads(entry["process/software"].asstr()[()]),
             )
-    except (
-        OSError,
-        ArithmeticError,
-        LookupError,
-        MemoryError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        RuntimeError,
-        StructureError,
-    ) as error:
+    except (*READ_FAILURES, StructureError) as error:
         raise StorageError(f"{path} cannot be read as a study: {error}") from error
 
 

@@ -49,6 +49,8 @@ log = logging.getLogger(__name__)
 
 NOT_JUDGED = Verdict()
 
+Results = tuple[Sequence[EstimatedQuantity], Sequence[Series], Verdict]
+
 _OPEN: dict[Path, tuple[h5py.File, dict[str, h5py.Dataset]]] = {}
 """Files that are not closed, or cannot be, and their datasets: HDF5 prints a traceback for each that Python releases."""
 
@@ -190,19 +192,14 @@ class RunFileWriter:
         with self._appending():
             for start in range(0, len(text), MAX_TEXT_BYTES):
                 piece = text[start : start + MAX_TEXT_BYTES]
-                self._append_row(
-                    "events",
-                    np.array(
-                        (time_s, self.row_count, event.kind if start == 0 else CONTINUED_EVENT, piece), EVENT_DTYPE
-                    ),
-                )
+                kind = event.kind if start == 0 else CONTINUED_EVENT
+                self._append_row("events", np.array((time_s, self.row_count, kind, piece), EVENT_DTYPE))
 
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         """Append a recording: rows start..stop, quality flags, drive, entry of the plan."""
         with self._appending():
-            self._append_row(
-                "recordings", np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
-            )
+            row = np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
+            self._append_row("recordings", row)
 
     def append_point(self, point: Any, entry: int = 0) -> int:
         """Append one row to every column of the points; return its index."""
@@ -257,11 +254,11 @@ class RunFileWriter:
         except StorageError as error:
             reason += f"; the last samples could not be stored: {error}"
         if self._presence.problem:
-            return self._finish_lost(status, reason, estimates, series, verdict)
+            return self._finish_lost(status, reason, (estimates, series, verdict))
         with announced_transaction(self.path):  # or a kill in between would leave an ended run without results
             self._finish_open(status, reason, verdict)
             try:
-                return self._append_results(self.path, reason, estimates, series, verdict)
+                return self._append_results(self.path, reason, (estimates, series, verdict))
             finally:
                 self._presence.close()
 
@@ -281,14 +278,8 @@ class RunFileWriter:
         """Return the start time plus the elapsed time, which a change of the computer's clock does not affect."""
         return self._created_at + timedelta(seconds=time.monotonic() - self._created_s)
 
-    def _append_results(
-        self,
-        path: Path,
-        reason: str,
-        estimates: Sequence[EstimatedQuantity],
-        series: Sequence[Series],
-        verdict: Verdict,
-    ) -> str:
+    def _append_results(self, path: Path, reason: str, results: Results) -> str:
+        estimates, series, verdict = results
         try:
             with append_results(path, new=True) as file:
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
@@ -304,23 +295,16 @@ class RunFileWriter:
                 store_verdict(file, verdict)
         return reason
 
-    def _finish_lost(
-        self,
-        status: RunStatus,
-        reason: str,
-        estimates: Sequence[EstimatedQuantity],
-        series: Sequence[Series],
-        verdict: Verdict,
-    ) -> str:
+    def _finish_lost(self, status: RunStatus, reason: str, results: Results) -> str:
         """Finish a file that another program deleted, cut, moved or detached: save what is left of it."""
         presence, folder = self._presence, self.path.parent
         with contextlib.suppress(StorageError):
-            self._finish_open(status, reason, verdict)
+            self._finish_open(status, reason, results[-1])
         try:
             if presence.moved_to is not None:
                 self.path = presence.moved_to
                 told = f"{reason}; the measured data are in {self.path}"
-                return self._append_results(self.path, told, estimates, series, verdict)
+                return self._append_results(self.path, told, results)
             if not presence.is_cut:
                 saved = _free_path(self.path)
                 try:
@@ -330,14 +314,12 @@ class RunFileWriter:
                 else:
                     self.path = saved
                     told = f"{reason}; the measured data are saved in {saved}"
-                    return self._append_results(saved, told, estimates, series, verdict)
+                    return self._append_results(saved, told, results)
             rest = RunFileWriter.new(folder, *self._begun_with)
             self.path = rest.path
             for name, row in self._tables:
                 rest._append_row(name, row)  # noqa: SLF001 - of this class
-            return rest.finish(
-                status, f"{reason}; events, points and results are saved in {rest.path}", estimates, series, verdict
-            )
+            return rest.finish(status, f"{reason}; events, points and results are saved in {rest.path}", *results)
         except StorageError as error:
             return f"{reason}; its points cannot be saved either: {error}"
         finally:

@@ -6,7 +6,7 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig
 from drivers.errors import BenchError
-from protocols.adaptation import adapt_to_source, longest_unattended_s
+from protocols.adaptation import adapt_to_source
 from protocols.base import Protocol
 from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -89,6 +89,17 @@ def rehearsed(protocol: Protocol, lab: Any, source: str) -> Outcome:
         return Outcome(False, _anonymous(str(refusal), source))
     note = _anonymous(adapt_to_source(protocol, amplifier).message, source)
     return Outcome(True, note, longest_unattended_s(protocol, amplifier))
+
+
+def longest_unattended_s(protocol: Protocol, amplifier: Any) -> float:
+    """Return after how long every drive of a protocol is at rest by itself, program and watchdog dead.
+
+    In seconds, of the longest drive; infinite if one of them stays, 0 if nothing is driven.
+    """
+    rest_v = amplifier.map.rest_v
+    adapted = protocol.adapted(rest_v, amplifier.reason_unsupported)
+    drives = (drive for entry in adapted.plan(rest_v) for drive in entry.drives)
+    return max((amplifier.unattended_rest_s(drive) for drive in drives), default=0.0)
 
 
 def outcomes() -> dict[str, dict[str, Outcome]]:
