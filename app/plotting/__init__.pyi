@@ -2,6 +2,7 @@ from .charts import draw_figure as draw_figure
 from .commissioning_figure import draw_commissioning as draw_commissioning
 from .label_figure import draw_label_sheets as draw_label_sheets
 from .label_figure import draw_labels as draw_labels
+from .panels import UNCOMFORTABLE as UNCOMFORTABLE
 from .panels import PlotPanel as PlotPanel
 from .panels import ReportPlot as ReportPlot
 from .panels import StackedBar as StackedBar
@@ -9,8 +10,7 @@ from .panels import axis_label as axis_label
 from .panels import draw_plot as draw_plot
 from .panels import legend_height_in as legend_height_in
 from .panels import new_figure as new_figure
-from .perception_threshold import UNCOMFORTABLE as UNCOMFORTABLE
-from .perception_threshold import threshold_line as threshold_line
+from .panels import threshold_line as threshold_line
 from .run_picture import draw_run as draw_run
 from .run_picture import run_figure as run_figure
 from .vector_drawing import VectorDrawing as VectorDrawing

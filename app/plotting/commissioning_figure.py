@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from app.common import minmax_decimate
-from app.plotting.panels import new_figure
+from app.plotting.panels import mark_simulated, new_figure
 from protocols.commissioning import Trace
 
 COLUMNS, DRAWN_COLUMNS = 3, 2000
@@ -36,5 +36,5 @@ def draw_commissioning(title: str, traces: Sequence[Trace], rest_v: float, simul
         axes.set_axis_off()
     figure.suptitle(title, fontsize=11, parse_math=False)
     if simulated:
-        figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
+        mark_simulated(figure)
     figure.savefig(path)

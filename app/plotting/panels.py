@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from model import COVERAGE_FACTOR_95, Series, SeriesAxis
+from model import COVERAGE_FACTOR_95, Array, Role, Series, SeriesAxis
+from model.response import UNCOMFORTABLE_HZ, PerceptionThreshold
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,22 @@ class ShadedRange(NamedTuple):
     low: float
     high: float
     label: str
+
+
+UNCOMFORTABLE = ShadedRange(*UNCOMFORTABLE_HZ, "uncomfortable")
+
+
+def threshold_line(threshold: PerceptionThreshold, frequency_hz: Array) -> Series:
+    """Return the line of a perception threshold in µm over rising frequencies; one value if it is level."""
+    f = frequency_hz[frequency_hz > 0]
+    places = f[:1] if len(threshold.frequency_hz) == 1 else f
+    y_um = 1e6 * np.atleast_1d(threshold.amplitude_at(places))
+    return Series(places, y_um, label=threshold.line_label, role=Role.REFERENCE)
+
+
+def mark_simulated(figure: Any) -> None:
+    """Write SIMULATED across a figure."""
+    figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
 
 
 @dataclass(frozen=True, slots=True)

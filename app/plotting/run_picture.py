@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 
 from app.identification import points_of_run
-from app.plotting.panels import axis_label, draw_measured, draw_reference, new_figure
-from app.plotting.perception_threshold import UNCOMFORTABLE, threshold_line
+from app.plotting.panels import (
+    UNCOMFORTABLE,
+    axis_label,
+    draw_measured,
+    draw_reference,
+    mark_simulated,
+    new_figure,
+    threshold_line,
+)
 from model import Array, Specimen, format_estimate, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold, fourier_series, frequency_response
 from protocols import aspects_of
@@ -48,7 +55,7 @@ def run_figure(
         f"{run.record.title}   {run.record.start_time[:19]} UTC   {run.record.state}", fontsize=11, parse_math=False
     )
     if run.record.simulated:
-        figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
+        mark_simulated(figure)
     return figure
 
 
@@ -115,16 +122,8 @@ def _draw_figure(
     (over, x_unit), (factor, y_unit) = shown_unit(x_axis.unit), shown_unit(y_axis.unit)
     for color, line in zip(_curve_colors(len(figure.lines)), figure.lines, strict=True):
         axes.plot(over * line.x, factor * line.plotted, "-", color=color, lw=1.2, label=line.label)
-    many = len(figure.points) > len(POINT_COLORS)
-    colors = _curve_colors(len(figure.points)) if many else POINT_COLORS[: len(figure.points)]
     state, grid = ModelState(specimen, run.record.amplifier_map), _model_grid(figure)
-    for at, (color, series) in enumerate(zip(colors, figure.points, strict=True)):
-        marker = figure.markers.get(series.label, "o" if many else "os^Dv"[at])
-        size, label = 4 if at else 6, series.label or "measured"
-        draw_measured(axes, series.scaled(over, factor), label, face=color, fmt=marker, color=color, ms=size)
-        if series.label in figure.models and grid.size:
-            y = figure.models[series.label](state, grid)
-            axes.plot(over * grid, None if y is None else factor * y, "--", color=color, lw=1)
+    _draw_points(axes, figure, state, grid, (over, factor))
     if figure.model is not None and grid.size and (y := figure.model(state, grid)) is not None:
         axes.plot(over * grid, factor * y, "--", color="tab:blue", lw=1, label="model")
     _draw_comparisons(axes, figure, factor)
@@ -137,7 +136,21 @@ def _draw_figure(
     small = figure.lines or figure.spans
     if axes.get_legend_handles_labels()[0]:
         text = "\n".join(title) or None
-        axes.legend(title=text, fontsize=8 if small else 9, title_fontsize=9, ncols=2 if many else 1)
+        columns = 2 if len(figure.points) > len(POINT_COLORS) else 1
+        axes.legend(title=text, fontsize=8 if small else 9, title_fontsize=9, ncols=columns)
+
+
+def _draw_points(axes: Any, figure: Figure, state: ModelState, grid: Array, factors: tuple[float, float]) -> None:
+    """Draw each series of points, scaled by the factors of x and y, with its own model where it has one."""
+    many = len(figure.points) > len(POINT_COLORS)
+    colors = _curve_colors(len(figure.points)) if many else POINT_COLORS[: len(figure.points)]
+    for at, (color, series) in enumerate(zip(colors, figure.points, strict=True)):
+        marker = figure.markers.get(series.label, "o" if many else "os^Dv"[at])
+        size, label = 4 if at else 6, series.label or "measured"
+        draw_measured(axes, series.scaled(*factors), label, face=color, fmt=marker, color=color, ms=size)
+        if series.label in figure.models and grid.size:
+            y = figure.models[series.label](state, grid)
+            axes.plot(factors[0] * grid, None if y is None else factors[1] * y, "--", color=color, lw=1)
 
 
 def _draw_comparisons(axes: Any, figure: Figure, factor: float) -> None:

@@ -1,7 +1,7 @@
 """Run files of a report, found in the catalogue: observations, instruments, quality flags, hash."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -94,21 +94,27 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
     return _mark_exclusions(found)
 
 
-def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
-    """Set the exclusion reason of runs that must not be part of the identification."""
+def _repetitions(runs: Sequence[ReportRun]) -> dict[str, str]:
+    """Return why a run repeats another one, by the names of those that do."""
     continued_in = {
         (run.path.parent / run.record.continues).resolve(): run.name for run in runs if run.record.continues
     }
     first = {run.sha256: run.name for run in reversed(runs)}
+    copies = {run.name: f"it is a copy of {first[run.sha256]}" for run in runs if first[run.sha256] != run.name}
+    later = {run.name: continued_in.get(run.path.resolve()) for run in runs}
+    return copies | {name: f"its points are continued in {other}" for name, other in later.items() if other}
+
+
+def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
+    """Set the exclusion reason of runs that must not be part of the identification."""
+    repeated = _repetitions(runs)
     real = any(run.observations and not run.summary.simulated for run in runs)
     used = [run for run in runs if run.observations and not ((real and run.summary.simulated) or run.without_result)]
     maps = [run.record.amplifier_map for run in used or runs]
 
     def exclusion_reason(run: ReportRun) -> str:
-        if (later := continued_in.get(run.path.resolve())) is not None:
-            return f"its points are continued in {later}"
-        if first[run.sha256] != run.name:
-            return f"it is a copy of {first[run.sha256]}"
+        if run.name in repeated:
+            return repeated[run.name]
         if real and run.summary.simulated:
             return "it is simulated, and there are real runs"
         if run.without_result:
