@@ -1,15 +1,16 @@
 """Tables of many specimens and of control charts, for command line and window."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from app.common import Column, Table
-from app.fleet.catalogue_values import Fleet, FleetSelection, arrays
+from app.fleet.catalogue_values import Fleet, FleetSelection, FleetValue, arrays
 from app.fleet.control_chart import VALUES_PER_FALSE_ALARM
 from app.fleet.drift import DriftCause, GoldenChart
-from app.fleet.statistics import Trend, by_group, capability, outlier_mask, spread_of, trend_of
+from app.fleet.statistics import Capability, Spread, Trend, by_group, capability, outlier_mask, spread_of, trend_of
 from model import Array, format_quantity, format_with_uncertainty, shown_unit
 
 Bounds = tuple[float | None, float | None]
@@ -21,51 +22,60 @@ def bounds_of(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Bounds
     return limits.get(selection.name)
 
 
+class _QuantityRow(NamedTuple):
+    """Figures of one quantity over the newest values of all specimens."""
+
+    selection: FleetSelection
+    spread: Spread
+    outliers: Sequence[str]
+    capability: Capability | None
+
+    def shown(self, value: float) -> str:
+        """Return a value of the quantity in its display unit; empty for none."""
+        factor = shown_unit(self.selection.unit, self.selection.name)[0]
+        return f"{factor * value:.5g}" if math.isfinite(value) else ""
+
+
+def _quantity_row(selection: FleetSelection, limit: Bounds | None) -> _QuantityRow:
+    newest = selection.newest
+    values, errors = arrays(newest)
+    outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
+    found = None if limit is None else capability(values, [v.batch for v in newest], *limit)
+    return _QuantityRow(selection, spread_of(values, errors), outliers, found)
+
+
 def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bounds]) -> Table:
     """Return a row for each quantity: mean, spread, outliers and capability of the newest values."""
-    rows = []
-    for selection in selections:
-        newest = selection.newest
-        values, errors = arrays(newest)
-        spread, factor = spread_of(values, errors), shown_unit(selection.unit, selection.name)[0]
-        outliers = [v.specimen for v, out in zip(newest, outlier_mask(values), strict=True) if out]
-        limit = bounds_of(selection, limits)
-        indices: tuple[object, ...] = (None, None, None)
-        if limit is not None:
-            found = capability(values, [v.batch for v in newest], *limit)
-            indices = (_index(found.cpk, found.cpk_error), _index(found.ppk, found.ppk_error), found.outside)
-        shown = tuple(
-            f"{factor * x:.5g}" if math.isfinite(x) else "" for x in (spread.mean, spread.sd, spread.mean_uncertainty)
-        )
-        rows.append((selection, spread, outliers, indices, shown))
-    units = [shown_unit(s.unit, s.name)[1] for s, *_ in rows]
-    with_limits = any(indices[2] is not None for *_, indices, _ in rows)
-    capable = (
-        Column("cpk", None, [r[3][0] or "" for r in rows], "Cpk, 95 %"),
-        Column("ppk", None, [r[3][1] or "" for r in rows], "Ppk, 95 %"),
-        Column("outside", None, ["" if r[3][2] is None else str(r[3][2]) for r in rows], "outside"),
-    )
+    rows = [_quantity_row(selection, bounds_of(selection, limits)) for selection in selections]
     return Table(
         "quantities",
         "Newest value of each specimen",
         (
-            Column("quantity", None, [s.name for s, *_ in rows]),
-            Column("source", None, [s.about for s, *_ in rows], "from"),
-            Column("shown_unit", None, units, "unit"),
-            Column("specimens", None, [r[1].count for r in rows], format_spec="d"),
-            Column("shown_mean", None, [r[4][0] for r in rows], "mean"),
-            Column("shown_sd", None, [r[4][1] for r in rows], "spread (1 sd)"),
-            Column("shown_error", None, [r[4][2] for r in rows], "of it measurement"),
-            Column("outliers", None, [", ".join(r[2]) for r in rows]),
-            *(capable if with_limits else ()),
-            Column("mean", None, [r[1].mean for r in rows], displayed=False),
-            Column("sd", None, [r[1].sd for r in rows], displayed=False),
-            Column("true_sd", None, [r[1].true_sd for r in rows], displayed=False),
-            Column("mean_total_uncertainty", None, [r[1].mean_uncertainty for r in rows], displayed=False),
-            Column("median", None, [r[1].median for r in rows], displayed=False),
-            Column("unit", None, [s.unit for s, *_ in rows], displayed=False),
+            Column("quantity", None, [s.name for s in selections]),
+            Column("source", None, [s.about for s in selections], "from"),
+            Column("shown_unit", None, [shown_unit(s.unit, s.name)[1] for s in selections], "unit"),
+            Column("specimens", None, [r.spread.count for r in rows], format_spec="d"),
+            Column("shown_mean", None, [r.shown(r.spread.mean) for r in rows], "mean"),
+            Column("shown_sd", None, [r.shown(r.spread.sd) for r in rows], "spread (1 sd)"),
+            Column("shown_error", None, [r.shown(r.spread.mean_uncertainty) for r in rows], "of it measurement"),
+            Column("outliers", None, [", ".join(r.outliers) for r in rows]),
+            *_capability_columns([r.capability for r in rows]),
+            Column("mean", None, [r.spread.mean for r in rows], displayed=False),
+            Column("sd", None, [r.spread.sd for r in rows], displayed=False),
+            Column("true_sd", None, [r.spread.true_sd for r in rows], displayed=False),
+            Column("mean_total_uncertainty", None, [r.spread.mean_uncertainty for r in rows], displayed=False),
+            Column("median", None, [r.spread.median for r in rows], displayed=False),
+            Column("unit", None, [s.unit for s in selections], displayed=False),
         ),
     )
+
+
+def _capability_columns(found: Sequence[Capability | None]) -> Iterator[Column]:
+    """Yield the columns of capability, if a quantity has limits."""
+    if any(found):
+        yield Column("cpk", None, [(c and _index(c.cpk, c.cpk_error)) or "" for c in found], "Cpk, 95 %")
+        yield Column("ppk", None, [(c and _index(c.ppk, c.ppk_error)) or "" for c in found], "Ppk, 95 %")
+        yield Column("outside", None, ["" if c is None else str(c.outside) for c in found], "outside")
 
 
 def _index(value: float, error: float) -> str:
@@ -87,21 +97,16 @@ def specimen_table(selections: Sequence[FleetSelection]) -> Table:
         Column("runs", None, counts, format_spec="d"),
     ]
     for selection, values in zip(selections, newest, strict=True):
-        found = [values.get(name) for name in specimens]
-        texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in found]
-        columns += [
-            Column(f"{selection.name} as text", None, texts, selection.label),
-            Column(
-                selection.name, selection.unit, [math.nan if v is None else v.value for v in found], displayed=False
-            ),
-            Column(
-                f"{selection.name} total uncertainty",
-                selection.unit,
-                [math.nan if v is None else v.total for v in found],
-                displayed=False,
-            ),
-        ]
+        columns += _value_columns(selection, [values.get(name) for name in specimens])
     return Table("specimens", "Specimens, with total standard uncertainties", tuple(columns))
+
+
+def _value_columns(selection: FleetSelection, found: Sequence[FleetValue | None]) -> Iterator[Column]:
+    """Yield the newest value of each specimen as text, as a number, and its uncertainty."""
+    texts = ["" if v is None else format_quantity(v.value, v.total, v.unit, v.name) for v in found]
+    yield Column(f"{selection.name} as text", None, texts, selection.label)
+    for name, attribute in ((selection.name, "value"), (f"{selection.name} total uncertainty", "total")):
+        yield Column(name, selection.unit, [getattr(v, attribute, math.nan) for v in found], displayed=False)
 
 
 def group_table(selection: FleetSelection, by: str) -> Table:
