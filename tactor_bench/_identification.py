@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,10 +18,10 @@ from app.identification import (
     read_calibrations,
 )
 from app.identification import identify as identify_runs
-from model import Array, Membrane, Tactor
-from model.identification import Adequacy, Calibration, FitOptions, IdentificationError, UncertaintyBudget
+from model import Array
+from model.identification import Calibration, FitOptions, IdentificationError
 from tactor_bench._catalogue import CatalogueEntry
-from tactor_bench._run import MeasuredRun
+from tactor_bench._run import Fact, MeasuredRun
 from tactor_bench._tables import EstimateTable
 
 __all__ = [
@@ -34,7 +35,12 @@ __all__ = [
     "identify",
 ]
 
+T = TypeVar("T")
 Source = str | Path | MeasuredRun | CatalogueEntry
+
+
+class _Fact(Fact[IdentificationResult, T]):
+    source = "found"
 
 
 class Identification:
@@ -57,20 +63,22 @@ class Identification:
         found: the whole result of the service.
     """
 
+    specimen = _Fact(lambda found: found.specimen)
+    verdict = _Fact(lambda found: found.verdict)
+    unidentified = _Fact(lambda found: found.unidentified)
+    notes = _Fact(lambda found: found.notes)
+    fixed = _Fact(lambda found: found.fixed)
+    tactor = _Fact(lambda found: found.tactor)
+    membrane = _Fact(lambda found: found.membrane)
+    adequacy = _Fact(lambda found: found.adequacy)
+    shapes = _Fact(lambda found: found.shapes)
+    budget = _Fact(lambda found: found.budget)
+
     def __init__(self, found: IdentificationResult, paths: Sequence[Path] = ()) -> None:
         self.found = found
-        self.specimen, self.verdict, self.unidentified, self.notes = (
-            found.specimen, found.verdict, found.unidentified, found.notes,
-        )  # fmt: skip
         self.estimates = EstimateTable(found.estimates)
         self.names: tuple[str, ...] = tuple(self.estimates)
         self.covariance: Array = np.asarray(found.covariance, float)
-        self.fixed: Mapping[str, float | None] = found.fixed
-        self.tactor: Tactor = found.tactor
-        self.membrane: Membrane = found.membrane
-        self.adequacy: Adequacy | None = found.adequacy
-        self.shapes: int = found.shapes
-        self.budget: UncertaintyBudget | None = found.budget
         self._paths = tuple(paths)
 
     def accept(self, by: str = "", note: str = "", reason: str = "", folder: str | Path | None = None) -> Calibration:

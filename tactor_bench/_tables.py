@@ -1,33 +1,13 @@
 """Points, curves and estimates of a run as numpy columns with units, and as pandas frames."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from model import Array, Mask, format_quantity
+from model import Array, EstimatedQuantity, Mask, format_quantity
 from protocols.base import Quality, Series, usable_mask
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-class ValueWithError(Protocol):
-    """One estimated quantity, of a run or of an identification."""
-
-    @property
-    def name(self) -> str:
-        """Its name, for example `k2` or `natural_frequency`."""
-
-    @property
-    def value(self) -> float:
-        """In `unit`."""
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the value, in `unit`."""
-
-    @property
-    def unit(self) -> str:
-        """SI unit; `1` for a pure number."""
 
 
 class ColumnTable(Mapping[str, Array]):
@@ -130,13 +110,13 @@ class CurveTable(ColumnTable):
         self.x, self.y = series.x_axis.name, series.y_axis.name
 
 
-class EstimateTable(Mapping[str, ValueWithError]):
+class EstimateTable(Mapping[str, EstimatedQuantity]):
     """Estimates by name: `table["k2"].value`, `.standard_error`, `.unit`; printed with two digits of their error."""
 
-    def __init__(self, estimates: Sequence[ValueWithError]) -> None:
+    def __init__(self, estimates: Sequence[EstimatedQuantity]) -> None:
         self._estimates = {each.name: each for each in estimates}
 
-    def __getitem__(self, name: str) -> ValueWithError:
+    def __getitem__(self, name: str) -> EstimatedQuantity:
         if name not in self._estimates:
             raise KeyError(f"there is no estimate of {name!r}; there are: {', '.join(self._estimates) or 'none'}")
         return self._estimates[name]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 GIVEN, LOGIN = "given", "login of the computer"
 MAX_NAME_LENGTH = 100
 NUMBER_WITH_UNIT = re.compile(r"([-+]?\d+(?:\.\d*)?)\s*(\S*)")
+REMEMBERED = ("operator", "temperature_c", "humidity", "origin")
+"""Conditions that the file of the day stores."""
 KELVIN_OF_ZERO_C = 273.15
 
 
@@ -77,13 +79,7 @@ def remember_conditions(
         found = replace(found, operator=name, operator_origin=GIVEN if name else "")
     if temperature_c is not None or humidity is not None:
         found = replace(found, temperature_c=temperature_c, humidity=humidity, origin=f"typed {now:%Y-%m-%d %H:%M}")
-    record = {
-        "day": f"{now:%Y-%m-%d}",
-        "operator": found.operator,
-        "temperature_c": found.temperature_c,
-        "humidity": found.humidity,
-        "origin": found.origin,
-    }
+    record = {"day": f"{now:%Y-%m-%d}", **{name: getattr(found, name) for name in REMEMBERED}}
     path = operator_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -87,9 +87,7 @@ def build_report(
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
-        laboratory=laboratory.name,
-        header=laboratory.header,
-        footer=laboratory.footer,
+        laboratory=laboratory,
         record=report_tables.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from app.common import Table
+from app.config import Laboratory
 from app.plotting import ReportPlot
 
 PAGE_IN = (8.27, 11.69)
@@ -63,14 +64,10 @@ class Report:
     fingerprint: str = ""
     """Hash of the hashes of all run files."""
     software_version: str = ""
-    laboratory: str = ""
-    """Its name, on the first page."""
-    header: str = ""
-    """A line at the top of every page."""
-    footer: str = ""
-    """A line at the foot of every page."""
+    laboratory: Laboratory = field(default_factory=Laboratory)
+    """Its name, on the first page, and a line at the top and at the foot of every page."""
     logo: bytes = b""
-    """Its picture on the first page, PNG; empty for none."""
+    """The laboratory's picture on the first page, PNG; empty for none."""
     signed_by: str = ""
     """Who signs; empty where it is written by hand."""
     record: dict[str, object] = field(default_factory=dict)

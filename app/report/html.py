@@ -46,8 +46,8 @@ def write_html(report: Report, drawings: Drawings, path: Path) -> None:
         parts.append("<h2>Every run</h2>")
     for name, drawing in drawings.runs:
         parts += [f"<h3>{escape(name)}</h3>", drawing.svg]
-    if report.footer:
-        parts.append(f"<p class='note'>{escape(report.footer)}</p>")
+    if report.laboratory.footer:
+        parts.append(f"<p class='note'>{escape(report.laboratory.footer)}</p>")
     body = "\n".join(parts)
     write_atomic(
         path,
@@ -57,12 +57,12 @@ def write_html(report: Report, drawings: Drawings, path: Path) -> None:
 
 
 def _html_head(report: Report) -> Iterable[str]:
-    if report.header:
-        yield f"<p class='note'>{escape(report.header)}</p>"
+    if report.laboratory.header:
+        yield f"<p class='note'>{escape(report.laboratory.header)}</p>"
     if report.logo:
         yield f"<img class='logo' alt='' src='data:image/png;base64,{b64encode(report.logo).decode()}'>"
-    if report.laboratory:
-        yield f"<p><strong>{escape(report.laboratory)}</strong></p>"
+    if report.laboratory.name:
+        yield f"<p><strong>{escape(report.laboratory.name)}</strong></p>"
     yield f"<h1>Specimen {escape(report.specimen)}</h1>"
     if report.page_marks:
         marks = " ".join(report.page_marks)

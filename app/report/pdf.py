@@ -76,7 +76,7 @@ def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
     """
     with replacing(path) as working:
         document = BaseDocTemplate(
-            str(working), pagesize=PAGE, title=_title(report), creator=report.software_version, invariant=1,
+            str(working), pagesize=PAGE, title=" - ".join((f"Specimen {report.specimen}", *report.page_marks)), creator=report.software_version, invariant=1,
             pageCompression=1, author="", subject="",
         )  # fmt: skip
         on_text, on_pictures = partial(_decorate_page, report, True), partial(_decorate_page, report, False)
@@ -87,7 +87,8 @@ def write_pdf(report: Report, drawings: Drawings, path: Path) -> None:
                 PageTemplate("pictures", [_frame()], onPage=on_pictures),
             ]
         )
-        document.build(list(_flow(report, drawings)), canvasmaker=partial(_NumberedCanvas, _rest_of_footer(report)))
+        footer = f"of {{}}   fingerprint of the run files {report.fingerprint}   {report.software_version}"
+        document.build(list(_flow(report, drawings)), canvasmaker=partial(_NumberedCanvas, footer))
 
 
 def fit_first_page(report: Report) -> Report:
@@ -113,14 +114,6 @@ def fit_first_page(report: Report) -> Report:
 def _frame(reserved: float = 0.0) -> Any:
     height = PAGE[1] - TOP - BOTTOM - reserved
     return Frame(LEFT, BOTTOM + reserved, WIDTH, height, leftPadding=0, rightPadding=0, topPadding=0, bottomPadding=0)
-
-
-def _title(report: Report) -> str:
-    return " - ".join((f"Specimen {report.specimen}", *report.page_marks))
-
-
-def _rest_of_footer(report: Report) -> str:
-    return f"of {{}}   fingerprint of the run files {report.fingerprint}   {report.software_version}"
 
 
 class _NumberedCanvas(Canvas):  # type: ignore[misc]
@@ -159,7 +152,8 @@ def _decorate_first_page(report: Report, canvas: Any, document: Any) -> None:
         canvas.drawImage(
             picture, PAGE[0] - LEFT - width, PAGE[1] - TOP - height + 0.1 * INCH, width, height, mask="auto"
         )
-    _write(canvas, LEFT, BOTTOM, _signature_text(report.signed_by), 9)
+    who = f"Signed by {report.signed_by}" if report.signed_by else "Measured by ________________________"
+    _write(canvas, LEFT, BOTTOM, f"{who}   Checked by ________________________   Date ______________", 9)
     _decorate_page(report, True, canvas, document)
 
 
@@ -167,8 +161,8 @@ def _decorate_page(report: Report, marked: bool, canvas: Any, _: Any) -> None:
     """Draw header, footer and, on a page without pictures that are `marked` themselves, the marks across it."""
     top = PAGE[1] - 0.5 * INCH
     _write(canvas, LEFT, top, f"Specimen {report.specimen}", 8, color=GREY)
-    _write(canvas, LEFT, top + 0.18 * INCH, report.header, 8, color=GREY)
-    _write(canvas, LEFT, 0.27 * INCH, report.footer, 7, color=GREY)
+    _write(canvas, LEFT, top + 0.18 * INCH, report.laboratory.header, 8, color=GREY)
+    _write(canvas, LEFT, 0.27 * INCH, report.laboratory.footer, 7, color=GREY)
     marks = "  ".join(report.page_marks)
     _write(canvas, PAGE[0] - LEFT - stringWidth(marks, font("-Bold"), 9), top, marks, 9, "-Bold", RED)
     number = f"page {canvas.getPageNumber()} "
@@ -197,11 +191,6 @@ def _write(canvas: Any, x: float, y: float, text: str, size: float, style: str =
         canvas.drawString(x, y, text)
 
 
-def _signature_text(signed_by: str) -> str:
-    who = f"Signed by {signed_by}" if signed_by else "Measured by ________________________"
-    return f"{who}   Checked by ________________________   Date ______________"
-
-
 def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
     """Yield everything in its order."""
     plots = iter(drawings.plots)
@@ -223,8 +212,8 @@ def _flow(report: Report, drawings: Drawings) -> Iterator[Any]:
 
 
 def _headings(report: Report) -> Iterator[Any]:
-    if report.laboratory:
-        yield _lines(report.laboratory, 10, "-Bold", after=3)
+    if report.laboratory.name:
+        yield _lines(report.laboratory.name, 10, "-Bold", after=3)
     yield _lines(f"Specimen {report.specimen}", 18, "-Bold", after=4)
     yield _lines(report.subtitle, 9, after=10)
 

@@ -115,12 +115,7 @@ class ConsoleOperator:
     def _handle_line(self, typed: str, run: Session) -> None:
         if self._pending is not None:
             ask_id, prompt = self._pending
-            meant = match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
-            if meant is None:
-                _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
-            else:
-                self._pending = None
-                self._answers[ask_id] = meant
+            self._take(ask_id, prompt, match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None)
         elif run.pause_requested and typed.casefold() in ("", PAUSE_KEY):
             run.resume()
         elif typed.casefold() == PAUSE_KEY:
@@ -129,14 +124,19 @@ class ConsoleOperator:
         elif typed:
             _print(f"no prompt is open; {KEY_HELP}")
 
+    def _take(self, ask_id: int, prompt: Prompt, meant: str | None) -> bool:
+        """Take the answer that was meant, or tell how to answer; return whether there was an answer."""
+        if meant is None:
+            _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
+            return False
+        self._pending = None
+        self._answers[ask_id] = meant
+        return True
+
     def _read_answer(self, ask_id: int, prompt: Prompt) -> None:
         while line := sys.stdin.readline():
-            meant = match_answer(prompt, line.strip())
-            if meant is not None:
-                self._pending = None
-                self._answers[ask_id] = meant
+            if self._take(ask_id, prompt, match_answer(prompt, line.strip())):
                 return
-            _print(f"that is not an answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
         _print(f"standard input has ended, so nobody can answer '{prompt.text}': the run is stopped")
         if self._run is not None:
             self._run.stop()
