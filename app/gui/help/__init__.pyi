@@ -1,5 +1,4 @@
 from .cover import SearchCover as SearchCover
-from .hint import FirstRunHint as FirstRunHint
 from .palette import CommandPalette as CommandPalette
 from .palette import PaletteEntry as PaletteEntry
 from .problem_page import ProblemPage as ProblemPage
@@ -7,5 +6,6 @@ from .settings_page import Setting as Setting
 from .settings_page import SettingsPage as SettingsPage
 from .shortcut_sheet import ShortcutSheet as ShortcutSheet
 from .tutorial import TUTORIALS as TUTORIALS
+from .tutorial import FirstRunHint as FirstRunHint
 from .tutorial import TutorialBand as TutorialBand
 from .welcome import WelcomePage as WelcomePage

@@ -2,7 +2,6 @@
 
 import json
 import time
-from pathlib import Path
 
 from PySide6.QtCore import QObject, QSettings, Qt, QTimer
 from PySide6.QtWidgets import QSplitter, QWidget
@@ -99,7 +98,7 @@ class MeasurePage(QSplitter):
         if protocol is None or bench is None or self._state is None or self._state.busy:
             self.run_panel.show_warnings(())
         else:
-            request = PreflightRequest(protocol, bench, self._active_model, self._folder)
+            request = PreflightRequest(protocol, bench, self._active_model, self.run_panel.folder)
             self.run_panel.show_warnings(self._preflight.warnings(request))
 
     def _poll_calibration(self) -> None:
@@ -114,11 +113,7 @@ class MeasurePage(QSplitter):
         if self._state is not None:
             self.set_state(self._state)  # another protocol may need another plot
         if (protocol := self.run_panel.protocol) is not None:
-            self._request = curve_request_for(protocol, self._folder, self.run_panel.specimen_edit.text().strip())
-
-    @property
-    def _folder(self) -> Path:
-        return Path(self.run_panel.folder_edit.text().strip()).expanduser()
+            self._request = curve_request_for(protocol, self.run_panel.folder, self.run_panel.specimen)
 
     def shutdown(self) -> None:
         """Stop background threads."""

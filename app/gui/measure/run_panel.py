@@ -1,18 +1,20 @@
 """Run panel: protocol form, specimen, folder, rehearsal and the Run button."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog, QToolButton, QWidget
 
-from app.common import format_bytes, pluralize
+from app.common import UsageError, format_bytes, pluralize, remember_conditions, remembered_conditions
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.results import ResultCard
 from app.gui.widgets import (
     ACTIONS,
     STRETCH,
+    BackgroundWorker,
     ProtocolForm,
     SheetButton,
     WindowTheme,
@@ -32,12 +34,15 @@ from app.identification import read_label
 from app.session import WindowState, format_bench_duration, format_voltage_range
 from drivers import Bench, BenchError
 from protocols import PROTOCOLS, rehearse
-from protocols.base import Protocol
+from protocols.base import Protocol, RunConditions
 
 BenchGetter = Callable[[], Bench | None]
 
 MIN_CONTENT_HEIGHT = 90
 """Least height of the scroll area between the protocol's name and the button Run."""
+
+OPERATOR_POLL_MS = 30_000
+"""Interval at which the operator is read again: another program may set it, and it expires at midnight."""
 
 ABOUT_LINES = 3
 """Height of the description of the protocol, or of the field with the keyboard."""
@@ -137,6 +142,16 @@ class RunPanel(QWidget):
     def kind(self) -> type[Protocol]:
         """Protocol class of the form."""
         return self.form.kind
+
+    @property
+    def folder(self) -> Path:
+        """Folder for run files."""
+        return Path(self.folder_edit.text().strip()).expanduser()
+
+    @property
+    def specimen(self) -> str:
+        """Name of the specimen."""
+        return self.specimen_edit.text().strip()
 
     def set_protocol(self, protocol: Protocol) -> None:
         """Show a protocol and its parameters."""
@@ -288,3 +303,29 @@ class RunPanel(QWidget):
 def protocol_summary(kind: type[Protocol]) -> str:
     """Return the first paragraph of a protocol's docstring."""
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
+
+
+class OperatorOfToday(QObject):
+    """Shows the operator of today and stores another one that is typed."""
+
+    def __init__(self, panel: RunPanel, worker: BackgroundWorker, parent: QObject) -> None:
+        super().__init__(parent)
+        self._panel, self._worker = panel, worker
+        panel.operator_named.connect(self._store)
+        timer = QTimer(self, interval=OPERATOR_POLL_MS)
+        timer.timeout.connect(self.read)
+        timer.start()
+
+    def read(self) -> None:
+        """Show the stored operator; the file is read in the background."""
+        self._worker.submit(remembered_conditions, self._show)
+
+    def _show(self, conditions: RunConditions) -> None:
+        self._panel.show_operator(conditions.operator)
+
+    def _store(self, name: str) -> None:
+        def store() -> None:
+            with suppress(UsageError):  # a name that cannot be stored is not; the login is
+                remember_conditions(name)
+
+        self._worker.submit(store)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QUrl, Signal
+from PySide6.QtCore import QItemSelectionModel, Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QGuiApplication
 from PySide6.QtWidgets import QWidget
 
@@ -46,11 +46,17 @@ class RunListPane(QWidget):
     @property
     def selected(self) -> list[RunSummary]:
         """The selected runs in the order of the list."""
-        return self.table.selected
+        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
+        return [self.model.summaries[row] for row in rows]
 
     def select_paths(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
-        self.table.select_paths(paths)
+        selection, flags = self.table.selectionModel(), QItemSelectionModel.SelectionFlag
+        selection.clearSelection()
+        rows = {entry.path: row for row, entry in enumerate(self.model.summaries)}
+        for row in (rows[path] for path in paths if path in rows):
+            selection.select(self.model.index(row, 0), flags.Select | flags.Rows)
+            selection.setCurrentIndex(self.model.index(row, 0), flags.NoUpdate)
 
     def path_of(self, summary: RunSummary) -> Path:
         """Return the path of a listed run."""

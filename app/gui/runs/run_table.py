@@ -6,7 +6,6 @@ from typing import Any
 
 from PySide6.QtCore import (
     QAbstractTableModel,
-    QItemSelectionModel,
     QMimeData,
     QModelIndex,
     QPersistentModelIndex,
@@ -53,10 +52,6 @@ class RunTableModel(QAbstractTableModel):
         self.folder = folder
         self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
         self.endResetModel()
-
-    def row_of(self, path: str) -> int:
-        """Return the row of a run, -1 if it is not listed."""
-        return next((row for row, entry in enumerate(self.summaries) if entry.path == path), -1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own signature
         return 0 if parent.isValid() else len(self.summaries)
@@ -122,7 +117,6 @@ class RunTableView(QTableView):
 
     def __init__(self, model: RunTableModel) -> None:
         super().__init__()
-        self._runs = model
         self.setModel(model)
         configure(
             self,
@@ -146,21 +140,6 @@ class RunTableView(QTableView):
         for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
             self.setColumnWidth(at, count * wide)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
-
-    @property
-    def selected(self) -> list[RunSummary]:
-        """The selected runs in the list's order."""
-        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
-        return [self._runs.summaries[row] for row in rows]
-
-    def select_paths(self, paths: Sequence[str]) -> None:
-        """Select runs by their paths."""
-        selection = self.selectionModel()
-        selection.clearSelection()
-        flags = QItemSelectionModel.SelectionFlag
-        for row in filter(lambda row: row >= 0, map(self._runs.row_of, paths)):
-            selection.select(self._runs.index(row, 0), flags.Select | flags.Rows)
-            selection.setCurrentIndex(self._runs.index(row, 0), flags.NoUpdate)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):

@@ -115,11 +115,11 @@ class MainTabs(PageHost):
     @property
     def folder(self) -> Path:
         """Folder for run files."""
-        return Path(self.measure.run_panel.folder_edit.text().strip()).expanduser()
+        return self.measure.run_panel.folder
 
     @property
     def specimen(self) -> str:
-        return self.measure.run_panel.specimen_edit.text().strip()
+        return self.measure.run_panel.specimen
 
     # -- interface to the main window ---------------------------------------------------------------------------------
 
