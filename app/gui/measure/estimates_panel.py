@@ -22,8 +22,8 @@ TOO_FEW = "Not enough points yet to separate the parameters; points at other fre
 class ErrorHistoryPlot(QWidget):
     """Relative error after each point, on a logarithmic scale."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.errors: Sequence[float] = ()
         self._color = "#000000"
         self.setMinimumWidth(MIN_HISTORY_WIDTH)
@@ -60,8 +60,8 @@ class ErrorHistoryPlot(QWidget):
 class EstimatesPanel(QWidget):
     """Estimates of the present run, hidden until it has points."""
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self._theme, self._update, self._busy = theme, EstimateUpdate(), False
         self.caption = configure(QLabel(), "estimates.caption", kind="caption")
         self.note = configure(QLabel(), "estimates.note", kind="note", wordWrap=True)

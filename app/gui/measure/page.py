@@ -36,9 +36,8 @@ class MeasurePage(QSplitter):
         bench: BenchGetter,
         presets: PresetStore,
         theme: WindowTheme,
-        parent: QWidget | None = None,
     ) -> None:
-        super().__init__(Qt.Orientation.Horizontal, parent)
+        super().__init__(Qt.Orientation.Horizontal)
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
         self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
         self._state: WindowState | None = None

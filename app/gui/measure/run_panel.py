@@ -70,9 +70,8 @@ class RunPanel(QWidget):
         bench: BenchGetter,
         presets: PresetStore,
         theme: WindowTheme,
-        parent: QWidget | None = None,
     ) -> None:
-        super().__init__(parent)
+        super().__init__()
         self._bench = bench
         self._edited_protocols: dict[str, Protocol] = {}
         """Last edited parameters of the other protocols."""

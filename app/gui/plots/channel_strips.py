@@ -3,7 +3,6 @@
 from typing import Any
 
 import pyqtgraph as pg
-from PySide6.QtWidgets import QWidget
 
 from app.gui.plots.base import (
     TRACE_AXIS_WIDTH,
@@ -26,8 +25,8 @@ STRIP_HEIGHT = 64
 class ChannelStrips(pg.GraphicsLayoutWidget):  # type: ignore[misc]
     """The further channels of the acquisition over the displayed span; hidden where there are none."""
 
-    def __init__(self, feed: LiveFeed, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, feed: LiveFeed, theme: WindowTheme) -> None:
+        super().__init__()
         self.setAccessibleName("plot: further channels")
         self.ci.setContentsMargins(0, 0, 10, 0)
         self.ci.setSpacing(0)

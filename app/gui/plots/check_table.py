@@ -14,8 +14,8 @@ RIGHT_ALIGNED = ("figure", "limits")
 class CheckTable(QWidget):
     """The checks of a run with the remedies of those that did not pass."""
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self._theme, self._verdict = theme, Verdict()
         self.caption = make_label(kind="caption", name="checks.caption")
         self.table = make_read_only_table(COLUMNS, "checks.table", "checks")

@@ -8,7 +8,6 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QWidget
 
 from app.common import minmax_decimate
 from app.gui.plots.base import (
@@ -54,8 +53,8 @@ class CurvesPlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: curves of the run"
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, grid=True)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__(theme, grid=True)
         self._curves: Sequence[Series] = ()
         self._model_curve: ModelCurves | None = None
         self._bare_tactor = False

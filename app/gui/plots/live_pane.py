@@ -26,10 +26,8 @@ class LivePane(QSplitter):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(
-        self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(Qt.Orientation.Vertical, parent)
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme) -> None:
+        super().__init__(Qt.Orientation.Vertical)
         self._feed, self._amplifier, self._theme = feed, amplifier, theme
         self._places = []
         for share in (5, 4):

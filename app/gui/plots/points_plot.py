@@ -10,7 +10,6 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QWidget
 
 from app.common import axis_name
 from app.gui.plots.base import PlotBase, caption_label
@@ -43,8 +42,8 @@ class PointsPlot(PlotBase):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, grid=True)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__(theme, grid=True)
         self._kind: type[Protocol] | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()

@@ -9,7 +9,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QResizeEvent
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton
 
 from app.gui.plots.base import PlotBase, caption_label, finite_max, legend_share, stable_range
 from app.gui.plots.items import BarsItem, ScatterItem
@@ -76,8 +76,8 @@ class ResponsePlot(PlotBase):
     MAX_ESTIMATES = None
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, grid=True)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__(theme, grid=True)
         self._curve: ModelCurves | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QStackedWidget, QWidget
+from PySide6.QtWidgets import QStackedWidget
 
 from app.gui.plots.base import PlotBase
 from app.gui.plots.points_plot import PointsPlot
@@ -28,8 +28,8 @@ class ResultPlots(QStackedWidget):
 
     repeat_requested = Signal(tuple)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self._theme = theme
         self.response = ResponsePlot(theme)
         self.response.repeat_requested.connect(self.repeat_requested)

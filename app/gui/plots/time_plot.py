@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QButtonGroup, QWidget
+from PySide6.QtWidgets import QButtonGroup
 
 from app.common import format_duration
 from app.gui.plots.base import (
@@ -43,10 +43,8 @@ class TimePlot(TracePlotBase):
 
     ACCESSIBLE_NAME = "plot: live traces"
 
-    def __init__(
-        self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(theme, parent)
+    def __init__(self, feed: LiveFeed, amplifier: AmplifierMap, theme: WindowTheme) -> None:
+        super().__init__(theme)
         self._feed, self._rest_v = feed, amplifier.rest_v
         self.frames = 0
         """Number of redraws."""

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QWidget
 
 from app.archive import MeasuredResponse
 from app.gui.plots import (
@@ -26,8 +25,8 @@ class ComparePlot(PlotBase):
 
     ACCESSIBLE_NAME = "plot: comparison of the selected runs"
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, axis_width=None)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__(theme, axis_width=None)
         self._runs: tuple[MeasuredResponse, ...] = ()
         self.plot.setLabel("left", "peak-to-peak displacement (µm)")
         self.plot.setLabel("bottom", "frequency (Hz)")

@@ -70,8 +70,8 @@ class RunDetailsPane(QWidget):
     notes_changed = Signal(str, str)
     export_pressed = Signal(str)
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self._saved_notes, self._run_path, self._people = ("", ""), "", ""
         self.heading = make_label(kind="caption", name="runs.heading")
         self.message_label = make_label(name="runs.message", visible=False, openExternalLinks=True)

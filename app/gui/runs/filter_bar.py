@@ -33,8 +33,8 @@ class RunFilterBar(QWidget):
     progressed = Signal(float, str)
     """Fraction of a scan and its text; emitted from another thread."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.search_edit = configure(
             _Search(),
             "runs.search",

@@ -2,7 +2,6 @@
 
 import numpy as np
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QWidget
 
 from app.archive import TraceWindow
 from app.gui.plots import TracePlotBase, limit_ticks
@@ -23,8 +22,8 @@ class TracePlot(TracePlotBase):
     range_viewed = Signal(float, float)
     """The visible range in seconds; the receiver reads it and calls `show_window`."""
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent, zooms=False)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__(theme, zooms=False)
         self._whole: TraceWindow | None = None
         for plot in self._plots:
             plot.setMouseEnabled(x=True, y=False)

@@ -34,8 +34,8 @@ class RunViewer(QWidget):
     back_pressed = Signal()
     explore_pressed = Signal()
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self.run: LoadedRun | None = None
         self.heading = make_label(kind="heading", wrap=False, name="run.heading")
         self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)

@@ -15,8 +15,8 @@ INK, MFC, METAL, SKIN, WEIGHT = "#101010", "#b5541a", "#8c939c", "#c2185b", "#3f
 class SetupDrawing(QWidget):
     """Hidden for actions that need no drawing."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setFixedSize(QSize(190, 92))
         self._prompt: Prompt | None = None
 

@@ -17,8 +17,8 @@ TWO_LINE_HEIGHT = 64
 class StatusSign(QWidget):
     """Paints a text in the largest type that fits; on two lines where that is larger."""
 
-    def __init__(self, width: int, least_width: int, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, width: int, least_width: int) -> None:
+        super().__init__()
         self.text, self.note, self._symbol = "", "", ""
         self._background, self._foreground = "#808080", "#ffffff"
         self._striped = False

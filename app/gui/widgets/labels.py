@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QLabel
 
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import configure
@@ -32,8 +32,8 @@ class ElidedLabel(QLabel):
 class StatusLine(QLabel):
     """Line for one message, hidden without one; a message disappears after some seconds, an error stays."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         configure(self, visible=False, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._hide_timer = QTimer(self, singleShot=True, interval=DISPLAY_MS)
         self._hide_timer.timeout.connect(lambda: self.show_message(""))

@@ -4,7 +4,7 @@ from html import escape
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QPlainTextEdit
 
 from app.common import Severity, typeset
 from app.gui.widgets.layouts import configure, make_button
@@ -17,8 +17,8 @@ SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING:
 class LogPane(QPlainTextEdit):
     """Shows the log messages of a window state."""
 
-    def __init__(self, theme: WindowTheme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: WindowTheme) -> None:
+        super().__init__()
         self._theme, self._written_count = theme, 0
         self._messages: tuple[LogLine, ...] = ()
         configure(

@@ -42,8 +42,8 @@ class ProgressRow(QWidget):
 
     _fraction_changed = Signal(float)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.label = make_label(kind="note", wrap=False, name="progress.label")
         self.bar = make_progress_bar(PROGRESS_STEPS, 10, "progress.bar")
         self.cancel_button = make_button(
