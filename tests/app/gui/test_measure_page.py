@@ -245,7 +245,7 @@ def test_residual_and_phase_are_there_on_request(stage: Stage, at: int) -> None:
     assert x == 100.0
     curve = stage.window.overlay.result()
     assert curve is not None
-    model = np.interp(100.0, curve.frequency_hz, curve.peak_to_peak)
+    model = np.interp(100.0, curve.free["peak_to_peak"].x, curve.free["peak_to_peak"].y)
     assert y == pytest.approx(100 * (9e-4 / model - 1) if at == 1 else 0.0)
 
 
