@@ -21,7 +21,13 @@ import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, accept_keywords, decode_block
+from sim_hardware.generators.scpi_generator import (
+    OTHER_CHANNEL_V,
+    SOURCE,
+    SimulatedScpiGenerator,
+    accept_keywords,
+    decode_block,
+)
 from sim_hardware.generators.traits import UNKNOWN_HEADER, deviations
 from sim_hardware.wires import (
     Arguments,
@@ -60,29 +66,22 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        settings = self._generator.settings
+        period_s = self._generator.settings.period_s
         return [
-            *self._levels.commands(SOURCE_PATTERN),
+            *self._levels.commands(SOURCE),
             *super().commands,
-            self._numeric_command(
-                SOURCE_PATTERN + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 100.0
-            ),
-            self._numeric_command(SOURCE_PATTERN + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
-            self._numeric_command(SOURCE_PATTERN + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
-            ScpiCommand(SOURCE_PATTERN + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
-            self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
-            self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
-            self._numeric_command(
-                SOURCE_PATTERN + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s
-            ),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:SINusoid", partial(self._apply, function="SIN")),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", partial(self._apply, function="DC")),
+            self._number(SOURCE + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 100.0),
+            self._number(SOURCE + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
+            self._number(SOURCE + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
+            ScpiCommand(SOURCE + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
+            self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
+            self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
+            self._number(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, period_s),
+            ScpiCommand(SOURCE + "APPLy:SINusoid", partial(self._apply, function="SIN")),
+            ScpiCommand(SOURCE + "APPLy:DC", partial(self._apply, function="DC")),
             self._keyword_command("UNIT:ANGLe", "DEGree", "RADian"),
-            ScpiCommand("FORMat:BORDer", self._set_byte_order, lambda _: "NORM" if self._big_endian else "SWAP"),
+            self._choice("FORMat:BORDer", "_big_endian", {"NORMal": True, "SWAPped": False}),
         ]
-
-    def _set_byte_order(self, a: Arguments) -> None:
-        self._big_endian = match_keyword(single_argument(a), "NORMal", "SWAPped") == "NORM"
 
     def _select_trigger(self, source: str) -> None:
         if source == "IMM" and np.isinf(self._generator.settings.cycles):
@@ -125,34 +124,21 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        free = MEMORY_POINTS
+        shapes = {"STEP": True, "NORMal": True, "OFF": False}
+        play = self._output_selected
         return [
             *super().commands,
             *self._other_channel_commands(),
             self._gate_command(),
             self._keyword_command("SYSTem:COMMunicate:RLSTate", "LOCal", "REMote", "RWLock"),
             ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
-            ScpiCommand(SOURCE_PATTERN + "DATA:ARBitrary[1]", self._download),
-            ScpiCommand(SOURCE_PATTERN + "DATA:VOLatile:CLEar", self._clear),
-            ScpiCommand(
-                SOURCE_PATTERN + "DATA:VOLatile:FREE",
-                None,
-                lambda _: str(free - sum(w.size for w in self._waveforms.values())),
-            ),
-            ScpiCommand(
-                SOURCE_PATTERN + "DATA:VOLatile:CATalog",
-                None,
-                lambda _: ",".join(f'"{n}"' for n in self._waveform_names()),
-            ),
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
-            ScpiCommand(
-                SOURCE_PATTERN + "FUNCtion:ARBitrary:SRATe", self._set_rate, lambda _: self.format_number(self._rate_hz)
-            ),
-            ScpiCommand(
-                SOURCE_PATTERN + "FUNCtion:ARBitrary:FILTer",
-                self._set_filter,
-                lambda _: "STEP" if self._interpolated else "OFF",
-            ),
+            ScpiCommand(SOURCE + "DATA:ARBitrary[1]", self._download),
+            ScpiCommand(SOURCE + "DATA:VOLatile:CLEar", self._clear),
+            ScpiCommand(SOURCE + "DATA:VOLatile:FREE", None, lambda _: str(self._free_points)),
+            ScpiCommand(SOURCE + "DATA:VOLatile:CATalog", None, lambda _: ",".join(f'"{n}"' for n in self._names)),
+            ScpiCommand(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
+            self._number(SOURCE + "FUNCtion:ARBitrary:SRATe", "_rate_hz", "SA/S", 1e-6, 250e6, 40e3, play),
+            self._choice(SOURCE + "FUNCtion:ARBitrary:FILTer", "_interpolated", shapes, play),
         ]
 
     def _other_channel_commands(self) -> list[ScpiCommand]:
@@ -160,26 +146,27 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         if not re.search(r"33\d\d2", self._model):
             return []
         return [
-            ScpiCommand(
-                SOURCE_PATTERN + "COMBine:FEED",
-                lambda a: self._add_other_channel(match_keyword(single_argument(a), "CH1", "CH2", "NONE") == "CH2"),
-                lambda _: "CH2" if self._generator.settings.added_v else "NONE",
-            ),
-            self._stored_switch(SOURCE_PATTERN + "VOLTage:COUPle[:STATe]"),
-            self._stored_switch(SOURCE_PATTERN + "FREQuency:COUPle[:STATe]"),
-            self._keyword_command(SOURCE_PATTERN + "TRACk", "OFF", "ON", "INVerted"),
+            self._choice(SOURCE + "COMBine:FEED", "added_v", {"NONE": 0.0, "CH1": 0.0, "CH2": OTHER_CHANNEL_V}),
+            self._stored_switch(SOURCE + "VOLTage:COUPle[:STATe]"),
+            self._stored_switch(SOURCE + "FREQuency:COUPle[:STATe]"),
+            self._keyword_command(SOURCE + "TRACk", "OFF", "ON", "INVerted"),
             self._keyword_command("SOURce2:TRACk", "OFF", "ON", "INVerted"),
         ]
 
-    def _waveform_names(self) -> list[str]:
+    @property
+    def _names(self) -> list[str]:
         return [BUILT_IN_NAME, *self._waveforms]
+
+    @property
+    def _free_points(self) -> int:
+        return MEMORY_POINTS - sum(w.size for w in self._waveforms.values())
 
     def _download(self, a: Arguments) -> None:
         check_argument_count(a, 2)
         if a[0].upper() in self._waveforms:
             raise ScpiError(786)
         points = decode_block(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
-        if points.size + sum(w.size for w in self._waveforms.values()) > MEMORY_POINTS:
+        if points.size > self._free_points:
             raise ScpiError(-225)
         self._waveforms[a[0].upper()] = points
 
@@ -190,10 +177,13 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
 
     def _select(self, a: Arguments) -> None:
         name = single_argument(a).strip("\"'").upper()
-        if name not in self._waveform_names():
+        if name not in self._names:
             raise ScpiError(-224)
         self._selected = name
-        self._output_waveform(BUILT_IN_WAVEFORM if name == BUILT_IN_NAME else self._waveforms[name])
+        self._output_selected()
+
+    def _output_selected(self) -> None:
+        self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
 
     def _output_waveform(self, points: Array) -> None:
         turn: dict[str, Any] = {}
@@ -207,15 +197,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
     def _select_function(self, function: str) -> None:
         super()._select_function(function)
         if function == "ARB":
-            self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
-
-    def _set_rate(self, a: Arguments) -> None:
-        self._rate_hz = self._levels.clip(parse_number(single_argument(a), "SA/S", 1e-6, 250e6, 40e3), 1e-6, 250e6)
-        self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
-
-    def _set_filter(self, a: Arguments) -> None:
-        self._interpolated = match_keyword(single_argument(a), "NORMal", "STEP", "OFF") != "OFF"
-        self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
+            self._output_selected()
 
 
 def _overshooting(points: Array) -> Array:
@@ -248,8 +230,8 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
             *known,
             ScpiCommand("SYSTem:REMote", lambda _: None),
             ScpiCommand("SYSTem:LOCal", lambda _: None),
-            ScpiCommand(SOURCE_PATTERN + "DATA:DAC", self._download),
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
+            ScpiCommand(SOURCE + "DATA:DAC", self._download),
+            ScpiCommand(SOURCE + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
         ]
 
     def _download(self, a: Arguments) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from model import Array
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_generator import SOURCE, SimulatedScpiGenerator, decode_block
 from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviations
 from sim_hardware.wires import (
     Arguments,
@@ -30,7 +30,6 @@ from sim_hardware.wires import (
     check_argument_count,
     match_keyword,
     parse_boolean,
-    parse_number,
     single_argument,
 )
 
@@ -40,6 +39,9 @@ FREQUENCY_MODE_POINTS = 8192
 DG4000_POINTS = 16_384
 OTHER_CHANNEL_NOISE_V = 0.3
 """What the noise that a DG4000 can add to its output is taken as."""
+OTHER_FUNCTION = "SOURce2:FUNCtion[:SHAPe]"
+PANEL_CHANNEL = "SYSTem:CHANnel:CURrent"
+"""Commands of a DG4000 for the function of channel 2 and, in the place of a key, the channel of its front panel."""
 
 TRAITS = (
     UNKNOWN_HEADER,
@@ -64,6 +66,14 @@ def stretch(points: Array, size: int) -> Array:
     return np.asarray(np.interp(np.linspace(0, points.size - 1, size), np.arange(points.size), points))
 
 
+def _decoded_points(block: str, fewest: int, most: int) -> Array:
+    """Return the points of a download, -1 to 1. Raises ScpiError for another number of them."""
+    points = decode_block(block, "<u2", 0, FULL_SCALE)
+    if not fewest <= points.size <= most:
+        raise ScpiError(-225)
+    return 2 * points / (FULL_SCALE - 1) - 1
+
+
 class SimulatedRigolDg(SimulatedScpiGenerator):
     """DG1000Z."""
 
@@ -72,7 +82,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
     TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"INTernal": "IMM", "EXTernal": "EXT", "MANual": "BUS"}
     BLOCK_ENDS_MESSAGE = True
     BURST_HEADER = "BURSt[:STATe]"
-    TRIGGER_HEADER = SOURCE_PATTERN + "BURSt:TRIGger"
+    TRIGGER_HEADER = SOURCE + "BURSt:TRIGger"
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
         super().__init__(generator, now, unit)
@@ -83,7 +93,6 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         self._points = np.zeros(FREQUENCY_MODE_POINTS)
         self._sample_rate_mode = False
         self._rate_hz = 20e6
-        self._idle_keyword = "FPT"
         self._trigger_lost = False
 
     def reset(self) -> None:
@@ -99,7 +108,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
     @property
     def commands(self) -> Sequence[ScpiCommand]:
         levels = self._levels
-        shared = [c for c in levels.commands(SOURCE_PATTERN) if "LIMit" not in c.pattern and ":RANGe" not in c.pattern]
+        shared = [c for c in levels.commands(SOURCE) if "LIMit" not in c.pattern and ":RANGe" not in c.pattern]
         own_offset = next(c for c in shared if c.pattern.endswith(":OFFSet"))
         return [
             ScpiCommand(own_offset.pattern, own_offset.set, self._query_offset),
@@ -109,42 +118,35 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
             *super().commands,
             *self._rate_commands(),
-            self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
-            self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
+            self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
+            self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
             *self._idle_commands(),
             self._stored_switch("SYSTem:KLOCk[:STATe]"),
             *self._download_commands(),
-            ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
+            ScpiCommand(SOURCE + "APPLy", None, lambda _: self._query_apply()),
+            ScpiCommand(SOURCE + "APPLy:DC", self._apply_dc),
         ]
 
     def _range_commands(self) -> list[ScpiCommand]:
+        core, levels, shown = self._generator, self._levels, self.format_switch
         return [
             ScpiCommand(
-                SOURCE_PATTERN + "VOLTage:RANGe:AUTO",
-                self._levels.set_auto_range,
-                lambda _: self.format_switch(self._generator.settings.auto_range),
+                SOURCE + "VOLTage:RANGe:AUTO", levels.set_auto_range, lambda _: shown(core.settings.auto_range)
             ),
             self._gate_command(),
         ]
 
     def _rate_commands(self) -> list[ScpiCommand]:
         return [
-            ScpiCommand(
-                SOURCE_PATTERN + "FUNCtion:ARB:MODE",
-                self._set_rate_mode,
-                lambda _: "SRAT" if self._sample_rate_mode else "FREQ",
-            ),
-            ScpiCommand(
-                SOURCE_PATTERN + "FUNCtion:ARB:SRATe", self._set_rate, lambda _: self.format_number(self._rate_hz)
-            ),
+            self._choice(SOURCE + "FUNCtion:ARB:MODE", "_sample_rate_mode", {"FREQ": False, "SRATe": True}),
+            self._number(SOURCE + "FUNCtion:ARB:SRATe", "_rate_hz", "SA/S", 1e-6, 60e6, 20e6, self._change_rate),
         ]
 
     def _idle_commands(self) -> list[ScpiCommand]:
-        return [ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword)]
+        return [self._choice(SOURCE + "BURSt:IDLE", "idle", {"FPT": None, "TOP": 1.0, "CENTER": 0.0, "BOTTOM": -1.0})]
 
     def _download_commands(self) -> list[ScpiCommand]:
-        return [ScpiCommand(SOURCE_PATTERN + "TRACe:DATA:DAC[16]", self._download)]
+        return [ScpiCommand(SOURCE + "TRACe:DATA:DAC[16]", self._download)]
 
     def trigger(self) -> None:
         if self._trigger_lost:
@@ -164,13 +166,9 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
     def _other_channel_commands(self) -> list[ScpiCommand]:
         return [
             ScpiCommand("COUPling[1][:STATe]", self._set_coupling, lambda _: self._query_coupling()),
-            self._keyword_command(SOURCE_PATTERN + "TRACK", "OFF", "ON", "INVerted"),
+            self._keyword_command(SOURCE + "TRACK", "OFF", "ON", "INVerted"),
             self._keyword_command("SOURce2:TRACK", "OFF", "ON", "INVerted"),
-            ScpiCommand(
-                SOURCE_PATTERN + "SUM[:STATe]",
-                lambda a: self._add_other_channel(parse_boolean(single_argument(a))),
-                lambda _: self.format_switch(bool(self._generator.settings.added_v)),
-            ),
+            self._sum_command(SOURCE + "SUM[:STATe]"),
         ]
 
     def _set_coupling(self, a: Arguments) -> None:
@@ -203,19 +201,11 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         self._levels.set_offset(a[2])
         self._generator.apply_settings(on=True)
 
-    def _set_idle(self, a: Arguments) -> None:
-        self._idle_keyword = match_keyword(single_argument(a), "FPT", "TOP", "CENTER", "BOTTOM")
-        levels = {"TOP": 1.0, "CENTER": 0.0, "BOTTOM": -1.0}
-        self._generator.apply_settings(idle=levels.get(self._idle_keyword))
-
     def _download(self, a: Arguments) -> None:
         check_argument_count(a, 3)
         match_keyword(a[0], "VOLATILE")
         last = match_keyword(a[1], "CON", "END") == "END"
-        points = decode_block(a[2], "<u2", 0, FULL_SCALE)
-        if not MIN_PACKET_POINTS <= points.size <= PACKET_POINTS:
-            raise ScpiError(-225)
-        self._packets.append(2 * points / (FULL_SCALE - 1) - 1)
+        self._packets.append(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS))
         if not last:
             return
         self._points, self._packets = np.concatenate(self._packets), []
@@ -230,11 +220,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             settings["frequency_hz"] = self._rate_hz / self._points.size
         self._load_waveform(self._points, **settings)
 
-    def _set_rate_mode(self, a: Arguments) -> None:
-        self._sample_rate_mode = match_keyword(single_argument(a), "FREQ", "SRATe") == "SRAT"
-
-    def _set_rate(self, a: Arguments) -> None:
-        self._rate_hz = self._levels.clip(parse_number(single_argument(a), "SA/S", 1e-6, 60e6, 20e6), 1e-6, 60e6)
+    def _change_rate(self) -> None:
         if self._generator.settings.function == "ARB":
             self._output_waveform()
 
@@ -249,72 +235,30 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def _reset_waveform(self) -> None:
         super()._reset_waveform()
         self._delay_s = 0.0
-        self._other_function = "SIN"
-        self._panel_channel = "CH1"
 
     def format_polarity(self, inverted: bool) -> str:
         return super().format_polarity(inverted) if self._model.startswith("DG4") else "INV" if inverted else "NORM"
 
     def _range_commands(self) -> list[ScpiCommand]:
         levels = self._levels
-        delay = ScpiCommand(
-            SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)
+        delay = self._setting(
+            SOURCE + "BURSt:TDELay", "_delay_s", partial(levels.parse_delay, longest_s=100.0), self.format_number
         )
-        if self._is_dg4000:
-            return [
-                delay,
-                ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),
-                ScpiCommand("SOURce2:FUNCtion[:SHAPe]", self._set_other_function, lambda _: self._other_function),
-                ScpiCommand("SYSTem:CHANnel:CURrent", self._select_channel, lambda _: self._panel_channel),
-                self._stored_switch(SOURCE_PATTERN + "MOD[:STATe]"),
-                *self._noise_commands(),
-            ]
+        if not self._is_dg4000:
+            return [delay, *levels.limit_commands("OUTPut[1]:VOLLimit", "[:STATe]", self.format_switch)]
+        noise = self._choice("OUTPut[1]:NOISe[:STATe]", "added_v", {"OFF": 0.0, "ON": OTHER_CHANNEL_NOISE_V})
         return [
             delay,
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit:LOW",
-                partial(levels.set_limit, high=False),
-                lambda _: self.format_number(levels.limits_v[0]),
-            ),
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit:HIGH",
-                partial(levels.set_limit, high=True),
-                lambda _: self.format_number(levels.limits_v[1]),
-            ),
-            ScpiCommand(
-                "OUTPut[1]:VOLLimit[:STATe]", levels.set_limits_on, lambda _: self.format_switch(levels.limits_on)
-            ),
-        ]
-
-    def _noise_commands(self) -> list[ScpiCommand]:
-        if self.traits.get("noise") == "absent":
-            return []
-
-        def switch(a: Arguments) -> None:
-            on = match_keyword(single_argument(a), "ON", "OFF") == "ON"
-            self._generator.apply_settings(added_v=OTHER_CHANNEL_NOISE_V if on else 0.0)
-
-        return [
-            ScpiCommand(
-                "OUTPut[1]:NOISe[:STATe]",
-                switch,
-                lambda _: self.format_switch(bool(self._generator.settings.added_v)),
-            )
+            ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),
+            self._keyword_command(OTHER_FUNCTION, "SINusoid", "USER"),
+            self._keyword_command(PANEL_CHANNEL, "CH1", "CH2"),
+            self._stored_switch(SOURCE + "MOD[:STATe]"),
+            *([] if self.traits.get("noise") == "absent" else [noise]),
         ]
 
     def _format_load(self) -> str:
         ohm = self._levels.load_ohm
         return "INFINITY" if ohm == float("inf") else self.format_number(ohm)
-
-    def _set_delay(self, a: Arguments) -> None:
-        self._delay_s = self._levels.clip(parse_number(single_argument(a), "S"), 0.0, 100.0)
-
-    def _set_other_function(self, a: Arguments) -> None:
-        self._other_function = match_keyword(single_argument(a), "SINusoid", "USER")
-
-    def _select_channel(self, a: Arguments) -> None:
-        """Select the channel of the front panel, in the place of its key."""
-        self._panel_channel = match_keyword(single_argument(a), "CH1", "CH2")
 
     def _other_channel_commands(self) -> list[ScpiCommand]:
         if self._is_dg4000:
@@ -330,30 +274,25 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def _download_commands(self) -> list[ScpiCommand]:
         if self._is_dg4000:
             return [ScpiCommand("[TRACe:]DATA:DAC", self._download_to_panel_channel)]
-        return [ScpiCommand(SOURCE_PATTERN + "TRACe:DATA:DAC16", self._download)]
+        return [ScpiCommand(SOURCE + "TRACe:DATA:DAC16", self._download)]
 
     def _download(self, a: Arguments) -> None:
         check_argument_count(a, 3)
         match_keyword(a[0], "VOLATILE")
         if match_keyword(a[1], "CON", "END") == "CON":
             raise ScpiError(-225)  # whether it takes several is not known
-        points = decode_block(a[2], "<u2", 0, FULL_SCALE)
-        if not MIN_PACKET_POINTS <= points.size <= PACKET_POINTS:
-            raise ScpiError(-225)
-        self._play(2 * points / (FULL_SCALE - 1) - 1, PACKET_POINTS)
+        self._play(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS), PACKET_POINTS)
 
     def _download_to_panel_channel(self, a: Arguments) -> None:
         check_argument_count(a, 2)
         match_keyword(a[0], "VOLATILE")
-        points = decode_block(a[1], "<u2", 0, FULL_SCALE)
-        if not 2 <= points.size <= DG4000_POINTS:
-            raise ScpiError(-225)
-        if self._panel_channel == "CH2":
-            self._other_function = "USER"
+        points = _decoded_points(a[1], 2, DG4000_POINTS)
+        if self._keyword_settings.get(PANEL_CHANNEL) == "CH2":
+            self._keyword_settings[OTHER_FUNCTION] = "USER"
             return
-        self._play(2 * points / (FULL_SCALE - 1) - 1, DG4000_POINTS)
+        self._play(points, DG4000_POINTS)
 
-    def _play(self, points: Any, size: int) -> None:
+    def _play(self, points: Array, size: int) -> None:
         self._points = points if points.size == size else stretch(points, size)
         self._output_waveform(function="ARB")
 

@@ -5,13 +5,14 @@ A family lists its headers and adds its own commands; `SimulatedGenerator` appli
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from model import Array
-from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
+from sim_hardware.generators.generator import GeneratorSettings, InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLevels
 from sim_hardware.plant import ArbitraryWaveform
 from sim_hardware.wires import (
@@ -26,7 +27,9 @@ from sim_hardware.wires import (
     single_argument,
 )
 
-SOURCE_PATTERN = "[SOURce[1]:]"
+SOURCE = "[SOURce[1]:]"
+"""Beginning of the patterns of the source subsystem."""
+OUTPUT_SETTINGS = {field.name for field in fields(GeneratorSettings)}
 OTHER_CHANNEL_V = 0.7
 """What the other channel of a two-channel instrument outputs."""
 
@@ -91,19 +94,14 @@ class SimulatedScpiGenerator:
     @property
     def commands(self) -> Sequence[ScpiCommand]:
         """The commands that all families have under headers of their own; a family adds others."""
+        core, number = self._generator, self.format_number
         return [
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
-            self._numeric_command(
-                SOURCE_PATTERN + self.FREQUENCY_HEADER, "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
-            ),
-            self._switch_command("OUTPut[1][:STATe]", "on"),
-            self._mode_command(SOURCE_PATTERN + self.BURST_HEADER, "burst", "sweep"),
-            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
-            ScpiCommand(
-                SOURCE_PATTERN + "BURSt:NCYCles",
-                self._set_cycles,
-                lambda _: self.format_number(self._generator.settings.cycles),
-            ),
+            ScpiCommand(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
+            self._number(SOURCE + self.FREQUENCY_HEADER, "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
+            self._setting("OUTPut[1][:STATe]", "on", parse_boolean, self.format_switch),
+            self._mode_command(SOURCE + self.BURST_HEADER, "burst", "sweep"),
+            self._keyword_command(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
+            ScpiCommand(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: number(core.settings.cycles)),
             *self._polarity_commands(),
             ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
             ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
@@ -125,15 +123,54 @@ class SimulatedScpiGenerator:
     def _queue_error(self, error: ScpiError) -> None:
         self.queue_error(error)
 
-    def _numeric_command(
-        self, pattern: str, name: str, unit: str, low: float, high: float, default: float
+    def _setting(
+        self,
+        pattern: str,
+        name: str,
+        parse: Callable[[str], Any],
+        show: Callable[[Any], str],
+        then: Callable[[], None] = lambda: None,
     ) -> ScpiCommand:
+        """Make the command of a setting of the output, or of an attribute of this model, after whose change `then` is called."""
+        of_output = name in OUTPUT_SETTINGS
+
+        def setter(a: Arguments) -> None:
+            value = parse(single_argument(a))
+            if of_output:
+                self._generator.apply_settings(**{name: value})
+            else:
+                setattr(self, name, value)
+            then()
+
         return ScpiCommand(
-            pattern,
-            lambda a: self._generator.apply_settings(
-                **{name: self._levels.clip(parse_number(single_argument(a), unit, low, high, default), low, high)}
-            ),
-            lambda _: self.format_number(getattr(self._generator.settings, name)),
+            pattern, setter, lambda _: show(getattr(self._generator.settings if of_output else self, name))
+        )
+
+    def _number(
+        self,
+        pattern: str,
+        name: str,
+        unit: str,
+        low: float,
+        high: float,
+        default: float,
+        then: Callable[[], None] = lambda: None,
+    ) -> ScpiCommand:
+        """Make the command of a number, which is clipped to its limits."""
+
+        def parse(text: str) -> float:
+            return self._levels.clip(parse_number(text, unit, low, high, default), low, high)
+
+        return self._setting(pattern, name, parse, self.format_number, then)
+
+    def _choice(
+        self, pattern: str, name: str, values: Mapping[str, Any], then: Callable[[], None] = lambda: None
+    ) -> ScpiCommand:
+        """Make the command of a setting by its keywords; where two mean the same value, the first is replied."""
+        shorts = {short_form(keyword): value for keyword, value in values.items()}
+        replies = {value: short for short, value in reversed(shorts.items())}
+        return self._setting(
+            pattern, name, lambda text: shorts[match_keyword(text, *values)], replies.__getitem__, then
         )
 
     def _mode_command(self, pattern: str, mode: str, other: str) -> ScpiCommand:
@@ -141,13 +178,6 @@ class SimulatedScpiGenerator:
             pattern,
             partial(self._set_mode, mode=mode, other=other),
             lambda _: self.format_switch(getattr(self._generator.settings, mode)),
-        )
-
-    def _switch_command(self, pattern: str, name: str) -> ScpiCommand:
-        return ScpiCommand(
-            pattern,
-            lambda a: self._generator.apply_settings(**{name: parse_boolean(single_argument(a))}),
-            lambda _: self.format_switch(getattr(self._generator.settings, name)),
         )
 
     def _keyword_command(self, pattern: str, *names: str) -> ScpiCommand:
@@ -161,29 +191,24 @@ class SimulatedScpiGenerator:
     def _polarity_commands(self) -> list[ScpiCommand]:
         if self.traits.get("polarity") == "absent":
             return []
-        return [
-            ScpiCommand(
-                "OUTPut[1]:POLarity",
-                self._set_polarity,
-                lambda _: self.format_polarity(self._generator.settings.inverted),
-            )
-        ]
+
+        def is_inverted(text: str) -> bool:
+            return match_keyword(text, "NORMal", "INVerted") == "INV"
+
+        return [self._setting("OUTPut[1]:POLarity", "inverted", is_inverted, self.format_polarity)]
 
     def _gate_command(self) -> ScpiCommand:
         """Make the setting that gates the output with the sync signal: between bursts there is no output."""
-        return ScpiCommand(
-            "OUTPut[1]:MODE",
-            lambda a: self._generator.apply_settings(
-                gated=match_keyword(single_argument(a), "NORMal", "GATed") == "GAT"
-            ),
-            lambda _: "GAT" if self._generator.settings.gated else "NORM",
+        return self._choice("OUTPut[1]:MODE", "gated", {"NORMal": False, "GATed": True})
+
+    def _sum_command(self, pattern: str) -> ScpiCommand:
+        """Make the switch that adds another channel to the output."""
+        return self._setting(
+            pattern,
+            "added_v",
+            lambda text: OTHER_CHANNEL_V if parse_boolean(text) else 0.0,
+            lambda volts: self.format_switch(bool(volts)),
         )
-
-    def _set_polarity(self, a: Arguments) -> None:
-        self._generator.apply_settings(inverted=match_keyword(single_argument(a), "NORMal", "INVerted") == "INV")
-
-    def _add_other_channel(self, on: bool) -> None:
-        self._generator.apply_settings(added_v=OTHER_CHANNEL_V if on else 0.0)
 
     def _stored_switch(self, pattern: str) -> ScpiCommand:
         """Make a switch that is stored and does not affect an idle output."""

@@ -66,11 +66,6 @@ class OutputLevels:
         """Displayed volts per volt of the open output."""
         return 1.0 if math.isinf(self.load_ohm) else self.load_ohm / (self.load_ohm + SOURCE_OHM)
 
-    @property
-    def limits_v(self) -> tuple[float, float]:
-        """Low and high limit in displayed volts."""
-        return self._low_limit_v, self._high_limit_v
-
     def clip(self, value: float, low: float, high: float) -> float:
         """Return the nearest possible value; queue an error if it differs."""
         if value > high * (1 + 1e-9) + 1e-12:
@@ -78,6 +73,10 @@ class OutputLevels:
         elif value < low - abs(low) * 1e-9 - 1e-12:
             self._queue_error(ScpiError(-222, "value clipped to lower limit"))
         return min(max(value, low), high)
+
+    def parse_delay(self, text: str, longest_s: float) -> float:
+        """Return a delay of the burst in seconds."""
+        return self.clip(parse_number(text, "S"), 0.0, longest_s)
 
     def check_limits(self, emf_vpp: float, emf_offset_v: float, function: str) -> None:
         """Raise ScpiError if that output would leave the limits that are on."""
@@ -196,15 +195,17 @@ class OutputLevels:
     def commands(self, source: str) -> Sequence[ScpiCommand]:
         """The commands, their patterns beginning with `source`."""
         level, voltage = source + "VOLTage[:LEVel][:IMMediate]", source + "VOLTage"
+        core, number = self._generator, self._format_number
+
+        def shown(on: bool) -> str:
+            return str(int(on))
 
         def volts(_: Arguments, swings: float) -> str:
-            s = self._generator.settings
-            return self._format_number((s.emf_offset_v + swings * s.emf_vpp / 2) * self.display_ratio)
+            s = core.settings
+            return number((s.emf_offset_v + swings * s.emf_vpp / 2) * self.display_ratio)
 
         def amplitude(_: Arguments) -> str:
-            return self._format_number(
-                self._from_vpp(self._generator.settings.emf_vpp * self.display_ratio, self._unit)
-            )
+            return number(self._from_vpp(core.settings.emf_vpp * self.display_ratio, self._unit))
 
         return [
             ScpiCommand(level + "[:AMPLitude]", lambda a: self.set_vpp(single_argument(a)), amplitude),
@@ -212,19 +213,16 @@ class OutputLevels:
             ScpiCommand(level + ":HIGH", partial(self._set_level, high=True), partial(volts, swings=+1)),
             ScpiCommand(level + ":LOW", partial(self._set_level, high=False), partial(volts, swings=-1)),
             ScpiCommand(voltage + ":UNIT", self._set_unit, lambda _: self._unit),
-            ScpiCommand(
-                voltage + ":RANGe:AUTO", self.set_auto_range, lambda _: str(int(self._generator.settings.auto_range))
-            ),
-            ScpiCommand(
-                voltage + ":LIMit:HIGH",
-                partial(self.set_limit, high=True),
-                lambda _: self._format_number(self._high_limit_v),
-            ),
-            ScpiCommand(
-                voltage + ":LIMit:LOW",
-                partial(self.set_limit, high=False),
-                lambda _: self._format_number(self._low_limit_v),
-            ),
-            ScpiCommand(voltage + ":LIMit:STATe", self.set_limits_on, lambda _: str(int(self.limits_on))),
-            ScpiCommand("OUTPut[1]:LOAD", self.set_load, lambda _: self._format_number(self.load_ohm)),
+            ScpiCommand(voltage + ":RANGe:AUTO", self.set_auto_range, lambda _: shown(core.settings.auto_range)),
+            *self.limit_commands(voltage + ":LIMit", ":STATe", shown),
+            ScpiCommand("OUTPut[1]:LOAD", self.set_load, lambda _: number(self.load_ohm)),
+        ]
+
+    def limit_commands(self, limit: str, state: str, format_switch: Callable[[bool], str]) -> list[ScpiCommand]:
+        """The commands of both limits, their patterns beginning with `limit`, and of their switch with the ending `state`."""
+        number = self._format_number
+        return [
+            ScpiCommand(limit + ":HIGH", partial(self.set_limit, high=True), lambda _: number(self._high_limit_v)),
+            ScpiCommand(limit + ":LOW", partial(self.set_limit, high=False), lambda _: number(self._low_limit_v)),
+            ScpiCommand(limit + state, self.set_limits_on, lambda _: format_switch(self.limits_on)),
         ]

@@ -8,12 +8,13 @@ wait at the first point of a burst, its last one or the offset, as a setting say
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_generator import OTHER_CHANNEL_V, SOURCE, SimulatedScpiGenerator, decode_block
 from sim_hardware.generators.scpi_levels import MIN_EMF_VPP
 from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviations
 from sim_hardware.wires import (
@@ -22,9 +23,7 @@ from sim_hardware.wires import (
     ScpiError,
     check_argument_count,
     match_keyword,
-    parse_boolean,
     parse_number,
-    single_argument,
 )
 
 FULL_SCALE = 16382
@@ -92,23 +91,19 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        levels, core = self._levels, self._generator
-        shared = [
-            c for c in levels.commands(SOURCE_PATTERN) if not any(w in c.pattern for w in (":RANGe", ":LOAD", ":STATe"))
-        ]
+        levels, delay = self._levels, partial(self._levels.parse_delay, longest_s=85.0)
+        shared = [c for c in levels.commands(SOURCE) if not any(w in c.pattern for w in (":RANGe", ":LOAD", ":STATe"))]
         load = ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm))
         kept = [c for c in shared if not (self._is_afg1000 and "LIMit" in c.pattern)]
         return [
             *kept,
             *([] if self._is_afg1000 else [load]),
             *super().commands,
-            ScpiCommand(
-                SOURCE_PATTERN + "FREQuency:MODE", self._set_sweep, lambda _: "SWE" if core.settings.sweep else "CW"
-            ),
+            self._choice(SOURCE + "FREQuency:MODE", "sweep", {"CW": False, "FIXed": False, "SWEep": True}),
             *self._other_channel_commands(),
             *self._afg31000_commands(),
             *([] if self._is_afg1000 else [self._stored_switch("SYSTem:KLOCk[:STATe]")]),
-            ScpiCommand(SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)),
+            self._setting(SOURCE + "BURSt:TDELay", "_delay_s", delay, self.format_number),
             ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             ScpiCommand("DATA:DEFine", self._define_edit_memory),
             ScpiCommand("DATA[:DATA]", self._download),
@@ -118,19 +113,9 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     def _afg31000_commands(self) -> list[ScpiCommand]:
         if not self._is_afg31000:
             return []
-        idle = ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword)
-        if self.traits.get("sequencer") == "absent":
-            return [idle]
-        sequencer = ScpiCommand(
-            "SEQControl:STATe",
-            lambda a: self._add_other_channel(parse_boolean(single_argument(a))),
-            lambda _: self.format_switch(bool(self._generator.settings.added_v)),
-        )
-        return [idle, sequencer]
-
-    def _set_idle(self, a: Arguments) -> None:
-        self._idle_keyword = match_keyword(single_argument(a), "START", "DC", "END")
-        self._wait_where_set()
+        places = {place: place for place in ("START", "DC", "END")}
+        idle = self._choice(SOURCE + "BURSt:IDLE", "_idle_keyword", places, self._wait_where_set)
+        return [idle, *([] if self.traits.get("sequencer") == "absent" else [self._sum_command("SEQControl:STATe")])]
 
     def _wait_where_set(self) -> None:
         if self._is_afg31000:
@@ -142,14 +127,15 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     def _other_channel_commands(self) -> list[ScpiCommand]:
         if self._is_afg1000:
             return []
-        feed = ScpiCommand(
-            SOURCE_PATTERN + "COMBine:FEED",
-            lambda a: self._add_other_channel(single_argument(a).strip("\"'") != ""),
-            lambda _: '"EXTERNAL"' if self._generator.settings.added_v else '""',
+        feed = self._setting(
+            SOURCE + "COMBine:FEED",
+            "added_v",
+            lambda text: OTHER_CHANNEL_V if text.strip("\"'") else 0.0,
+            lambda volts: '"EXTERNAL"' if volts else '""',
         )
         concurrent = (
             f"{source}{quantity}:CONCurrent[:STATe]"
-            for source in (SOURCE_PATTERN, "SOURce2:")
+            for source in (SOURCE, "SOURce2:")
             for quantity in ("VOLTage", "FREQuency")
         )
         two = re.match(r"AFG3\d+", self._model)
@@ -171,12 +157,6 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             self._wait_where_set()
         elif function == "DC" and self._is_afg1000:
             self._generator.apply_settings(emf_offset_v=0.0)
-
-    def _set_sweep(self, a: Arguments) -> None:
-        self._generator.apply_settings(sweep=match_keyword(single_argument(a), "CW", "FIXed", "SWEep") == "SWE")
-
-    def _set_delay(self, a: Arguments) -> None:
-        self._delay_s = self._levels.clip(parse_number(single_argument(a), "S"), 0.0, 85.0)
 
     def _define_edit_memory(self, a: Arguments) -> None:
         check_argument_count(a, 2)
