@@ -3,11 +3,15 @@
 Limits, error codes and the format of replies follow the guides named in `drivers.supplies.dialects`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from operator import itemgetter
+from typing import Any
 
 from sim_hardware.generators import accept_keywords
 from sim_hardware.supplies.supply import SimulatedSupply
 from sim_hardware.wires import (
+    Arguments,
     ScpiCommand,
     ScpiEngine,
     ScpiError,
@@ -17,7 +21,35 @@ from sim_hardware.wires import (
     single_argument,
 )
 
-MAX_VOLTAGE_V, MAX_CURRENT_A = 6.18, 5.15
+MAX_VOLTAGE_V, MAX_CURRENT_A, MAX_OVP_V = 6.18, 5.15, 6.6
+
+
+def _parse_within(text: str, unit: str, maximum: float) -> float:
+    value = parse_number(text, unit, 0.0, maximum)
+    if not 0 <= value <= maximum:
+        raise ScpiError(-222)
+    return value
+
+
+PARSERS: Mapping[str, Callable[[str], Any]] = {
+    "level_v": partial(_parse_within, unit="V", maximum=MAX_VOLTAGE_V),
+    "current_limit_a": partial(_parse_within, unit="A", maximum=MAX_CURRENT_A),
+    "ovp_v": partial(_parse_within, unit="V", maximum=MAX_OVP_V),
+}
+"""Numbers among the settings of a supply; all others are switches."""
+
+Argument = Callable[[Arguments], str]
+"""Which argument of a command has the value: a channel may precede or follow it."""
+FIRST, SECOND, LAST = itemgetter(0), itemgetter(1), itemgetter(-1)
+REAL, DECIMALS_3, DECIMALS_4 = "{:+.6E}".format, "{:.3f}".format, "{:.4f}".format
+
+
+def _bit(on: bool) -> str:
+    return str(int(on))
+
+
+def _on_off(on: bool) -> str:
+    return "ON" if on else "OFF"
 
 
 class SimulatedScpiSupply:
@@ -43,32 +75,28 @@ class SimulatedScpiSupply:
     def busy_s(self) -> float:
         return 0.0
 
-    def set_voltage(self, text: str) -> None:
-        self.supply.level_v = _parse_within(text, "V", MAX_VOLTAGE_V)
-        self.supply.update_output()
+    def setting(
+        self,
+        pattern: str,
+        name: str,
+        argument: Argument,
+        show: Callable[[Any], str] | None,
+        parse: Callable[[str], Any] | None = None,
+    ) -> ScpiCommand:
+        """Make the command of a setting of the supply by its name; without `show` it has no query."""
+        parse = parse or PARSERS.get(name, parse_boolean)
 
-    def set_current_limit(self, text: str) -> None:
-        self.supply.current_limit_a = _parse_within(text, "A", MAX_CURRENT_A)
+        def setter(arguments: Arguments) -> None:
+            value = parse(argument(arguments))
+            setattr(self.supply, name, value and not self.supply.ovp_tripped if name == "output_on" else value)
+            if name != "current_limit_a":
+                self.supply.update_output()
 
-    def set_output(self, text: str) -> None:
-        self.supply.output_on = parse_boolean(text) and not self.supply.ovp_tripped
-        self.supply.update_output()
+        return ScpiCommand(pattern, setter, show and (lambda _: show(getattr(self.supply, name))))
 
-    def set_ovp_enabled(self, text: str) -> None:
-        self.supply.ovp_enabled = parse_boolean(text)
-        self.supply.update_output()
-
-    def set_ocp_enabled(self, text: str) -> None:
-        self.supply.ocp_enabled = parse_boolean(text)
-        self.supply.update_output()
-
-    def set_tracking(self, on: bool) -> None:
-        self.supply.tracking = on
-        self.supply.update_output()
-
-    def set_ovp_level(self, text: str) -> None:
-        self.supply.ovp_v = _parse_within(text, "V", 6.6)
-        self.supply.update_output()
+    def voltmeter(self, pattern: str, show: Callable[[float], str]) -> ScpiCommand:
+        """Make the query of its own voltmeter."""
+        return ScpiCommand(pattern, None, lambda _: show(self.supply.measured_v()))
 
 
 class SiglentSpdEngine(ScpiEngine):
@@ -107,26 +135,17 @@ def make_supply_engine(product: str, supply: SimulatedSupply, serial: str) -> Sc
 
 
 def _e36300(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
-    s = m.supply
     return (
-        ScpiCommand("[SOURce:]VOLTage[:LEVel]", lambda a: m.set_voltage(a[0]), lambda _: f"{s.level_v:+.6E}"),
-        ScpiCommand(
-            "[SOURce:]CURRent[:LEVel]", lambda a: m.set_current_limit(a[0]), lambda _: f"{s.current_limit_a:+.6E}"
-        ),
-        ScpiCommand("MEASure[:SCALar]:VOLTage[:DC]", None, lambda _: f"{s.measured_v():+.6E}"),
-        ScpiCommand("OUTPut[:STATe]", lambda a: m.set_output(a[0]), lambda _: str(int(s.output_on))),
-        ScpiCommand(
-            "[SOURce:]VOLTage:PROTection[:LEVel]", lambda a: m.set_ovp_level(a[0]), lambda _: f"{s.ovp_v:+.6E}"
-        ),
-        ScpiCommand(
-            "[SOURce:]VOLTage:PROTection:STATe", lambda a: m.set_ovp_enabled(a[0]), lambda _: str(int(s.ovp_enabled))
-        ),
-        ScpiCommand("[SOURce:]VOLTage:PROTection:TRIPped", None, lambda _: str(int(s.ovp_tripped))),
-        ScpiCommand(
-            "[SOURce:]CURRent:PROTection:STATe", lambda a: m.set_ocp_enabled(a[0]), lambda _: str(int(s.ocp_enabled))
-        ),
-        ScpiCommand(
-            "OUTPut:PAIR", lambda a: m.set_tracking(a[0].upper() != "OFF"), lambda _: "SER" if s.tracking else "OFF"
+        m.setting("[SOURce:]VOLTage[:LEVel]", "level_v", FIRST, REAL),
+        m.setting("[SOURce:]CURRent[:LEVel]", "current_limit_a", FIRST, REAL),
+        m.voltmeter("MEASure[:SCALar]:VOLTage[:DC]", REAL),
+        m.setting("OUTPut[:STATe]", "output_on", FIRST, _bit),
+        m.setting("[SOURce:]VOLTage:PROTection[:LEVel]", "ovp_v", FIRST, REAL),
+        m.setting("[SOURce:]VOLTage:PROTection:STATe", "ovp_enabled", FIRST, _bit),
+        ScpiCommand("[SOURce:]VOLTage:PROTection:TRIPped", None, lambda _: _bit(m.supply.ovp_tripped)),
+        m.setting("[SOURce:]CURRent:PROTection:STATe", "ocp_enabled", FIRST, _bit),
+        m.setting(
+            "OUTPut:PAIR", "tracking", FIRST, lambda on: "SER" if on else "OFF", lambda text: text.upper() != "OFF"
         ),
     )
 
@@ -144,98 +163,55 @@ def _e364xa(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
     return [
         *known,
         ScpiCommand("INSTrument:NSELect", accept_keywords("1", "2"), lambda _: "1"),
-        _tracking_command(m),
+        m.setting("OUTPut:TRACk[:STATe]", "tracking", LAST, _bit),
     ]
 
 
-def _tracking_command(m: SimulatedScpiSupply) -> ScpiCommand:
-    return ScpiCommand(
-        "OUTPut:TRACk[:STATe]",
-        lambda a: m.set_tracking(parse_boolean(a[-1])),
-        lambda _: str(int(m.supply.tracking)),
-    )
-
-
 def _without_channel_list(command: ScpiCommand) -> ScpiCommand:
-    def refused(arguments: Sequence[str]) -> None:
-        if any("@" in argument for argument in arguments):
-            raise ScpiError(-108)
+    def checked(action: Callable[[Arguments], Any] | None) -> Callable[[Arguments], Any] | None:
+        def run(arguments: Arguments) -> Any:
+            if any("@" in argument for argument in arguments):
+                raise ScpiError(-108)
+            return action(arguments) if action else None
 
-    def setter(arguments: Sequence[str]) -> None:
-        refused(arguments)
-        if command.set is not None:
-            command.set(arguments)
+        return run if action else None
 
-    def query(arguments: Sequence[str]) -> str:
-        refused(arguments)
-        return command.query(arguments) if command.query is not None else ""
-
-    return ScpiCommand(command.pattern, setter if command.set else None, query if command.query else None)
+    return ScpiCommand(command.pattern, checked(command.set), checked(command.query))
 
 
 def _e3631a(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
-    s = m.supply
     return (
         ScpiCommand("INSTrument:NSELect", accept_keywords("1", "2", "3"), lambda _: "1"),
-        ScpiCommand(
-            "[SOURce:]VOLTage[:LEVel]", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:+.6E}"
-        ),
-        ScpiCommand(
-            "[SOURce:]CURRent[:LEVel]",
-            lambda a: m.set_current_limit(single_argument(a)),
-            lambda _: f"{s.current_limit_a:+.6E}",
-        ),
-        ScpiCommand("MEASure[:SCALar]:VOLTage[:DC]", None, lambda _: f"{s.measured_v():+.6E}"),
-        ScpiCommand("OUTPut[:STATe]", lambda a: m.set_output(single_argument(a)), lambda _: str(int(s.output_on))),
-        _tracking_command(m),
+        m.setting("[SOURce:]VOLTage[:LEVel]", "level_v", single_argument, REAL),
+        m.setting("[SOURce:]CURRent[:LEVel]", "current_limit_a", single_argument, REAL),
+        m.voltmeter("MEASure[:SCALar]:VOLTage[:DC]", REAL),
+        m.setting("OUTPut[:STATe]", "output_on", single_argument, _bit),
+        m.setting("OUTPut:TRACk[:STATe]", "tracking", LAST, _bit),
     )
 
 
 def _dp800(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
-    s = m.supply
     return (
-        ScpiCommand(
-            "[SOURce[1]:]VOLTage[:LEVel]", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:.3f}"
-        ),
-        ScpiCommand(
-            "[SOURce[1]:]CURRent[:LEVel]",
-            lambda a: m.set_current_limit(single_argument(a)),
-            lambda _: f"{s.current_limit_a:.4f}",
-        ),
-        ScpiCommand("MEASure[:SCALar]:VOLTage[:DC]", None, lambda _: f"{s.measured_v():.4f}"),
-        ScpiCommand("OUTPut[:STATe]", lambda a: m.set_output(a[1]), lambda _: _format_switch(s.output_on)),
-        ScpiCommand("OUTPut:OVP[:STATe]", lambda a: m.set_ovp_enabled(a[1]), lambda _: _format_switch(s.ovp_enabled)),
-        ScpiCommand("OUTPut:OVP:VALue", lambda a: m.set_ovp_level(a[1]), lambda _: f"{s.ovp_v:.3f}"),
-        ScpiCommand("OUTPut:OVP:QUES", None, lambda _: "YES" if s.ovp_tripped else "NO"),
-        ScpiCommand("OUTPut:OCP[:STATe]", lambda a: m.set_ocp_enabled(a[1]), lambda _: _format_switch(s.ocp_enabled)),
-        ScpiCommand(
-            "OUTPut:TRACk[:STATe]", lambda a: m.set_tracking(parse_boolean(a[-1])), lambda _: _format_switch(s.tracking)
-        ),
+        m.setting("[SOURce[1]:]VOLTage[:LEVel]", "level_v", single_argument, DECIMALS_3),
+        m.setting("[SOURce[1]:]CURRent[:LEVel]", "current_limit_a", single_argument, DECIMALS_4),
+        m.voltmeter("MEASure[:SCALar]:VOLTage[:DC]", DECIMALS_4),
+        m.setting("OUTPut[:STATe]", "output_on", SECOND, _on_off),
+        m.setting("OUTPut:OVP[:STATe]", "ovp_enabled", SECOND, _on_off),
+        m.setting("OUTPut:OVP:VALue", "ovp_v", SECOND, DECIMALS_3),
+        ScpiCommand("OUTPut:OVP:QUES", None, lambda _: "YES" if m.supply.ovp_tripped else "NO"),
+        m.setting("OUTPut:OCP[:STATe]", "ocp_enabled", SECOND, _on_off),
+        m.setting("OUTPut:TRACk[:STATe]", "tracking", LAST, _on_off),
     )
 
 
 def _spd(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
+    """Output and tracking have no query: the status word has them."""
     s = m.supply
     return (
-        ScpiCommand("CH[1]:VOLTage", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:.3f}"),
-        ScpiCommand(
-            "CH[1]:CURRent", lambda a: m.set_current_limit(single_argument(a)), lambda _: f"{s.current_limit_a:.3f}"
-        ),
-        ScpiCommand("MEASure:VOLTage", None, lambda _: f"{s.measured_v():.3f}"),
-        ScpiCommand("OUTPut", lambda a: m.set_output(a[1]), None),  # it has no query
-        ScpiCommand(
-            "OUTPut:TRACK", lambda a: m.set_tracking(a[0] != "0"), None
-        ),  # it has no query, the status word has it
+        m.setting("CH[1]:VOLTage", "level_v", single_argument, DECIMALS_3),
+        m.setting("CH[1]:CURRent", "current_limit_a", single_argument, DECIMALS_3),
+        m.voltmeter("MEASure:VOLTage", DECIMALS_3),
+        m.setting("OUTPut", "output_on", SECOND, None),
+        m.setting("OUTPut:TRACK", "tracking", FIRST, None, lambda text: text != "0"),
         ScpiCommand("SYSTem:STATus", None, lambda _: f"{0x10 * s.output_on + (0xC if s.tracking else 0x4):#x}"),
     )
-
-
-def _format_switch(on: bool) -> str:
-    return "ON" if on else "OFF"
-
-
-def _parse_within(text: str, unit: str, maximum: float) -> float:
-    value = parse_number(text, unit, 0.0, maximum)
-    if not 0 <= value <= maximum:
-        raise ScpiError(-222)
-    return value
