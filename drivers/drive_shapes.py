@@ -6,6 +6,7 @@ limits check its extremes, its steepest slope and its end levels before anything
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, get_args
 
@@ -18,25 +19,32 @@ FADE_CYCLES = 4
 """Cycles of the highest frequency within which a periodic sweep begins and ends."""
 
 
+ANY_SIGN = ("level_v", "levels_v", "start_v", "stop_v", "offset_v")
+"""Fields that may be zero or negative: levels."""
+
+
 class _CheckedDrive:
-    """Checks the fields of a drive: all finite, those named in `POSITIVE` above 0."""
+    """Checks the fields of a drive: all finite, those other than levels above 0."""
 
     __slots__ = ()
     kind: ClassVar[str]
-    POSITIVE: ClassVar[tuple[str, ...]]
+    """Name of the class, which files, JSON and messages use: it never changes once it was released."""
+
+    def __init_subclass__(cls) -> None:
+        cls.kind = cls.__name__
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        for name, value in values.items():
             for number in value if isinstance(value, tuple) else (value,):
                 if not math.isfinite(number):
-                    raise ValueError(f"{self.kind}: {field.name} must be a finite number, not {number}")
-        for name in self.POSITIVE:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{self.kind}: {name} must be positive, not {getattr(self, name)}")
+                    raise ValueError(f"{self.kind}: {name} must be a finite number, not {number}")
+        for name, value in values.items():
+            if name not in ANY_SIGN and not value > 0:
+                raise ValueError(f"{self.kind}: {name} must be positive, not {value}")
 
 
-class _Levels(_CheckedDrive):
+class ReachedLevels:
     """Levels that are reached one after the other: extremes and end levels."""
 
     __slots__ = ()
@@ -66,22 +74,58 @@ class _Oscillation(_CheckedDrive):
     offset_v: float
 
     @property
+    def _turning_points(self) -> tuple[float, float]:
+        """Lowest and highest value from the offset, as a share of the amplitude."""
+        return -1.0, 1.0
+
+    @property
     def low_v(self) -> float:
         """Lowest level."""
-        return self.offset_v - self.amplitude_v
+        return self.offset_v + self.amplitude_v * self._turning_points[0]
 
     @property
     def high_v(self) -> float:
         """Highest level."""
-        return self.offset_v + self.amplitude_v
+        return self.offset_v + self.amplitude_v * self._turning_points[1]
+
+
+class _WholeCycles(_Oscillation, ABC):
+    """Oscillation of one frequency for a number of cycles; it starts and ends at the offset, by itself."""
+
+    __slots__ = ()
+    frequency_hz: float
+    cycles: int
+
+    @property
+    def period_s(self) -> float:
+        """Duration of one period, s."""
+        return 1 / self.frequency_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Duration, s."""
+        return self.cycles / self.frequency_hz
+
+    @property
+    def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
+        return self.offset_v, self.offset_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
+        time = np.asarray(t, float)
+        live = (time >= 0) & (time <= self.duration_s)
+        return np.asarray(self.offset_v + np.where(live, self.amplitude_v * self._shape(time), 0.0))
+
+    @abstractmethod
+    def _shape(self, time: Array) -> Array:
+        """Return the oscillation as a share of the amplitude."""
 
 
 @dataclass(frozen=True, slots=True)
-class Hold(_Levels):
+class Hold(ReachedLevels, _CheckedDrive):
     """A constant level for `duration_s`."""
 
-    kind: ClassVar[str] = "Hold"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("duration_s",)
     level_v: float
     duration_s: float
 
@@ -101,11 +145,9 @@ class Hold(_Levels):
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp(_Levels):
+class Ramp(ReachedLevels, _CheckedDrive):
     """A straight line from one level to another, which is then held."""
 
-    kind: ClassVar[str] = "Ramp"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("duration_s",)
     start_v: float
     stop_v: float
     duration_s: float
@@ -126,41 +168,25 @@ class Ramp(_Levels):
 
 
 @dataclass(frozen=True, slots=True)
-class Sine(_Oscillation):
+class Sine(_WholeCycles):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
 
     `amplitude_v` is the peak, half of the peak to peak. The count of cycles is finite on purpose: a generator whose
     computer died comes to rest on its own.
     """
 
-    kind: ClassVar[str] = "Sine"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("frequency_hz", "amplitude_v", "cycles")
     frequency_hz: float
     amplitude_v: float
     offset_v: float
     cycles: int
 
     @property
-    def duration_s(self) -> float:
-        """Duration, s."""
-        return self.cycles / self.frequency_hz
-
-    @property
     def slew_v_per_s(self) -> float:
         """Largest slope, V/s."""
         return 2 * math.pi * self.frequency_hz * self.amplitude_v
 
-    @property
-    def end_levels_v(self) -> tuple[float, float]:
-        """Levels at the start and at the end."""
-        return self.offset_v, self.offset_v
-
-    def volts(self, t: ArrayLike) -> Array:
-        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
-        time = np.asarray(t, float)
-        live = (time >= 0) & (time <= self.duration_s)
-        sine = self.amplitude_v * np.sin(2 * np.pi * self.frequency_hz * time)
-        return np.asarray(self.offset_v + np.where(live, sine, 0.0))
+    def _shape(self, time: Array) -> Array:
+        return np.asarray(np.sin(2 * np.pi * self.frequency_hz * time))
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +197,6 @@ class LinearSweep(_Oscillation):
     drive limits require.
     """
 
-    kind: ClassVar[str] = "LinearSweep"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("start_hz", "stop_hz", "duration_s", "amplitude_v")
     start_hz: float
     stop_hz: float
     duration_s: float
@@ -223,8 +247,6 @@ class PeriodicSweep(_Oscillation):
     card that samples without a filter would fold it back onto the lines.
     """
 
-    kind: ClassVar[str] = "PeriodicSweep"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
     start_hz: float
     stop_hz: float
     sweep_s: float
@@ -273,7 +295,7 @@ class PeriodicSweep(_Oscillation):
 
 
 @dataclass(frozen=True, slots=True)
-class SquareWave(_CheckedDrive):
+class SquareWave(_WholeCycles):
     """`cycles` periods of a square wave with the edges of an RC circuit, as an astable multivibrator makes it.
 
     It relaxes with the time constant `edge_s` towards `offset_v + amplitude_v` for the fraction `duty` of a period, and towards
@@ -281,8 +303,6 @@ class SquareWave(_CheckedDrive):
     the first period on.
     """
 
-    kind: ClassVar[str] = "SquareWave"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("frequency_hz", "amplitude_v", "duty", "edge_s", "cycles")
     frequency_hz: float
     amplitude_v: float
     offset_v: float
@@ -309,58 +329,27 @@ class SquareWave(_CheckedDrive):
         return -(1 - 2 * fall + rise * fall) / (1 - rise * fall), (1 - 2 * rise + rise * fall) / (1 - rise * fall)
 
     @property
-    def low_v(self) -> float:
-        """Lowest level."""
-        return self.offset_v + self.amplitude_v * self._turning_points[0]
-
-    @property
-    def high_v(self) -> float:
-        """Highest level."""
-        return self.offset_v + self.amplitude_v * self._turning_points[1]
-
-    @property
-    def period_s(self) -> float:
-        """Duration of one period, s."""
-        return 1 / self.frequency_hz
-
-    @property
-    def duration_s(self) -> float:
-        """Duration, s."""
-        return self.cycles / self.frequency_hz
-
-    @property
     def slew_v_per_s(self) -> float:
         """Largest slope, V/s: where an edge begins."""
         low, high = self._turning_points
         return self.amplitude_v * max(1 - low, 1 + high) / self.edge_s
 
-    @property
-    def end_levels_v(self) -> tuple[float, float]:
-        """Levels at the start and at the end."""
-        return self.offset_v, self.offset_v
-
-    def volts(self, t: ArrayLike) -> Array:
-        """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
-        time = np.asarray(t, float)
-        live = (time >= 0) & (time <= self.duration_s)
+    def _shape(self, time: Array) -> Array:
         low, high = self._turning_points
         since_rise = np.mod(time + self.edge_s * math.log(1 - low), self.period_s)
         since_fall = since_rise - self.duty * self.period_s
         rising = 1 - (1 - low) * np.exp(-since_rise / self.edge_s)
         falling = -1 + (1 + high) * np.exp(-np.maximum(since_fall, 0.0) / self.edge_s)
-        shape = np.where(since_fall < 0, rising, falling)
-        return np.asarray(self.offset_v + np.where(live, self.amplitude_v * shape, 0.0))
+        return np.where(since_fall < 0, rising, falling)
 
 
 @dataclass(frozen=True, slots=True)
-class Steps(_Levels):
+class Steps(ReachedLevels, _CheckedDrive):
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.
 
     The first level is where it starts; each later one is reached in `rise_s` and then held.
     """
 
-    kind: ClassVar[str] = "Steps"
-    POSITIVE: ClassVar[tuple[str, ...]] = ("dwell_s", "rise_s")
     levels_v: tuple[float, ...]
     dwell_s: float
     rise_s: float
@@ -394,7 +383,7 @@ class Steps(_Levels):
 Drive = Hold | Ramp | Sine | LinearSweep | PeriodicSweep | Steps | SquareWave
 
 DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in get_args(Drive)}
-"""Drive types by the name that files, JSON and messages use; a `kind` never changes once it was released."""
+"""Drive types by their `kind`."""
 
 
 def as_record(drive: Drive) -> dict[str, Any]:

@@ -20,7 +20,6 @@ Programming Guide, TRACe:DATA:DAC.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -132,52 +131,20 @@ class Dg1000zDialect(RigolDialect):
             self.scpi.write_block_checked(f":SOUR1:TRAC:DATA:DAC16 VOLATILE,{flag},{block}")
 
 
-@dataclass(frozen=True, slots=True)
-class RigolSeries:
-    """The differences of a series.
-
-    Args:
-        points: of every waveform; fewer are stretched by the instrument.
-        upload: the command of a download, before its block.
-        has_output_limits: whether `OUTPut:VOLLimit` exists.
-        has_idle_setting: whether `BURSt:IDLE` exists; without it the first point is the idle level.
-        uploads_to_panel_channel: whether a download goes to the channel that is selected on the front panel.
-        neutral_settings: settings of other users that persist.
-    """
-
-    points: int
-    upload: str
-    has_output_limits: bool
-    has_idle_setting: bool
-    uploads_to_panel_channel: bool
-    neutral_settings: tuple[NeutralSetting, ...]
-
-
-DG800 = RigolSeries(
-    PACKET_POINTS,
-    ":SOUR1:TRAC:DATA:DAC16 VOLATILE,END,",
-    has_output_limits=True,
-    has_idle_setting=True,
-    uploads_to_panel_channel=False,
-    neutral_settings=(NORMAL_POLARITY, *OTHER_CHANNEL_OFF),
-)
-DG4000 = RigolSeries(
-    16_384,
-    ":TRAC:DATA:DAC VOLATILE,",
-    has_output_limits=False,
-    has_idle_setting=False,
-    uploads_to_panel_channel=True,
-    neutral_settings=(
-        NORMAL_POLARITY,
-        NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
-        NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
-        NO_COUPLING,
-    ),
+NEUTRAL_DG4000 = (
+    NORMAL_POLARITY,
+    NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
+    NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
+    NO_COUPLING,
 )
 
 
 class Dg800Dialect(RigolDialect):
-    """A DG800 keeps one amplitude and carries every drive in the points of its waveform."""
+    """A DG800 keeps one amplitude and carries every drive in the points of its waveform.
+
+    A DG4000 has no limits and no choice of the idle level, which is the first point, and downloads to the channel that is
+    selected on its front panel.
+    """
 
     capabilities = Capabilities(
         models=r"DG8[123][12](?!.*PRO)|DG9[579]2(?!.*PRO)|DG2(05|07|10)2|DG4(06|10|16|20)2",
@@ -187,16 +154,17 @@ class Dg800Dialect(RigolDialect):
     )
 
     @property
-    def _series(self) -> RigolSeries:
-        return DG4000 if self.model.startswith("DG4") else DG800
+    def _is_dg4000(self) -> bool:
+        return self.model.startswith("DG4")
 
     @property
     def max_points(self) -> int:
-        return self._series.points
+        """Points of every waveform; fewer are stretched by the instrument."""
+        return 16_384 if self._is_dg4000 else PACKET_POINTS
 
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:
-        return self._series.neutral_settings
+        return NEUTRAL_DG4000 if self._is_dg4000 else (NORMAL_POLARITY, *OTHER_CHANNEL_OFF)
 
     def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
         room_v = levels.span_v / 2
@@ -210,31 +178,30 @@ class Dg800Dialect(RigolDialect):
             expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
             expect_value(":SOUR1:VOLT", levels.span_v, LEVEL_TOLERANCE_V),
         )
-        if self._series.has_idle_setting:
-            yield expect_keyword(":SOUR1:BURS:IDLE", "FPT")
-        if self._series.uploads_to_panel_channel:
+        if self._is_dg4000:
             yield expect_keyword(":SOUR2:FUNC", "SIN")
-        if self._series.has_output_limits:
+        else:
+            yield expect_keyword(":SOUR1:BURS:IDLE", "FPT")
             yield expect_value(":OUTP1:VOLL:LOW", levels.low_v - room_v, LEVEL_TOLERANCE_V)
             yield expect_value(":OUTP1:VOLL:HIGH", levels.high_v + room_v, LEVEL_TOLERANCE_V)
             yield expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
 
     def set_up(self, levels: Levels) -> None:
-        if self._series.has_output_limits:
+        if not self._is_dg4000:
             self.write_checked(":OUTP1:VOLL:STAT OFF")
         self.set_high_impedance_load()
         self.write_checked(":SOUR1:VOLT:UNIT VPP", ":SOUR1:SWE:STAT OFF", ":SOUR1:VOLT 0.1", ":SOUR1:BURS:STAT OFF")
         self.write_checked(f":SOUR1:VOLT:OFFS {levels.rest_v:.6f}")
-        if self._series.uploads_to_panel_channel:  # a download selects the waveform where it arrives
+        if self._is_dg4000:  # a download selects the waveform where it arrives
             self.write_checked(":SOUR1:FUNC SIN", ":SOUR2:FUNC SIN")
 
     def arm(self, levels: Levels) -> None:
         self.write_checked(":SOUR1:FREQ 100", ":SOUR1:BURS:MODE TRIG", ":SOUR1:BURS:NCYC 1")
         self.write_checked(":SOUR1:BURS:PHAS 0", ":SOUR1:BURS:TDEL 0", ":SOUR1:BURS:TRIG:SOUR MAN")
-        if self._series.has_idle_setting:
+        if not self._is_dg4000:
             self.write_checked(":SOUR1:BURS:IDLE FPT")
         self.write_checked(":SOUR1:BURS:STAT ON", f":SOUR1:VOLT {levels.span_v:.6f}")
-        if self._series.has_output_limits:
+        if not self._is_dg4000:
             room_v = levels.span_v / 2
             self.write_checked(
                 f":OUTP1:VOLL:LOW {levels.low_v - room_v:.6f}",
@@ -243,9 +210,10 @@ class Dg800Dialect(RigolDialect):
             )
 
     def download_waveform(self, points: Points) -> None:
-        codes = converter_codes(stretched(points, self._series.points))
-        self.scpi.write_block_checked(self._series.upload + definite_length_block(codes))
-        if self._series.uploads_to_panel_channel:
+        block = definite_length_block(converter_codes(stretched(points, self.max_points)))
+        upload = ":TRAC:DATA:DAC VOLATILE," if self._is_dg4000 else ":SOUR1:TRAC:DATA:DAC16 VOLATILE,END,"
+        self.scpi.write_block_checked(upload + block)
+        if self._is_dg4000:
             own, other = (self.query_setting(f":SOUR{channel}:FUNC").upper() for channel in (1, 2))
             if own not in ("USER", "ARB") or other in ("USER", "ARB"):
                 raise InstrumentError(

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
@@ -73,75 +74,59 @@ class SupplyDialect:
 
 OCP = "over-current protection"
 
-# A single output takes no channel list.
-SINGLE_OUTPUT = SupplyDialect(
-    "Keysight E36100/E36200 with one output",
-    r"E36(10[2-6]|15[0-5]|23[12])",
-    set_voltage="VOLT {v:.4f}",
-    set_current="CURR {v:.4f}",
-    query_current="CURR?",
-    measure_voltage="MEAS:VOLT?",
-    enable_output="OUTP ON",
-    query_output="OUTP?",
-    query_ovp_enabled="VOLT:PROT:STAT?",
-    query_ovp_level="VOLT:PROT?",
-    query_ovp_tripped="VOLT:PROT:TRIP?",
-    persistent_settings=(PersistentSetting(OCP, "CURR:PROT:STAT?", OFF_REPLIES, "CURR:PROT:STAT OFF", optional=True),),
-)
+OCP_SWITCH = PersistentSetting(OCP, "CURR:PROT:STAT?", OFF_REPLIES, "CURR:PROT:STAT OFF")
+TRACKING = PersistentSetting("tracking", "OUTP:TRAC?", OFF_REPLIES, "OUTP:TRAC OFF", optional=True)
+
+
+def _keysight(
+    name: str,
+    model_pattern: str,
+    *persistent_settings: PersistentSetting,
+    select: str = "",
+    channel_list: bool = False,
+    has_ovp: bool = True,
+) -> SupplyDialect:
+    """Return the dialect of a family of one output, or whose outputs are selected before a command or listed after it."""
+    of_setting, of_query = (",(@{ch})", " (@{ch})") if channel_list else ("", "")
+    protection: dict[str, Any] = {
+        "query_ovp_enabled": f"{select}VOLT:PROT:STAT?{of_query}",
+        "query_ovp_level": f"{select}VOLT:PROT?{of_query}",
+        "query_ovp_tripped": f"{select}VOLT:PROT:TRIP?{of_query}",
+    }
+    return SupplyDialect(
+        name,
+        model_pattern,
+        set_voltage=f"{select}VOLT {{v:.4f}}{of_setting}",
+        set_current=f"{select}CURR {{v:.4f}}{of_setting}",
+        query_current=f"{select}CURR?{of_query}",
+        measure_voltage=f"{select}MEAS:VOLT?{of_query}",
+        enable_output=f"OUTP ON{of_setting}",
+        query_output=f"OUTP?{of_query}",
+        **protection if has_ovp else {},
+        persistent_settings=persistent_settings,
+    )
+
+
+SELECT = "INST:NSEL {ch};:"
 
 SUPPLY_DIALECTS = (
-    SupplyDialect(
+    _keysight(
         "Keysight E36200/E36300",
         r"E36(3\d\d|23[34])",
-        set_voltage="VOLT {v:.4f},(@{ch})",
-        set_current="CURR {v:.4f},(@{ch})",
-        query_current="CURR? (@{ch})",
-        measure_voltage="MEAS:VOLT? (@{ch})",
-        enable_output="OUTP ON,(@{ch})",
-        query_output="OUTP? (@{ch})",
-        query_ovp_enabled="VOLT:PROT:STAT? (@{ch})",
-        query_ovp_level="VOLT:PROT? (@{ch})",
-        query_ovp_tripped="VOLT:PROT:TRIP? (@{ch})",
-        persistent_settings=(
-            PersistentSetting(
-                OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"
-            ),  # it acts at the current limit itself
-            PersistentSetting("pairing of outputs", "OUTP:PAIR?", ("OFF", "NONE"), "OUTP:PAIR OFF", optional=True),
-        ),
+        PersistentSetting(
+            OCP, "CURR:PROT:STAT? (@{ch})", OFF_REPLIES, "CURR:PROT:STAT OFF,(@{ch})"
+        ),  # it acts at the current limit itself
+        PersistentSetting("pairing of outputs", "OUTP:PAIR?", ("OFF", "NONE"), "OUTP:PAIR OFF", optional=True),
+        channel_list=True,
     ),
-    SINGLE_OUTPUT,
-    replace(
-        SINGLE_OUTPUT,
-        name="Keysight E3632A/E3633A/E3634A",
-        model_pattern=r"E363[234]",
-        persistent_settings=(PersistentSetting(OCP, "CURR:PROT:STAT?", OFF_REPLIES, "CURR:PROT:STAT OFF"),),
+    _keysight(
+        "Keysight E36100/E36200 with one output", r"E36(10[2-6]|15[0-5]|23[12])", replace(OCP_SWITCH, optional=True)
     ),
-    replace(SINGLE_OUTPUT, name="Keysight E3640A-E3645A", model_pattern=r"E364[0-5]", persistent_settings=()),
-    replace(
-        SINGLE_OUTPUT,
-        name="Keysight E3646A-E3649A",
-        model_pattern=r"E364[6-9]",
-        set_voltage="INST:NSEL {ch};:VOLT {v:.4f}",
-        set_current="INST:NSEL {ch};:CURR {v:.4f}",
-        query_current="INST:NSEL {ch};:CURR?",
-        measure_voltage="INST:NSEL {ch};:MEAS:VOLT?",
-        query_ovp_enabled="INST:NSEL {ch};:VOLT:PROT:STAT?",
-        query_ovp_level="INST:NSEL {ch};:VOLT:PROT?",
-        query_ovp_tripped="INST:NSEL {ch};:VOLT:PROT:TRIP?",
-        persistent_settings=(PersistentSetting("tracking", "OUTP:TRAC?", OFF_REPLIES, "OUTP:TRAC OFF", optional=True),),
-    ),
+    _keysight("Keysight E3632A/E3633A/E3634A", r"E363[234]", OCP_SWITCH),
+    _keysight("Keysight E3640A-E3645A", r"E364[0-5]"),
+    _keysight("Keysight E3646A-E3649A", r"E364[6-9]", TRACKING, select=SELECT),
     # All outputs of an E3631A come on together; which one a setting means is selected in the same message.
-    SupplyDialect(
-        "Keysight E3631A",
-        r"E3631A",
-        set_voltage="INST:NSEL {ch};:VOLT {v:.4f}",
-        set_current="INST:NSEL {ch};:CURR {v:.4f}",
-        query_current="INST:NSEL {ch};:CURR?",
-        measure_voltage="INST:NSEL {ch};:MEAS:VOLT?",
-        enable_output="OUTP ON",
-        query_output="OUTP?",
-        persistent_settings=(PersistentSetting("tracking", "OUTP:TRAC?", OFF_REPLIES, "OUTP:TRAC OFF", optional=True),),
-    ),
+    _keysight("Keysight E3631A", r"E3631A", TRACKING, select=SELECT, has_ovp=False),
     SupplyDialect(
         "Rigol DP800",
         r"DP8\d\d",
