@@ -6,20 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model import GRAVITY, Array, ParameterError, format_uncertainty
+from model.identification import observations as observed
 from model.identification import parameters as known
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
-from model.identification.observations import (
-    DecayPoleObservation,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    Observation,
-    ObservationSet,
-    SharedError,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-)
 from model.identification.residuals import LeastSquaresProblem
 
 AGAIN_BETTER, AGAIN_MINUTES = 5.0, 5.0
@@ -42,7 +32,7 @@ class Candidate:
     Of a run, settings and expected errors count; its values are not used.
     """
 
-    run: Observation | BetterKnowledge
+    run: observed.Observation | BetterKnowledge
     minutes: float
 
 
@@ -118,7 +108,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
         priors={},
         start={n: values[n] for n in fit.free_parameters},
     )
-    problem = LeastSquaresProblem(ObservationSet((run,)), setting)
+    problem = LeastSquaresProblem(observed.ObservationSet((run,)), setting)
     begin = dict(zip(problem.names, problem.start.tolist(), strict=True))
     theta = np.array([values.get(n, begin[n]) for n in problem.names])
     _, J = problem.evaluate(theta)
@@ -142,7 +132,7 @@ def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     return F
 
 
-def _unknown_skin(fit: JointFit, run: Observation) -> tuple[str, ...]:
+def _unknown_skin(fit: JointFit, run: observed.Observation) -> tuple[str, ...]:
     """Return stiffness and damping of the skin under a candidate, where the runs done so far do not tell them."""
     elongation = getattr(run, "elongation_m", None)
     if elongation is None:
@@ -184,7 +174,7 @@ class ExpectedPrecision:
     minutes_per_level: float = 0.25
     minutes_per_frequency: float = 0.05
     mounting_minutes: float = 5.0
-    shared_errors: tuple[SharedError, ...] = ()
+    shared_errors: tuple[observed.SharedError, ...] = ()
 
 
 def default_candidates(
@@ -203,7 +193,7 @@ def default_candidates(
     setting = replace(
         fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
     )
-    campaign = ObservationSet(tuple(run for run, _ in plan))
+    campaign = observed.ObservationSet(tuple(run for run, _ in plan))
     problem = LeastSquaresProblem(campaign, setting)
     theta = np.array([values.get(n, 0.0) for n in problem.names])
     predicted = with_predictions(campaign, problem.forward_model, theta)
@@ -221,7 +211,9 @@ def default_candidates(
     return (*runs, *again)
 
 
-def _planned_runs(expected: ExpectedPrecision, elongations_m: Sequence[float]) -> list[tuple[Observation, float]]:
+def _planned_runs(
+    expected: ExpectedPrecision, elongations_m: Sequence[float]
+) -> list[tuple[observed.Observation, float]]:
     """Return the runs without their values, each with its minutes."""
     e = expected
     loads, masses = GRAVITY * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)
@@ -229,17 +221,17 @@ def _planned_runs(expected: ExpectedPrecision, elongations_m: Sequence[float]) -
     levels, f = np.arange(0.5, 5.01, 0.5), np.array([25, 50, 75, 100, 125, *range(150, 201, 5), 225, 250], float)
     peak = np.array([100.0, 140, 150, 160, 180])
 
-    def shared(*acts: str) -> tuple[SharedError, ...]:
+    def shared(*acts: str) -> tuple[observed.SharedError, ...]:
         return tuple(c for c in e.shared_errors if c.acts_on in acts)
 
-    def dwell(label: str, f: Array, elongation: float | None = None) -> FrequencyResponseObservation:
+    def dwell(label: str, f: Array, elongation: float | None = None) -> observed.FrequencyResponseObservation:
         on = shared("displacement", "volts", "delay")
-        return FrequencyResponseObservation(
+        return observed.FrequencyResponseObservation(
             label, f, np.ones(f.size, complex), np.ones(f.size), elongation_m=elongation, shared_errors=on
         )
 
     # What a sweep repeats badly, all its lines repeat badly alike.
-    unrepeated = SharedError("repeatability of the next sweep", "displacement", e.relative_error)
+    unrepeated = observed.SharedError("repeatability of the next sweep", "displacement", e.relative_error)
     swept = dwell(f"sweep, free, {lines.size} lines", lines)
     swept = replace(swept, swept=True, shared_errors=(*swept.shared_errors, unrepeated))
 
@@ -247,34 +239,34 @@ def _planned_runs(expected: ExpectedPrecision, elongations_m: Sequence[float]) -
         return np.ones(x.size), np.ones(x.size)
 
     on, heavy = shared("displacement", "load"), shared("mass")
-    plan: list[tuple[Observation, float]] = [
-        (StaticLoadingObservation("static loading", loads, *rows(loads), shared_errors=on), e.minutes_per_load * 5),
-        (StaticLoadingObservation("static loading, 500 g five times", loads[[4] * 5], *rows(loads), shared_errors=on), e.minutes_per_load * 5),
-        (MassResonanceObservation("mass resonance, nine masses", masses, *rows(masses), shared_errors=heavy), e.minutes_per_mass * 9),
-        (MassResonanceObservation("mass resonance, lightest and heaviest", masses[[0, 8]], *rows(masses[:2]), shared_errors=heavy), e.minutes_per_mass * 2),
-        (VoltageStepsObservation("voltage steps", levels, *rows(levels), shared_errors=shared("displacement", "volts")), e.minutes_per_level * 10),
+    plan: list[tuple[observed.Observation, float]] = [
+        (observed.StaticLoadingObservation("static loading", loads, *rows(loads), shared_errors=on), e.minutes_per_load * 5),
+        (observed.StaticLoadingObservation("static loading, 500 g five times", loads[[4] * 5], *rows(loads), shared_errors=on), e.minutes_per_load * 5),
+        (observed.MassResonanceObservation("mass resonance, nine masses", masses, *rows(masses), shared_errors=heavy), e.minutes_per_mass * 9),
+        (observed.MassResonanceObservation("mass resonance, lightest and heaviest", masses[[0, 8]], *rows(masses[:2]), shared_errors=heavy), e.minutes_per_mass * 2),
+        (observed.VoltageStepsObservation("voltage steps", levels, *rows(levels), shared_errors=shared("displacement", "volts")), e.minutes_per_level * 10),
         (dwell("sine dwell, free, 18 frequencies", f), e.minutes_per_frequency * f.size),
         (dwell("sine dwell, free, 5 frequencies about the peak", peak), e.minutes_per_frequency * peak.size),
         (swept, e.sweep_minutes),
-        (DecayPoleObservation("free decay, ten edges", *rows(np.ones(10)), np.full(10, 0.2), np.ones(10)), e.decay_minutes),
+        (observed.DecayPoleObservation("free decay, ten edges", *rows(np.ones(10)), np.full(10, 0.2), np.ones(10)), e.decay_minutes),
     ]  # fmt: skip
     for x in elongations_m:
         run = dwell(f"sine dwell, membrane at {1e3 * x:.3g} mm", f, x)
         plan.append((run, e.minutes_per_frequency * f.size + e.mounting_minutes))
-    plan.append((MembraneSagObservation("membrane sag", *rows(np.ones(5))), e.mounting_minutes))
+    plan.append((observed.MembraneSagObservation("membrane sag", *rows(np.ones(5))), e.mounting_minutes))
     return plan
 
 
-def _with_errors(run: Observation, expected: ExpectedPrecision) -> Observation:
+def _with_errors(run: observed.Observation, expected: ExpectedPrecision) -> observed.Observation:
     match run:
-        case MassResonanceObservation():
+        case observed.MassResonanceObservation():
             return replace(run, errors_hz=np.full(run.mass_kg.size, expected.resonance_hz))
-        case DecayPoleObservation():
+        case observed.DecayPoleObservation():
             errors = np.full(run.frequency_hz.size, expected.decay_hz)
             return replace(run, errors_hz=errors, damping_errors=errors / run.frequency_hz)
-        case FrequencyResponseObservation(swept=True):
+        case observed.FrequencyResponseObservation(swept=True):
             return replace(run, errors_m=np.full(run.frequency_hz.size, expected.floor_m))
-        case FrequencyResponseObservation():
+        case observed.FrequencyResponseObservation():
             return replace(
                 run, errors_m=expected.relative_error * np.abs(np.asarray(run.fundamental_m)) + expected.floor_m
             )

@@ -12,6 +12,7 @@ import numpy as np
 
 from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values, parameter_specs, point_stiffness, sag
 from model.beam import matrices, modal_form, receptance
+from model.identification import observations as observed
 from model.identification import parameters as known
 from model.identification.nonidealities import (
     DEFAULTS,
@@ -23,25 +24,13 @@ from model.identification.nonidealities import (
     with_acting_mass,
     with_flexible_clamp,
 )
-from model.identification.observations import (
-    DecayPoleObservation,
-    ErrorTarget,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    Observation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-    with_observed_values,
-)
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
 Values = Mapping[str, Any]
 
 
-def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tuple[Any, Any]:
+def skin_from_values(observation: observed.FrequencyResponseObservation, v: Values) -> tuple[Any, Any]:
     """k_s in N/m^2 and c_s in kg/(m s) under a run; 0 where the tactor was free."""
     if observation.elongation_m is None:
         return 0.0, 0.0
@@ -57,7 +46,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
 
 
-def beam_under(run: FrequencyResponseObservation, v: Values) -> Beam:
+def beam_under(run: observed.FrequencyResponseObservation, v: Values) -> Beam:
     """The symbols of Eqs. (1)-(6) for a run: with m_add, or with the moving share of the mass put in."""
     return beam_from_values(v, None if run.added_mass_kg is None else acting_mass(v, run.added_mass_kg))
 
@@ -113,12 +102,12 @@ class FiniteDifferences:
         y = np.broadcast_to(y, (self.set_count, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.set_count, y)
         return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._steps).reshape(-1, *(1,) * (y.ndim - 1))
 
-    def shared_error(self, observation: Observation, acts_on: ErrorTarget) -> Array:
+    def shared_error(self, observation: observed.Observation, acts_on: observed.ErrorTarget) -> Array:
         """Return the sum of a run's shared errors of one kind, (S,)."""
         errors = (self.values[e.name] for e in observation.shared_errors if e.acts_on == acts_on)
         return np.asarray(sum(errors, start=np.zeros(self.set_count)))
 
-    def input_error(self, observation: Observation, acts_on: ErrorTarget, inputs: Array) -> Array:
+    def input_error(self, observation: observed.Observation, acts_on: observed.ErrorTarget, inputs: Array) -> Array:
         """Return the sum of the errors of one kind at each of a run's inputs (F,), such as its loads: (S, F)."""
         total = np.zeros((self.set_count, inputs.size))
         for e in observation.shared_errors:
@@ -126,7 +115,7 @@ class FiniteDifferences:
                 total += np.multiply.outer(np.broadcast_to(self.values[e.name], self.set_count), e.acts_at(inputs))
         return total
 
-    def rest_drift(self, run: VoltageStepsObservation) -> Any:
+    def rest_drift(self, run: observed.VoltageStepsObservation) -> Any:
         """Return what the drifts at rest add at each usable point, (S, F); 0 for a run without times."""
         total: Any = 0.0
         for e in run.shared_errors:
@@ -182,7 +171,7 @@ class ForwardModel:
 
     def __init__(
         self,
-        observations: ObservationSet,
+        observations: observed.ObservationSet,
         names: Sequence[str],
         fixed: Mapping[str, float | None],
         tied: Mapping[str, tuple[str, float]],
@@ -193,7 +182,7 @@ class ForwardModel:
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
         self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
         self.nonideal = NonidealResponse(observations, amplifier)
-        self._responses = observations.of_type(FrequencyResponseObservation)
+        self._responses = observations.of_type(observed.FrequencyResponseObservation)
         self._drives = {
             r.label: 1j * specimen_harmonic(r, amplifier) for r in self._responses if r.fundamental_m is not None
         }
@@ -214,11 +203,11 @@ class ForwardModel:
             v[name] = factor * v[other]
         return with_acting_mass(v)
 
-    def _predict_run(self, run: Observation, differences: FiniteDifferences) -> Prediction:
+    def _predict_run(self, run: observed.Observation, differences: FiniteDifferences) -> Prediction:
         gain = 1 + differences.shared_error(run, "displacement")
         v, beam, good = differences.values, beam_from_values(differences.values), run.usable
         match run:
-            case StaticLoadingObservation():
+            case observed.StaticLoadingObservation():
                 sign = {"mfc": 1.0, "aluminium": -1.0, "both": 0.0}[run.side]
                 load = run.load_n[good]
                 per_newton = np.broadcast_to(
@@ -227,7 +216,7 @@ class ForwardModel:
                 errors = differences.input_error(run, "load", load) + np.reshape(v["load_gain"], (-1, 1))
                 acting = load * (1 + errors) + np.reshape(v["load_offset"], (-1, 1))
                 y = per_newton[:, None] * acting * self.nonideal.factor(run, v) + self.nonideal.drift(run, v)
-            case VoltageStepsObservation():
+            case observed.VoltageStepsObservation():
                 per_volt = voltage_gain(beam) * gain * (1 + differences.shared_error(run, "volts"))
                 level = run.input_v[good]
                 slope = self._amplifier.slope_at(level)
@@ -235,17 +224,17 @@ class ForwardModel:
                 volts = self.nonideal.volts(run, v, volts)
                 y = np.broadcast_to(per_volt, differences.set_count)[:, None] * volts * self.nonideal.factor(run, v)
                 y = y + differences.rest_drift(run)
-            case MembraneSagObservation():
+            case observed.MembraneSagObservation():
                 return self._sag(run, differences, gain)
-            case MassResonanceObservation():
+            case observed.MassResonanceObservation():
                 return self._resonances(run, differences)
-            case DecayPoleObservation():
+            case observed.DecayPoleObservation():
                 return self._poles(run, differences)
-            case FrequencyResponseObservation():
+            case observed.FrequencyResponseObservation():
                 return self._peak_to_peak_prediction(run, differences, gain)
         return Prediction(y[0], differences.derivatives(y))
 
-    def _sag(self, run: MembraneSagObservation, differences: FiniteDifferences, gain: Array) -> Prediction:
+    def _sag(self, run: observed.MembraneSagObservation, differences: FiniteDifferences, gain: Array) -> Prediction:
         fields = [q.name for q in parameter_specs(Membrane)]
         table = np.array([np.broadcast_to(differences.values[name], differences.set_count) for name in fields]).T
         if run.geometry is not None:
@@ -262,7 +251,7 @@ class ForwardModel:
         y = y * self.nonideal.factor(run, differences.values)
         return Prediction(y[0], differences.derivatives(y))
 
-    def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
+    def _resonances(self, run: observed.MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
         mass_kg = np.asarray(run.mass_kg)[run.usable]
         put_in = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
         mass = np.broadcast_to(acting_masses(differences.values, put_in), put_in.shape)
@@ -302,7 +291,7 @@ class ForwardModel:
             d = d + np.multiply.outer(dl, moved / (2 * RELATIVE_STEP))
         return Prediction(omega / (2 * np.pi), d / (2 * np.pi))
 
-    def _poles(self, run: DecayPoleObservation, differences: FiniteDifferences) -> Prediction:
+    def _poles(self, run: observed.DecayPoleObservation, differences: FiniteDifferences) -> Prediction:
         beam = beam_from_values(differences.values)
         stacked, slopes = differences.stack([equation_factors(beam, (0.0, 0.0), differences.set_count)])
         s, own = ReceptanceSolver(*differences.geometry, self.n).pole(stacked)
@@ -369,7 +358,7 @@ class ForwardModel:
         return out
 
     def _peak_to_peak_prediction(
-        self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array
+        self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array
     ) -> Prediction:
         nominal = run.frequency_hz[run.usable]
         error = differences.input_error(run, "frequency", nominal)
@@ -382,7 +371,7 @@ class ForwardModel:
         return Prediction(y[0], slopes)
 
     def _peak_to_peak(
-        self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array, f: Array
+        self, run: observed.FrequencyResponseObservation, differences: FiniteDifferences, gain: Array, f: Array
     ) -> Array:
         """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, vectorized over sets."""
         v = differences.values
@@ -404,7 +393,11 @@ def modulus_prediction(y: Complex, dy: Complex) -> Prediction:
     return Prediction(size, (y.conj() * dy).real / size)
 
 
-def with_predictions(observations: ObservationSet, forward: "ForwardModel", theta: Array) -> ObservationSet:
+def with_predictions(
+    observations: observed.ObservationSet, forward: "ForwardModel", theta: Array
+) -> observed.ObservationSet:
     """Return the observations with their values replaced by the model's predictions."""
     pairs = zip(observations.runs, forward.predict(theta), strict=True)
-    return ObservationSet(tuple(with_observed_values(run, predicted.values) for run, predicted in pairs))
+    return observed.ObservationSet(
+        tuple(observed.with_observed_values(run, predicted.values) for run, predicted in pairs)
+    )

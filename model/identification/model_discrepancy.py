@@ -12,18 +12,8 @@ from typing import Any
 import numpy as np
 
 from model import Array, format_with_uncertainty
+from model.identification import observations as observed
 from model.identification.fit_result import JointFit
-from model.identification.observations import (
-    DecayPoleObservation,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-    observed_values,
-    over_errors,
-)
 from model.identification.residuals import LeastSquaresProblem
 
 WORD_PAIR = re.compile(r"<([^<>|]*)\|([^<>|]*)>")
@@ -57,8 +47,10 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
         d = np.zeros(fit.weighted_residuals.size)
         for run in fit.observations.runs:
             if run.label in parts:
-                complex_run = np.iscomplexobj(observed_values(run)[0])
-                d[place[run.label]] = over_errors(run, parts[run.label] if complex_run else np.real(parts[run.label]))
+                complex_run = np.iscomplexobj(observed.observed_values(run)[0])
+                d[place[run.label]] = observed.over_errors(
+                    run, parts[run.label] if complex_run else np.real(parts[run.label])
+                )
         return d
 
     found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y))
@@ -81,7 +73,7 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
     for run in fit.observations.runs:
         p = y[run.label]
         match run:
-            case StaticLoadingObservation():
+            case observed.StaticLoadingObservation():
                 load = np.abs(run.load_n[run.usable])
                 yield "gain", f"{run.label} deflects {{}} % <more|less> than {others}", {run.label: p}
                 if np.ptp(load) > 0:
@@ -89,7 +81,7 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                         f"{run.label} is {{}} % <softer|stiffer> at its largest load than at none: it is not linear"
                     )
                     yield "bend", message, {run.label: p * load / load.max()}
-            case MassResonanceObservation():
+            case observed.MassResonanceObservation():
                 yield "gain", f"{run.label} resonates {{}} % <higher|lower> than {others}", {run.label: p}
                 mass = run.mass_kg[run.usable]
                 if np.ptp(mass) > 0:
@@ -97,15 +89,15 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                         f"{run.label} is {{}} % <stiffer|softer> in frequency with its largest mass than with its least"
                     )
                     yield "bend", message, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
-            case VoltageStepsObservation():
+            case observed.VoltageStepsObservation():
                 yield from _voltage_step_discrepancies(
                     run, p, others, fit.problem.forward_model.nonideal.loop_share(run)
                 )
-            case DecayPoleObservation():
+            case observed.DecayPoleObservation():
                 yield "gain", f"{run.label} rings {{}} % <higher|lower> than {others}", {run.label: p}
                 damped = f"{run.label} is damped by {{}} % of the critical damping <more|less> than {others}"
                 yield "damping", damped, {run.label: 1j * p / np.sqrt(1 - (p.real / np.abs(p)) ** 2)}
-            case FrequencyResponseObservation():
+            case observed.FrequencyResponseObservation():
                 yield "gain", f"{run.label} vibrates {{}} % <more|less> than {others}", {run.label: p}
                 yield (
                     "tuning",
@@ -115,12 +107,12 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                 if np.iscomplexobj(p):
                     message = f"{run.label} <lags|leads> the model by {{}} % of a radian"
                     yield "lag", message, {run.label: -1j * p}
-            case MembraneSagObservation():
+            case observed.MembraneSagObservation():
                 pass
 
 
 def _voltage_step_discrepancies(
-    run: VoltageStepsObservation, p: Array, others: str, loop: Array
+    run: observed.VoltageStepsObservation, p: Array, others: str, loop: Array
 ) -> Iterator[DiscrepancyParts]:
     yield "gain", f"{run.label} deflect {{}} % <more|less> than {others}", {run.label: p}
     share = np.abs(p) / np.abs(p).max() if np.any(p) else np.zeros_like(p)
@@ -143,7 +135,7 @@ def _voltage_step_discrepancies(
 
 def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
     """Yield discrepancies that only several runs together show."""
-    dwells = fit.observations.of_type(FrequencyResponseObservation)
+    dwells = fit.observations.of_type(observed.FrequencyResponseObservation)
     with_phase = [r for r in dwells if np.iscomplexobj(y[r.label])]
     spread = [r for r in with_phase if np.ptp(r.frequency_hz[r.usable]) > 0]
     if spread:
@@ -173,10 +165,10 @@ def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepan
 
 
 def _repeated_settings(
-    ordered: list[FrequencyResponseObservation],
-) -> Iterator[tuple[FrequencyResponseObservation, FrequencyResponseObservation]]:
+    ordered: list[observed.FrequencyResponseObservation],
+) -> Iterator[tuple[observed.FrequencyResponseObservation, observed.FrequencyResponseObservation]]:
     """The first and the last dwell of each setting that was done more than once."""
-    settings: dict[Any, list[FrequencyResponseObservation]] = {}
+    settings: dict[Any, list[observed.FrequencyResponseObservation]] = {}
     for r in ordered:
         drive = float(np.round(np.mean(r.drive_amplitude_v), 2))
         settings.setdefault((r.elongation_m, r.added_mass_kg, drive), []).append(r)
@@ -188,12 +180,12 @@ def _repeated_settings(
 def _frequency_stretch_derivatives(fit: JointFit) -> dict[str, Any]:
     """Per dwell the slope of its prediction to a stretch of the frequency axis: a resonance a hundred percent higher."""
     step = 1e-4
-    dwells = fit.observations.of_type(FrequencyResponseObservation)
+    dwells = fit.observations.of_type(observed.FrequencyResponseObservation)
     if not dwells:
         return {}
     ends = []
     for factor in (1 - step, 1 + step):
-        moved = ObservationSet(tuple(replace(run, frequency_hz=run.frequency_hz * factor) for run in dwells))
+        moved = observed.ObservationSet(tuple(replace(run, frequency_hz=run.frequency_hz * factor) for run in dwells))
         problem = LeastSquaresProblem(moved, replace(fit.options, free=fit.free_parameters))
         theta = np.array([fit.theta[fit.names.index(n)] for n in problem.names])
         ends.append([p.values for p in problem.forward_model.predict(theta)])

@@ -12,14 +12,7 @@ from annotated_types import Interval
 
 from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, Mask, ParameterSpec
 from model.drive_history import DriveHistory, rayleigh_response
-from model.identification.observations import (
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    Observation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-)
+from model.identification import observations as observed
 from model.response import DIFFERENT_DRIVES, REFERENCE_S, crept_response, fourier_series, loop_harmonics
 from model.response import specimen_harmonic as harmonic_of_sine
 from model.specimen import flexible_clamp_lengths
@@ -58,14 +51,14 @@ TYPICAL_SIZES = {"kg": 1e-2, "m": 1e-3, "s": 1e-3, "N": 1.0, "1": 1.0}
 DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.items()}
 
 
-def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
+def specimen_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
     return np.array([harmonic_of_sine(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
 
 
-def loop_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
+def loop_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
@@ -109,31 +102,31 @@ class NonidealResponse:
         amplifier: its map without errors.
     """
 
-    def __init__(self, observations: ObservationSet, amplifier: AmplifierMap) -> None:
+    def __init__(self, observations: observed.ObservationSet, amplifier: AmplifierMap) -> None:
         self._amplifier = amplifier
-        orders = [r.order for r in observations.of_type(FrequencyResponseObservation) if r.order is not None]
+        orders = [r.order for r in observations.of_type(observed.FrequencyResponseObservation) if r.order is not None]
         self._first, self._last = (min(orders), max(orders)) if orders else (0.0, 0.0)
-        steps = observations.of_type(VoltageStepsObservation)
+        steps = observations.of_type(observed.VoltageStepsObservation)
         self._histories = {run.label: run.history or _usual_history(run, amplifier) for run in steps}
 
-    def factor(self, run: Observation, v: Values) -> Any:
+    def factor(self, run: observed.Observation, v: Values) -> Any:
         """Return the factor of the predictions at a run's usable points, (S, F) or what broadcasts to it."""
         factor = self._factor(run, v)
-        if np.any(v["sensor_gain"]) and not isinstance(run, MassResonanceObservation):
+        if np.any(v["sensor_gain"]) and not isinstance(run, observed.MassResonanceObservation):
             factor = factor * (1 + _column(v["sensor_gain"]))
         return factor
 
-    def _factor(self, run: Observation, v: Values) -> Any:
+    def _factor(self, run: observed.Observation, v: Values) -> Any:
         match run:
-            case FrequencyResponseObservation():
+            case observed.FrequencyResponseObservation():
                 return self._dwell_factor(run, v)
-            case StaticLoadingObservation():
+            case observed.StaticLoadingObservation():
                 decades = np.log10(np.full(1, LOADING_TIME_S) / REFERENCE_S)
                 if run.history is not None:  # what earlier loads left is part of it
                     loads = run.history.drive
                     decades = (run.history.crept(loads, REFERENCE_S) / run.history.steps(loads))[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
-            case VoltageStepsObservation():
+            case observed.VoltageStepsObservation():
                 decades = self._histories[run.label].decades(REFERENCE_S)[run.usable]
                 return self._static_factor(v, decades, run.deflection_m[run.usable])
         return 1.0
@@ -146,7 +139,7 @@ class NonidealResponse:
             factor = factor / (1 + _column(v["stiffening"]) * (deflection_m / STIFFENING_M) ** 2)
         return factor
 
-    def _dwell_factor(self, run: FrequencyResponseObservation, v: Values) -> Any:
+    def _dwell_factor(self, run: observed.FrequencyResponseObservation, v: Values) -> Any:
         f = run.frequency_hz[run.usable]
         factor: Any = 1.0
         if np.any(v["creep"]):
@@ -167,13 +160,13 @@ class NonidealResponse:
             factor = factor * (1 + _column(below) * share + _column(above) * (1 - share))
         return factor
 
-    def _share_below(self, run: FrequencyResponseObservation) -> Array:
+    def _share_below(self, run: observed.FrequencyResponseObservation) -> Array:
         """Return the share of the fundamental of the volts on the specimen that the slope below rest makes, (F,)."""
         drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
         different, where = np.unique(drives, axis=0, return_inverse=True)
         return np.array([_share_below(self._amplifier, *drive) for drive in different.tolist()])[where.ravel()]
 
-    def volts(self, run: VoltageStepsObservation, v: Values, volts: Array) -> Array:
+    def volts(self, run: observed.VoltageStepsObservation, v: Values, volts: Array) -> Array:
         """Return the volts on the specimen that act, (S, F), of those by the amplifier's map, with what was before each reading."""
         if np.any(v["gain_below_rest"]) or np.any(v["gain_above_rest"]):
             below, above = _column(v["gain_below_rest"]), _column(v["gain_above_rest"])
@@ -188,17 +181,17 @@ class NonidealResponse:
         volts = volts + creep * (left + hysteresis * late)[..., run.usable] / (1 + creep * decades[run.usable])
         return np.asarray(volts)
 
-    def loop_share(self, run: VoltageStepsObservation) -> Array:
+    def loop_share(self, run: observed.VoltageStepsObservation) -> Array:
         """Return what a `hysteresis` of 1 adds to the volts of each usable point, as a share of the largest, (F,)."""
         loop, _, _ = _memory(self._histories[run.label], self._amplifier)
         volts = np.abs(self._amplifier.specimen_v(run.input_v[run.usable]))
         return np.asarray(loop[run.usable] / (volts.max() or 1.0))
 
-    def drift(self, run: StaticLoadingObservation, v: Values) -> Any:
+    def drift(self, run: observed.StaticLoadingObservation, v: Values) -> Any:
         """Return the drift of the zero at each usable point, (S, F): in the order of the rows."""
         return _column(v["zero_drift"]) * _positions(run.usable)
 
-    def stiffness_gain(self, run: FrequencyResponseObservation, v: Values, sets: int) -> Array:
+    def stiffness_gain(self, run: observed.FrequencyResponseObservation, v: Values, sets: int) -> Array:
         """Return the share by which the bending stiffness is larger at each usable point, (S, F), by harmonic balance."""
         y = run.peak_to_peak_m if run.fundamental_m is None else np.abs(run.fundamental_m)
         amplitude = np.zeros(1) if y is None else y[run.usable]
@@ -215,7 +208,7 @@ def _share_below(amplifier: AmplifierMap, amplitude_v: float, offset_v: float) -
     return float((below / both).real)
 
 
-def _usual_history(run: VoltageStepsObservation, amplifier: AmplifierMap) -> DriveHistory:
+def _usual_history(run: observed.VoltageStepsObservation, amplifier: AmplifierMap) -> DriveHistory:
     """Return the history of levels whose times are unknown: a staircase where they rise and fall, otherwise each from rest."""
     held_s = np.full(run.input_v.size, STEP_TIME_S) if run.time_s is None else np.nan_to_num(run.time_s)
     return DriveHistory.of_levels(run.input_v, amplifier.rest_v, held_s, staircase=run.rising is not None)

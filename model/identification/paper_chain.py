@@ -13,16 +13,9 @@ from typing import Literal
 import numpy as np
 
 from model import AmplifierMap, Array, Mask, Membrane, ParameterError, Tactor, point_stiffness, young_modulus_from_sag
+from model.identification import observations as observed
 from model.identification.forward_model import equation_factors
 from model.identification.nonidealities import specimen_harmonic
-from model.identification.observations import (
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-)
 from model.identification.parameters import elongation_parameter
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import load_compliance, voltage_gain
@@ -136,7 +129,7 @@ def tactor_factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
     return equation_factors(t.beam._replace(eta=mass / (2 * (t.L - t.L2))), (k_s, c_s), mass.size)
 
 
-def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:
+def measured_amplitudes(run: observed.FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:
     """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `prefer_peak_to_peak` takes half of max - min."""
     prefer_peak_to_peak = run.fundamental_m is None or (prefer_peak_to_peak and run.peak_to_peak_m is not None)
     A = np.asarray(run.peak_to_peak_m) / 2 if prefer_peak_to_peak else np.abs(np.asarray(run.fundamental_m))
@@ -144,12 +137,12 @@ def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: 
     return run.frequency_hz[run.usable][order], A[run.usable][order]
 
 
-def specimen_volts(run: FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
+def specimen_volts(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
     """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
     return np.asarray(np.abs(specimen_harmonic(run, amplifier))[np.argsort(run.frequency_hz[run.usable])])
 
 
-def average_deflections(runs: Sequence[StaticLoadingObservation]) -> tuple[Array, Array]:
+def average_deflections(runs: Sequence[observed.StaticLoadingObservation]) -> tuple[Array, Array]:
     """Loads (N) and deflections (m), (N,) each: repeats averaged per side and then over the sides (Sec. IV-1)."""
     means: dict[float, dict[str, list[float]]] = {}
     for run in runs:
@@ -173,7 +166,9 @@ PEAK_BAND_HZ = (100.0, 250.0)
 """Band in which the paper searches for the peak on the membrane."""
 
 
-def identify_by_paper_chain(observations: ObservationSet, options: PaperChainOptions | None = None) -> PaperChainResult:
+def identify_by_paper_chain(
+    observations: observed.ObservationSet, options: PaperChainOptions | None = None
+) -> PaperChainResult:
     """Go through the steps that the runs allow; a step without runs keeps the value of `options`.
 
     Raises:
@@ -183,18 +178,18 @@ def identify_by_paper_chain(observations: ObservationSet, options: PaperChainOpt
 
 
 class _PaperIdentification:
-    def __init__(self, observations: ObservationSet, options: PaperChainOptions) -> None:
+    def __init__(self, observations: observed.ObservationSet, options: PaperChainOptions) -> None:
         self.observations, self.options = observations, options
         self.tactor, self.membrane = options.tactor, options.membrane
         self.steps: dict[str, IdentificationStep] = {}
-        responses = observations.of_type(FrequencyResponseObservation)
+        responses = observations.of_type(observed.FrequencyResponseObservation)
         self.free_runs = [r for r in responses if r.elongation_m is None and r.added_mass_kg is None]
         self.membrane_runs = sorted(
             (r for r in responses if r.elongation_m is not None), key=lambda r: r.elongation_m or 0
         )
 
     def run(self) -> PaperChainResult:
-        peaks = any(m.meaning == "peak" for m in self.observations.of_type(MassResonanceObservation))
+        peaks = any(m.meaning == "peak" for m in self.observations.of_type(observed.MassResonanceObservation))
         for _ in range(30):
             k2 = self.tactor.k2
             self.identify_stiffness()
@@ -216,8 +211,8 @@ class _PaperIdentification:
     def identify_stiffness(self) -> None:
         """Step 1: the weighted sum of both distances is least; Gauss-Newton in log k2."""
         loads, masses = (
-            self.observations.of_type(StaticLoadingObservation),
-            self.observations.of_type(MassResonanceObservation),
+            self.observations.of_type(observed.StaticLoadingObservation),
+            self.observations.of_type(observed.MassResonanceObservation),
         )
         if not loads and not masses:
             return
@@ -256,7 +251,7 @@ class _PaperIdentification:
 
     def identify_coupling(self) -> None:
         """Step 2: least squares through the origin, Eq. (8)."""
-        runs = self.observations.of_type(VoltageStepsObservation)
+        runs = self.observations.of_type(observed.VoltageStepsObservation)
         if not runs:
             return
         V = np.concatenate([self.options.amplifier.specimen_v(r.input_v[r.usable]) for r in runs])
@@ -358,7 +353,7 @@ class _PaperIdentification:
 
     def identify_modulus(self) -> None:
         """Step 5: E_m such that the model sags as much as the mean of the measured sags."""
-        runs = self.observations.of_type(MembraneSagObservation)
+        runs = self.observations.of_type(observed.MembraneSagObservation)
         if not runs:
             return
         values = []
@@ -443,10 +438,10 @@ class _PaperIdentification:
                 out.append(CurveValidation(run.label, float(r.statistic), float(r.pvalue), A.size))
         return tuple(out)
 
-    def measured_amplitudes(self, run: FrequencyResponseObservation) -> tuple[Array, Array]:
+    def measured_amplitudes(self, run: observed.FrequencyResponseObservation) -> tuple[Array, Array]:
         return measured_amplitudes(run, self.options.amplitude == "peak_to_peak")
 
-    def _specimen_volts(self, run: FrequencyResponseObservation) -> Array:
+    def _specimen_volts(self, run: observed.FrequencyResponseObservation) -> Array:
         return specimen_volts(run, self.options.amplifier)
 
     def _k_s(self, elongation: float) -> float:

@@ -11,18 +11,9 @@ from typing import Any
 import numpy as np
 
 from model import Array, EstimatedQuantity, ParameterError
+from model.identification import observations as observed
 from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel, modulus_prediction
-from model.identification.observations import (
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-    observed_values,
-    resample,
-)
 from model.identification.paper_chain import (
     PaperChainError,
     PaperChainOptions,
@@ -35,7 +26,7 @@ from model.identification.parameters import default_values, elongation_parameter
 
 
 def linearized_errors(
-    observations: ObservationSet, options: PaperChainOptions, result: PaperChainResult
+    observations: observed.ObservationSet, options: PaperChainOptions, result: PaperChainResult
 ) -> tuple[tuple[EstimatedQuantity, ...], Array]:
     """Estimates with standard errors, and their covariance (E, E), of what `identify_by_paper_chain` found; SI.
 
@@ -77,12 +68,12 @@ def _estimates(names: tuple[str, ...], S: Array, result: PaperChainResult) -> tu
 
 
 def _linearize(
-    campaign: ObservationSet, forward: ForwardModel, theta: Array
+    campaign: observed.ObservationSet, forward: ForwardModel, theta: Array
 ) -> tuple[Array, Array, Array, Array, dict[str, slice]]:
     """Measured, error, predicted, slopes (rows, P) of all runs, responses as amplitudes; and where each run is."""
     ys, errors, hs, Js, where, start = [], [], [], [], {}, 0
     for run, got in zip(campaign.runs, forward.predict(theta), strict=True):
-        y, error = observed_values(run)
+        y, error = observed.observed_values(run)
         h, J = got
         if np.iscomplexobj(y):
             y, (h, J) = np.abs(y), modulus_prediction(h, J)
@@ -98,7 +89,7 @@ def _linearize(
 def _write_step_weights(
     a: Array,
     name: str,
-    campaign: ObservationSet,
+    campaign: observed.ObservationSet,
     method: PaperChainOptions,
     where: dict[str, slice],
     y: Array,
@@ -106,13 +97,13 @@ def _write_step_weights(
     slope: Array,
 ) -> None:
     """Write into `a` (rows,) what one step weighs each row with."""
-    responses = campaign.of_type(FrequencyResponseObservation)
+    responses = campaign.of_type(observed.FrequencyResponseObservation)
     free = [r for r in responses if r.elongation_m is None and r.added_mass_kg is None]
     match name:
         case "k2":
             kinds: tuple[list[Any], list[Any]] = (
-                campaign.of_type(StaticLoadingObservation),
-                campaign.of_type(MassResonanceObservation),
+                campaign.of_type(observed.StaticLoadingObservation),
+                campaign.of_type(observed.MassResonanceObservation),
             )
             shares = (method.static_weight, 1 - method.static_weight) if all(kinds) else (1.0, 1.0)
             for runs, share in zip(kinds, shares, strict=True):
@@ -121,7 +112,7 @@ def _write_step_weights(
                     at_rows = np.concatenate(rows)
                     a[at_rows] = share * slope[at_rows] / (y[at_rows] @ y[at_rows])
         case "mu":
-            for r in campaign.of_type(VoltageStepsObservation):
+            for r in campaign.of_type(observed.VoltageStepsObservation):
                 a[where[r.label]] = method.amplifier.specimen_v(r.input_v[r.usable])
         case "m_add" | "c0":
             part, order = where[free[0].label], np.argsort(free[0].frequency_hz[free[0].usable])
@@ -130,7 +121,7 @@ def _write_step_weights(
             three = slice(top - 1, top + 2)
             a[part.start + order[three]] = _vertex_derivatives(f[three], A[three])[0 if name == "m_add" else 1]
         case "E_m":
-            for sag in campaign.of_type(MembraneSagObservation):
+            for sag in campaign.of_type(observed.MembraneSagObservation):
                 part = where[sag.label]
                 a[part] = 1 / (part.stop - part.start)
         case _:
@@ -171,7 +162,7 @@ def _line_transform(names: tuple[str, ...], result: PaperChainResult, line: tupl
 
 
 def resampled_errors(
-    observations: ObservationSet,
+    observations: observed.ObservationSet,
     options: PaperChainOptions,
     result: PaperChainResult,
     draws: int = 100,
@@ -192,7 +183,7 @@ def resampled_errors(
             raise FitCancelled("the chain's errors were stopped on request")
         try:
             values = identify_by_paper_chain(
-                resample(observations, np.random.default_rng((seed, i)))[0], options
+                observed.resample(observations, np.random.default_rng((seed, i)))[0], options
             ).values
             rows.append([values[n] for n in names])
         except (PaperChainError, KeyError):

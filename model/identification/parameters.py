@@ -6,17 +6,8 @@ from dataclasses import asdict
 from annotated_types import Interval
 
 from model import C_S, CONTACT_LENGTH, K_S, Membrane, ParameterError, ParameterSpec, Tactor, parameter_specs, skin
+from model.identification import observations as observed
 from model.identification.nonidealities import NONIDEALITIES, TYPICAL_SIZES
-from model.identification.observations import (
-    SHARED_ERROR_UNITS,
-    DecayPoleObservation,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    ObservationSet,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-)
 
 ASYMMETRY = ParameterSpec.listed("asymmetry", Interval(gt=-1, lt=1), 0.0)
 SPECIMEN_PARAMETERS = {
@@ -40,7 +31,7 @@ def parse_elongation(name: str) -> float | None:
     return None
 
 
-def parameter_spec(name: str, observations: ObservationSet | None = None) -> ParameterSpec:
+def parameter_spec(name: str, observations: observed.ObservationSet | None = None) -> ParameterSpec:
     """Unit, limits and meaning of a parameter; raises ParameterError for an unknown name."""
     if name in SPECIMEN_PARAMETERS:
         return SPECIMEN_PARAMETERS[name]
@@ -50,7 +41,7 @@ def parameter_spec(name: str, observations: ObservationSet | None = None) -> Par
     if observations is not None and name in observations.shared_errors:
         error = observations.shared_errors[name]
         return ParameterSpec(
-            name, SHARED_ERROR_UNITS[error.acts_on], Interval(), f"common error of {error.acts_on}", 0.0
+            name, observed.SHARED_ERROR_UNITS[error.acts_on], Interval(), f"common error of {error.acts_on}", 0.0
         )
     raise ParameterError(
         f"{name} is not an identifiable parameter: choose from {', '.join(SPECIMEN_PARAMETERS)}, or c_s(ELONGATION mm)"
@@ -62,24 +53,27 @@ def default_values(tactor: Tactor, membrane: Membrane, contact_length: float | N
     return {**asdict(tactor), **asdict(membrane), "contact_length": contact_length, "asymmetry": 0.0}
 
 
-def identifiable_parameters(observations: ObservationSet, per_elongation: bool = False) -> tuple[str, ...]:
+def identifiable_parameters(observations: observed.ObservationSet, per_elongation: bool = False) -> tuple[str, ...]:
     """Return the parameters of the paper that these kinds of runs can identify.
 
     `per_elongation` adds a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
     """
-    responses = observations.of_type(FrequencyResponseObservation)
+    responses = observations.of_type(observed.FrequencyResponseObservation)
     on_skin = sorted({r.elongation_m for r in responses if r.elongation_m is not None})
     names: list[str] = []
-    if any(isinstance(run, StaticLoadingObservation | MassResonanceObservation) for run in observations.runs):
+    if any(
+        isinstance(run, observed.StaticLoadingObservation | observed.MassResonanceObservation)
+        for run in observations.runs
+    ):
         names.append("k2")
-    if observations.of_type(VoltageStepsObservation) or responses:
+    if observations.of_type(observed.VoltageStepsObservation) or responses:
         names.append("mu")
-    decays = observations.of_type(DecayPoleObservation)
+    decays = observations.of_type(observed.DecayPoleObservation)
     if decays or any(r.added_mass_kg is None for r in responses):
         names.append("m_add")
     if decays or responses:
         names.append("c0")
-    if observations.of_type(MembraneSagObservation):
+    if observations.of_type(observed.MembraneSagObservation):
         names.append("E_m")
     if per_elongation or (len(on_skin) == 1 and on_skin[0] > 0):
         names += [elongation_parameter("c_s", e) for e in on_skin]
@@ -88,7 +82,7 @@ def identifiable_parameters(observations: ObservationSet, per_elongation: bool =
     return tuple(names)
 
 
-def validate_names(names: Iterable[str], observations: ObservationSet) -> tuple[str, ...]:
+def validate_names(names: Iterable[str], observations: observed.ObservationSet) -> tuple[str, ...]:
     """The names, each known and only once; raises ParameterError with a sentence."""
     out = tuple(names)
     for name in out:

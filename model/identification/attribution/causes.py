@@ -5,24 +5,15 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from model import Mask, Membrane, Tactor, parameter_specs
+from model.identification import observations as observed
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.nonidealities import NONIDEALITIES
-from model.identification.observations import (
-    DecayPoleObservation,
-    ErrorTarget,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    MembraneSagObservation,
-    Observation,
-    ObservationSet,
-    SharedError,
-)
 
 Kind = Literal["parameter", "prior", "scale", "frequency", "elongation", "point"]
 
-RUN_ERRORS: dict[Kind, tuple[ErrorTarget, float]] = {
+RUN_ERRORS: dict[Kind, tuple[observed.ErrorTarget, float]] = {
     "scale": ("displacement", 3.0),
     "frequency": ("frequency", 10.0),
     "elongation": ("elongation", 2e-3),
@@ -75,7 +66,7 @@ class Cause:
         """The parameter of the extended fit that has its size; empty for a point."""
         return "" if self.kind == "point" else self.title if self.kind in RUN_ERRORS else self.name
 
-    def extend(self, fit: JointFit) -> tuple[ObservationSet, FitOptions]:
+    def extend(self, fit: JointFit) -> tuple[observed.ObservationSet, FitOptions]:
         """Return the observations and options of a fit with this cause, which begins where `fit` ended."""
         options = free_as_well(fit, (self.name,) if self.kind == "parameter" else ())
         match self.kind:
@@ -91,9 +82,9 @@ class Cause:
         return _with_run(fit, run, {"good": _without(run, self.point)}), options
 
     @property
-    def shared_error(self) -> SharedError:
+    def shared_error(self) -> observed.SharedError:
         """Return the error of one run, as the parameter that it is."""
-        return SharedError(self.title, *RUN_ERRORS[self.kind])
+        return observed.SharedError(self.title, *RUN_ERRORS[self.kind])
 
     def plausible(self, fit: JointFit) -> tuple[float, float] | None:
         """Return the held value and the standard deviation that is plausible; None where any size is."""
@@ -107,7 +98,7 @@ class Cause:
         plausible = self.plausible(fit)
         return {**fit.options.priors, **({} if plausible is None else {self.name: plausible})}
 
-    def run(self, fit: JointFit) -> Observation:
+    def run(self, fit: JointFit) -> observed.Observation:
         """Return the run of a wrong scale or point."""
         return next(run for run in fit.observations.runs if run.label == self.name)
 
@@ -142,30 +133,34 @@ def possible_causes(fit: JointFit) -> tuple[Cause, ...]:
     return tuple(out)
 
 
-def _run_kinds(run: Observation) -> Iterator[Kind]:
+def _run_kinds(run: observed.Observation) -> Iterator[Kind]:
     """Yield what may be wrong with a run as a whole."""
-    if not isinstance(run, MassResonanceObservation | MembraneSagObservation | DecayPoleObservation):
+    if not isinstance(
+        run, observed.MassResonanceObservation | observed.MembraneSagObservation | observed.DecayPoleObservation
+    ):
         yield "scale"
-    if isinstance(run, FrequencyResponseObservation):
+    if isinstance(run, observed.FrequencyResponseObservation):
         yield "frequency"
         if run.elongation_m is not None:
             yield "elongation"
 
 
-def with_errors_of_runs(fit: JointFit, causes: Sequence[Cause]) -> ObservationSet:
+def with_errors_of_runs(fit: JointFit, causes: Sequence[Cause]) -> observed.ObservationSet:
     """Return the observations with the error of every cause that is one of a run."""
     runs = []
     for run in fit.observations.runs:
         errors = tuple(c.shared_error for c in causes if c.kind in RUN_ERRORS and c.name == run.label)
         runs.append(replace(run, shared_errors=(*run.shared_errors, *errors)))
-    return ObservationSet(tuple(runs))
+    return observed.ObservationSet(tuple(runs))
 
 
-def _with_run(fit: JointFit, changed: Observation, changes: dict[str, Any]) -> ObservationSet:
-    return ObservationSet(tuple(replace(run, **changes) if run is changed else run for run in fit.observations.runs))
+def _with_run(fit: JointFit, changed: observed.Observation, changes: dict[str, Any]) -> observed.ObservationSet:
+    return observed.ObservationSet(
+        tuple(replace(run, **changes) if run is changed else run for run in fit.observations.runs)
+    )
 
 
-def _without(run: Observation, point: int) -> Mask:
+def _without(run: observed.Observation, point: int) -> Mask:
     good = run.usable.copy()
     good[point] = False
     return good

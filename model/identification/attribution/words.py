@@ -6,18 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from model import SCALES, format_with_uncertainty
+from model.identification import observations as observed
 from model.identification import parameters as known
 from model.identification.attribution.causes import Cause
 from model.identification.attribution.explanation import Explanation
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
-from model.identification.observations import (
-    DecayPoleObservation,
-    FrequencyResponseObservation,
-    MassResonanceObservation,
-    Observation,
-    StaticLoadingObservation,
-    VoltageStepsObservation,
-)
 
 UNITS = {"1": "%", "kg": "g", "m": "mm", "s": "µs", "N": "mN", "Pa": "MPa"}
 """Units of sizes of errors."""
@@ -97,17 +90,17 @@ def _point_words(fit: JointFit, cause: Cause) -> str:
     return f"point {cause.point + 1} of {cause.name}{_where(run, cause.point)} alone is wrong, by {away:.2g} standard errors"
 
 
-def _where(run: Observation, point: int) -> str:
+def _where(run: observed.Observation, point: int) -> str:
     match run:
-        case StaticLoadingObservation():
+        case observed.StaticLoadingObservation():
             return f" ({run.load_n[point]:.3g} N)"
-        case MassResonanceObservation():
+        case observed.MassResonanceObservation():
             return f" ({1e3 * run.mass_kg[point]:.4g} g)"
-        case VoltageStepsObservation():
+        case observed.VoltageStepsObservation():
             return f" ({run.input_v[point]:.3g} V)"
-        case DecayPoleObservation():
+        case observed.DecayPoleObservation():
             return f" (edge {point + 1})"
-        case FrequencyResponseObservation():
+        case observed.FrequencyResponseObservation():
             return f" ({run.frequency_hz[point]:.4g} Hz)"
     return ""
 
