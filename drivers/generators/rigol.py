@@ -38,7 +38,7 @@ from drivers.generators.settings import (
 from drivers.generators.waveform import Points, definite_length_block
 
 FULL_SCALE = 16383
-PACKET_POINTS = 8192
+PACKET_POINTS, DG4000_POINTS = 8192, 16_384
 
 PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
 NORMAL_POLARITY = NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
@@ -160,7 +160,7 @@ class Dg800Dialect(RigolDialect):
     @property
     def max_points(self) -> int:
         """Points of every waveform; fewer are stretched by the instrument."""
-        return 16_384 if self._is_dg4000 else PACKET_POINTS
+        return DG4000_POINTS if self._is_dg4000 else PACKET_POINTS
 
     @property
     def neutral_settings(self) -> Sequence[NeutralSetting]:

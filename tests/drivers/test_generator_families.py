@@ -9,7 +9,7 @@ from drivers import generator_families
 from drivers.evidence.evidence_files import assumptions
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.keysight import FULL_SCALES
-from drivers.generators.rigol import DG4000, PACKET_POINTS
+from drivers.generators.rigol import DG4000_POINTS, PACKET_POINTS
 from drivers.generators.siglent import FULL_SCALE
 
 FAMILIES = generator_families()
@@ -48,7 +48,7 @@ def test_idle_deviations_are_half_of_the_idle_amplitudes() -> None:
         ("keysight-33200", "converter", "33250A", FULL_SCALES["33250"]),
         ("rigol-dg", "points of a packet", "DG1000Z", PACKET_POINTS),
         ("rigol-dg800", "points of a waveform", "DG800, DG900, DG2000", PACKET_POINTS),
-        ("rigol-dg800", "points of a waveform", "DG4000", DG4000.points),
+        ("rigol-dg800", "points of a waveform", "DG4000", DG4000_POINTS),
         ("siglent-sdg", "full-scale code", "SDG2000X", FULL_SCALE),
     ],
 )
