@@ -7,26 +7,9 @@ from functools import partial
 import numpy as np
 
 from drivers import Clock, WallClock
+from sim_hardware import plant
 from sim_hardware.generators import SegmentFactory, SimulatedGenerator, make_generator
 from sim_hardware.nidaq import SimulatedAnalogOutput, SimulatedCard, SimulatedDigitizer
-from sim_hardware.plant import (
-    SPECIMEN_ACTIONS,
-    ConstantSegment,
-    FaultState,
-    GeneratorParameters,
-    LaserView,
-    Plant,
-    Segment,
-    SetupState,
-    SimulationParameters,
-    VoltageHistory,
-    VoltageReport,
-    apply_action,
-    check_action,
-    labelled_mass_kg,
-    make_voltage_report,
-    with_membrane_left_on,
-)
 from sim_hardware.supplies import SimulatedSupply, make_supply_engine
 from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstrument
 
@@ -34,10 +17,10 @@ from sim_hardware.wires import InProcessLink, MessagePort, ScpiEngine, ScpiInstr
 class _Cable:
     """The cable from the generator to the amplifier's input; unplugged, the input is pulled to `open_circuit_v`."""
 
-    def __init__(self, history: VoltageHistory, clock: Clock, open_circuit_v: float) -> None:
+    def __init__(self, history: plant.VoltageHistory, clock: Clock, open_circuit_v: float) -> None:
         self._history, self._clock = history, clock
-        self._open = ConstantSegment(open_circuit_v)
-        self._from_generator: Segment = self._open
+        self._open = plant.ConstantSegment(open_circuit_v)
+        self._from_generator: plant.Segment = self._open
         self._connected = True
 
     def emit(self, make: SegmentFactory) -> None:
@@ -64,15 +47,15 @@ class SimulatedBench:
         clock: bench time; default is the wall clock at the speed of `parameters`.
     """
 
-    def __init__(self, parameters: SimulationParameters | None = None, clock: Clock | None = None) -> None:
-        self.parameters = parameters = parameters or SimulationParameters()
+    def __init__(self, parameters: plant.SimulationParameters | None = None, clock: Clock | None = None) -> None:
+        self.parameters = parameters = parameters or plant.SimulationParameters()
         self.clock: Clock = clock or WallClock(parameters.speed)
-        self.faults = FaultState()
-        self.history = VoltageHistory(parameters.amplifier.open_v)
-        self.plant = Plant(parameters, self.history, self.faults)
+        self.faults = plant.FaultState()
+        self.history = plant.VoltageHistory(parameters.amplifier.open_v)
+        self.plant = plant.Plant(parameters, self.history, self.faults)
         self._cable = _Cable(self.history, self.clock, parameters.amplifier.open_v)
         outputs = [SimulatedAnalogOutput(self._segment_sink(name)) for name in ("ao0", "ao1")]
-        self.laser_view = LaserView(parameters, self.plant)
+        self.laser_view = plant.LaserView(parameters, self.plant)
         self.card = SimulatedCard(parameters, self.history, self.plant, self.laser_view, self.faults, outputs)
         g = parameters.generator
         self.generator = SimulatedGenerator(
@@ -102,7 +85,9 @@ class SimulatedBench:
         model = "33511B" if own.model.startswith("3322") else "33220A"
         output = SimulatedGenerator(self._discard_segment, 0, 0.0, own.relay_s, self.parameters.amplifier.open_v)
         output.reset()
-        return _engine_of(make_generator(GeneratorParameters(model=model, serial="MY00000009"), output, self.clock.now))
+        return _engine_of(
+            make_generator(plant.GeneratorParameters(model=model, serial="MY00000009"), output, self.clock.now)
+        )
 
     def _segment_sink(self, source: str) -> Callable[[SegmentFactory], None]:
         """Return the sink of an output's segments: the cable to the amplifier, or none."""
@@ -145,9 +130,9 @@ class SimulatedBench:
         Raises:
             ValueError: no such action, a missing or invalid number, or high voltage is on.
         """
-        check_action(action, values)
+        plant.check_action(action, values)
         done_s = now_s = self.clock.now()
-        if action in SPECIMEN_ACTIONS:
+        if action in plant.SPECIMEN_ACTIONS:
             how = partial(self._changed_setup, action=action, values=values)
             if how(self.plant.setup_state) == self.plant.setup_state:
                 return done_s
@@ -166,12 +151,12 @@ class SimulatedBench:
         self.laser_view.apply_action(now_s, action, values, self.faults.is_active("membrane-missing"))
         return done_s
 
-    def _changed_setup(self, state: SetupState, action: str, values: Mapping[str, float]) -> SetupState:
+    def _changed_setup(self, state: plant.SetupState, action: str, values: Mapping[str, float]) -> plant.SetupState:
         if action == "fix-mass" and self.faults.is_active("weight-mislabelled"):
-            values = {**values, "mass_kg": labelled_mass_kg(values["mass_kg"])}
-        changed = apply_action(state, action, values, self.parameters)
+            values = {**values, "mass_kg": plant.labelled_mass_kg(values["mass_kg"])}
+        changed = plant.apply_action(state, action, values, self.parameters)
         if self.faults.is_active("membrane-left-on"):
-            return with_membrane_left_on(changed, state, self.parameters)
+            return plant.with_membrane_left_on(changed, state, self.parameters)
         return changed
 
     def add_fault_listener(self, listener: Callable[[], None]) -> None:
@@ -209,7 +194,7 @@ class SimulatedBench:
                 self.generator.apply_settings(on=False)
             case "membrane-left-on" if active:
                 self.plant.schedule_change(
-                    self.clock, lambda state: with_membrane_left_on(state, state, self.parameters)
+                    self.clock, lambda state: plant.with_membrane_left_on(state, state, self.parameters)
                 )
             case "membrane-left-on":
                 self.plant.schedule_change(self.clock, lambda state: replace(state, skin=self.parameters.skin))
@@ -223,9 +208,9 @@ class SimulatedBench:
     def active_faults(self) -> tuple[str, ...]:
         return self.faults.active_faults()
 
-    def report(self, tolerance_v: float = 0.02) -> VoltageReport:
+    def report(self, tolerance_v: float = 0.02) -> plant.VoltageReport:
         rest_v = self.parameters.amplifier.map.rest_v
-        return make_voltage_report(
+        return plant.make_voltage_report(
             self.history.entries(), self.clock.now(), self.parameters.plant_rate_hz, rest_v, tolerance_v
         )
 

@@ -24,30 +24,24 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivers.errors import InstrumentError, LinkError
+from drivers.generators import settings
 from drivers.generators.burst import BurstGenerator
 from drivers.generators.capabilities import Capabilities
 from drivers.generators.dialect import Levels
 from drivers.generators.scpi import ScpiDialect
-from drivers.generators.settings import (
-    LEVEL_TOLERANCE_V,
-    ExpectedSetting,
-    NeutralSetting,
-    expect_keyword,
-    expect_value,
-)
 from drivers.generators.waveform import Points, definite_length_block
 
 FULL_SCALE = 16383
 PACKET_POINTS, DG4000_POINTS = 8192, 16_384
 
 PANEL_LOCK = ":SYST:KLOC ON", ":SYST:KLOC OFF"
-NORMAL_POLARITY = NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
-NORMAL_GATE = NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
-NO_COUPLING = NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True)
+NORMAL_POLARITY = settings.NeutralSetting(":OUTP1:POL", "NORM", ("NORM", "NORMAL"))
+NORMAL_GATE = settings.NeutralSetting(":OUTP1:MODE", "NORM", ("NORM", "NORMAL"), optional=True)
+NO_COUPLING = settings.NeutralSetting(":COUP", "OFF", ("FREQ:OFF,PHASE:OFF,AMPL:OFF", "OFF"), optional=True)
 OTHER_CHANNEL_OFF = (
     NO_COUPLING,
     *(
-        NeutralSetting(header, "OFF", ("OFF", "0"), optional=True)
+        settings.NeutralSetting(header, "OFF", ("OFF", "0"), optional=True)
         for header in (":SOUR1:TRACK", ":SOUR2:TRACK", ":SOUR1:SUM")
     ),
 )
@@ -98,18 +92,18 @@ class Dg1000zDialect(RigolDialect):
     neutral_settings = (NORMAL_POLARITY, NORMAL_GATE, *OTHER_CHANNEL_OFF)
     max_points = 1_000_000
 
-    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
-            expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
-            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
-            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
-            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
+            settings.expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
+            settings.expect_keyword(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
+            settings.expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
+            settings.expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            settings.expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            settings.expect_keyword(":SOUR1:BURS:IDLE", "FPT"),
             self.expected_idle_amplitude,
-            expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
+            settings.expect_keyword(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
         )
 
     def set_up(self, levels: Levels) -> None:
@@ -133,8 +127,8 @@ class Dg1000zDialect(RigolDialect):
 
 NEUTRAL_DG4000 = (
     NORMAL_POLARITY,
-    NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
-    NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
+    settings.NeutralSetting(":OUTP1:NOIS", "OFF", ("OFF", "0"), optional=True),
+    settings.NeutralSetting(":SOUR1:MOD:STAT", "OFF", ("OFF", "0"), optional=True),
     NO_COUPLING,
 )
 
@@ -163,28 +157,28 @@ class Dg800Dialect(RigolDialect):
         return DG4000_POINTS if self._is_dg4000 else PACKET_POINTS
 
     @property
-    def neutral_settings(self) -> Sequence[NeutralSetting]:
+    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
         return NEUTRAL_DG4000 if self._is_dg4000 else (NORMAL_POLARITY, *OTHER_CHANNEL_OFF)
 
-    def expected_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
+    def expected_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
         room_v = levels.span_v / 2
         yield self.expected_load
         yield from self.common_settings(levels)
         yield from (
-            expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
-            expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
-            expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
-            expect_value(":SOUR1:BURS:TDEL", 0.0, 1e-6),
-            expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
-            expect_value(":SOUR1:VOLT", levels.span_v, LEVEL_TOLERANCE_V),
+            settings.expect_keyword(":SOUR1:FUNC", "USER", "ARB"),
+            settings.expect_keyword(":SOUR1:SWE:STAT", "OFF", "0"),
+            settings.expect_value(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            settings.expect_value(":SOUR1:BURS:TDEL", 0.0, 1e-6),
+            settings.expect_keyword(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            settings.expect_value(":SOUR1:VOLT", levels.span_v, settings.LEVEL_TOLERANCE_V),
         )
         if self._is_dg4000:
-            yield expect_keyword(":SOUR2:FUNC", "SIN")
+            yield settings.expect_keyword(":SOUR2:FUNC", "SIN")
         else:
-            yield expect_keyword(":SOUR1:BURS:IDLE", "FPT")
-            yield expect_value(":OUTP1:VOLL:LOW", levels.low_v - room_v, LEVEL_TOLERANCE_V)
-            yield expect_value(":OUTP1:VOLL:HIGH", levels.high_v + room_v, LEVEL_TOLERANCE_V)
-            yield expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
+            yield settings.expect_keyword(":SOUR1:BURS:IDLE", "FPT")
+            yield settings.expect_value(":OUTP1:VOLL:LOW", levels.low_v - room_v, settings.LEVEL_TOLERANCE_V)
+            yield settings.expect_value(":OUTP1:VOLL:HIGH", levels.high_v + room_v, settings.LEVEL_TOLERANCE_V)
+            yield settings.expect_keyword(":OUTP1:VOLL:STAT", "ON", "1")
 
     def set_up(self, levels: Levels) -> None:
         if not self._is_dg4000:

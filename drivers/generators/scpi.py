@@ -7,17 +7,9 @@ from typing import ClassVar
 
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
+from drivers.generators import settings
 from drivers.generators.capabilities import Capabilities
 from drivers.generators.dialect import ConfirmedCommand, Levels
-from drivers.generators.settings import (
-    LEVEL_TOLERANCE_V,
-    ExpectedSetting,
-    NeutralSetting,
-    check_readback,
-    expect_keyword,
-    expect_range,
-    expect_value,
-)
 from drivers.transport import ScpiSession
 
 
@@ -44,9 +36,9 @@ class ScpiDialect:
         self._unknown_headers: set[str] = set()  # optional settings that this instrument has said it does not know
 
     @property
-    def neutral_settings(self) -> Sequence[NeutralSetting]:
+    def neutral_settings(self) -> Sequence[settings.NeutralSetting]:
         """Settings of other users that persist; by default the polarity, for a plug-in's instrument that may have none."""
-        return (NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
+        return (settings.NeutralSetting("OUTP:POL", "NORM", ("NORM", "NORMAL"), optional=True),)
 
     def write_checked(self, *commands: str) -> None:
         """Send commands one by one, each confirmed by the error queue."""
@@ -102,7 +94,7 @@ class ScpiDialect:
         self.write_checked(f"{header} {setpoint:.10g}")
         quantity = "the sample rate" if self.RATE_IS_SAMPLE_RATE else "the frequency"
         seen = self.scpi.query_float(f"{header}?")
-        check_readback(self.scpi.instrument, seen, setpoint, 1e-6 * setpoint + 1e-6, quantity)
+        settings.check_readback(self.scpi.instrument, seen, setpoint, 1e-6 * setpoint + 1e-6, quantity)
 
     def set_cycles(self, cycles: int) -> None:
         self.write_checked(f"{self.SOURCE_PREFIX}BURS:NCYC {cycles:d}")
@@ -120,27 +112,27 @@ class ScpiDialect:
         # Burst mode that is switched on again waits for its trigger; in between a few millivolts are played.
         return [self._command(f"{self.SOURCE_PREFIX}BURS:STAT {state}") for state in ("OFF", "ON")]
 
-    def common_settings(self, levels: Levels) -> Iterable[ExpectedSetting]:
+    def common_settings(self, levels: Levels) -> Iterable[settings.ExpectedSetting]:
         """Return the expected settings whose headers all these instruments share."""
         source = self.SOURCE_PREFIX
         yield from (
-            expect_keyword(f"{source}VOLT:UNIT", "VPP"),
-            expect_value(f"{source}VOLT:OFFS", levels.rest_v, LEVEL_TOLERANCE_V),
-            expect_keyword(f"{source}BURS:STAT", "1", "ON"),
-            expect_keyword(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
-            expect_range(f"{source}BURS:NCYC", 1, self.capabilities.max_burst_cycles),
+            settings.expect_keyword(f"{source}VOLT:UNIT", "VPP"),
+            settings.expect_value(f"{source}VOLT:OFFS", levels.rest_v, settings.LEVEL_TOLERANCE_V),
+            settings.expect_keyword(f"{source}BURS:STAT", "1", "ON"),
+            settings.expect_keyword(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
+            settings.expect_range(f"{source}BURS:NCYC", 1, self.capabilities.max_burst_cycles),
         )
         yield from (setting.expected for setting in self.neutral_settings)
 
     @property
-    def expected_load(self) -> ExpectedSetting:
+    def expected_load(self) -> settings.ExpectedSetting:
         """The high-impedance load."""
-        return expect_range(self.LOAD_HEADER, 1e9, math.inf)
+        return settings.expect_range(self.LOAD_HEADER, 1e9, math.inf)
 
     @property
-    def expected_idle_amplitude(self) -> ExpectedSetting:
+    def expected_idle_amplitude(self) -> settings.ExpectedSetting:
         """The amplitude between drives where the range is held."""
-        return expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
+        return settings.expect_range(f"{self.SOURCE_PREFIX}VOLT", 0.0, 2 * self.capabilities.idle_amplitude_vpp)
 
     def set_high_impedance_load(self) -> None:
         """Declare a high-impedance load: with 50 ohm declared, the amplifier would get twice the voltage."""

@@ -12,17 +12,7 @@ import numpy as np
 from scipy.special import chdtrc, gammaln, ndtr
 
 from model import Array, Mask
-from model.identification.attribution import (
-    Cause,
-    Diagnosis,
-    Pattern,
-    UndecidableError,
-    chance_of_smallest,
-    diagnose,
-    effects,
-    fit_subspace,
-    undecidable_errors,
-)
+from model.identification import attribution
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,
@@ -39,7 +29,7 @@ SIGNIFICANCE_LEVEL = 0.05
 """Probability, over all tests together, below which the model is not adequate: false alarms among runs without any departure."""
 MIN_PATTERN_ROWS = 6
 """Residuals of a run from which on its neighbours are compared."""
-CLAMP = Cause("parameter", "clamp_flexibility")
+CLAMP = attribution.Cause("parameter", "clamp_flexibility")
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
 """Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
@@ -68,9 +58,9 @@ class Adequacy:
     findings: tuple[Finding, ...]
     """The most significant first, unexplained patterns last."""
     test_count: int
-    diagnosis: Diagnosis | None = None
+    diagnosis: attribution.Diagnosis | None = None
     """Of a model that is not adequate: causes that explain the misfit."""
-    undecidable: tuple[UndecidableError, ...] = ()
+    undecidable: tuple[attribution.UndecidableError, ...] = ()
     """Scale errors that these runs cannot show, with the measurement that would."""
 
 
@@ -84,13 +74,13 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     """
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, discrepancies, known = fit_subspace(fit), possible_discrepancies(fit), effects(fit)
+    Q, discrepancies, known = attribution.fit_subspace(fit), possible_discrepancies(fit), attribution.effects(fit)
     if (clamp := known.get(CLAMP)) is not None:
         discrepancies = (*discrepancies, clamp_discrepancy(fit, clamp))
     directions = [*(d.direction for d in discrepancies), *known.values()]
-    unseen = undecidable_errors(fit, known)
+    unseen = attribution.undecidable_errors(fit, known)
     harmonics = _harmonic_tests(fit, 1.0)
-    chance = chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
+    chance = attribution.chance_of_smallest(fit, Q, directions, [pattern for _, pattern in _patterns(fit, Q)])
     tests = len(directions) + len(harmonics) + sum(run.values.size > 1 for run in fit.residuals) + 1
     if harmonics:
         least = min(1.0, min(f.probability for f in harmonics) * len(harmonics))
@@ -104,12 +94,12 @@ def assess_adequacy(fit: JointFit, attribute: bool = True, cancelled: Callable[[
     if left > 1 and findings:
         # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
         findings, _ = _significant_findings(fit, Q, discrepancies, left)
-    diagnosis = diagnose(fit, known, cancelled=cancelled) if attribute else None
+    diagnosis = attribution.diagnose(fit, known, cancelled=cancelled) if attribute else None
     message = _verdict_message(fit, findings, tests, diagnosis, chance)
     return Adequacy(False, message, tuple(findings), tests, diagnosis, unseen)
 
 
-def _cause_message(diagnosis: Diagnosis) -> str:
+def _cause_message(diagnosis: attribution.Diagnosis) -> str:
     """Return the likeliest cause as text, and those that the runs do not tell from it."""
     first, *others = diagnosis.likeliest
     text = f"the model is wrong for these runs, most likely because {first.words}"
@@ -160,7 +150,7 @@ def _noise_message(fit: JointFit, tests: int, chance: float) -> str:
 
 
 def _verdict_message(
-    fit: JointFit, findings: list[Finding], tests: int, diagnosis: Diagnosis | None, chance: float
+    fit: JointFit, findings: list[Finding], tests: int, diagnosis: attribution.Diagnosis | None, chance: float
 ) -> str:
     chi = _chi_square_text(fit)
     if diagnosis is not None and diagnosis.likeliest:
@@ -198,7 +188,7 @@ def _score_tests(
     return out
 
 
-def _patterns(fit: JointFit, Q: Array) -> list[tuple[str, Pattern]]:
+def _patterns(fit: JointFit, Q: Array) -> list[tuple[str, attribution.Pattern]]:
     """Return for each run the sum of products of neighbours, with its exact mean and deviation for r = (1 - H) e."""
     out = []
     for run, part, observation in zip(fit.residuals, fit.run_slices, fit.observations.runs, strict=True):
@@ -213,7 +203,7 @@ def _patterns(fit: JointFit, Q: Array) -> list[tuple[str, Pattern]]:
             if i + 1 != half:
                 L[i, i + 1] = L[i + 1, i] = 0.5
         A = L @ S
-        out.append((run.label, Pattern(part, L, float(np.trace(A)), float(np.sqrt(2 * np.sum(A * A.T))))))
+        out.append((run.label, attribution.Pattern(part, L, float(np.trace(A)), float(np.sqrt(2 * np.sum(A * A.T))))))
     return out
 
 

@@ -12,18 +12,9 @@ import numpy as np
 
 from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values, parameter_specs, point_stiffness, sag
 from model.beam import matrices, modal_form, receptance
+from model.identification import nonidealities
 from model.identification import observations as observed
 from model.identification import parameters as known
-from model.identification.nonidealities import (
-    DEFAULTS,
-    NonidealResponse,
-    acting_mass,
-    acting_masses,
-    crept_tilt,
-    specimen_harmonic,
-    with_acting_mass,
-    with_flexible_clamp,
-)
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 
@@ -48,7 +39,7 @@ def skin_from_values(observation: observed.FrequencyResponseObservation, v: Valu
 
 def beam_under(run: observed.FrequencyResponseObservation, v: Values) -> Beam:
     """The symbols of Eqs. (1)-(6) for a run: with m_add, or with the moving share of the mass put in."""
-    return beam_from_values(v, None if run.added_mass_kg is None else acting_mass(v, run.added_mass_kg))
+    return beam_from_values(v, None if run.added_mass_kg is None else nonidealities.acting_mass(v, run.added_mass_kg))
 
 
 def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
@@ -181,10 +172,12 @@ class ForwardModel:
         self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
         self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
-        self.nonideal = NonidealResponse(observations, amplifier)
+        self.nonideal = nonidealities.NonidealResponse(observations, amplifier)
         self._responses = observations.of_type(observed.FrequencyResponseObservation)
         self._drives = {
-            r.label: 1j * specimen_harmonic(r, amplifier) for r in self._responses if r.fundamental_m is not None
+            r.label: 1j * nonidealities.specimen_harmonic(r, amplifier)
+            for r in self._responses
+            if r.fundamental_m is not None
         }
 
     def values(self, theta: Array) -> dict[str, float | None]:
@@ -193,15 +186,17 @@ class ForwardModel:
 
     def predict(self, theta: Array) -> list[Prediction]:
         """One entry a run, in the campaign's order."""
-        at = FiniteDifferences(theta, self._scale, lambda columns: with_flexible_clamp(self._all_values(columns)))
+        at = FiniteDifferences(
+            theta, self._scale, lambda columns: nonidealities.with_flexible_clamp(self._all_values(columns))
+        )
         fundamentals = self._fundamentals(at)
         return [fundamentals.get(run.label) or self._predict_run(run, at) for run in self.observations.runs]
 
     def _all_values(self, columns: Array) -> Values:
-        v = DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
+        v = nonidealities.DEFAULTS | self._fixed | dict(zip(self.names, columns, strict=True))
         for name, (other, factor) in self._tied.items():
             v[name] = factor * v[other]
-        return with_acting_mass(v)
+        return nonidealities.with_acting_mass(v)
 
     def _predict_run(self, run: observed.Observation, differences: FiniteDifferences) -> Prediction:
         gain = 1 + differences.shared_error(run, "displacement")
@@ -254,7 +249,7 @@ class ForwardModel:
     def _resonances(self, run: observed.MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
         mass_kg = np.asarray(run.mass_kg)[run.usable]
         put_in = mass_kg + differences.input_error(run, "mass", mass_kg)  # (S, F)
-        mass = np.broadcast_to(acting_masses(differences.values, put_in), put_in.shape)
+        mass = np.broadcast_to(nonidealities.acting_masses(differences.values, put_in), put_in.shape)
         stacked, slopes = differences.stack(
             [
                 equation_factors(beam_from_values(differences.values, each), (0.0, 0.0), differences.set_count)
@@ -265,7 +260,7 @@ class ForwardModel:
         creep = np.reshape(differences.values["creep"], (-1, 1))
 
         def tilt(omega: Array) -> tuple[Array, Array]:
-            return crept_tilt(creep[0], omega)
+            return nonidealities.crept_tilt(creep[0], omega)
 
         def find(l1: float, l2: float) -> tuple[Array, Factors]:
             dense = ReceptanceSolver(l1, l2, self.n)
@@ -280,7 +275,7 @@ class ForwardModel:
         level, curvature, size = ReceptanceSolver(*differences.geometry, self.n).peak_slope(stacked, omega, tilt)
         peaks = run.meaning == "peak" and bool((np.abs(level) < PEAK_TOLERANCE * np.abs(curvature) * omega).all())
         if peaks and creep.size > 1:
-            d = d - differences.derivatives(crept_tilt(creep, omega)[0]) * size / curvature
+            d = d - differences.derivatives(nonidealities.crept_tilt(creep, omega)[0]) * size / curvature
         for ends, dl in differences.geometry_derivatives():
             if peaks:  # implicitly, at the same omega: a search at every geometry costs ten times as much
                 up, down = (ReceptanceSolver(*end, self.n).peak_slope(stacked, omega, tilt)[0] for end in ends)

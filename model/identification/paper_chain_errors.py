@@ -12,21 +12,14 @@ import numpy as np
 
 from model import Array, EstimatedQuantity, ParameterError
 from model.identification import observations as observed
+from model.identification import paper_chain as chain
 from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel, modulus_prediction
-from model.identification.paper_chain import (
-    PaperChainError,
-    PaperChainOptions,
-    PaperChainResult,
-    identify_by_paper_chain,
-    measured_amplitudes,
-    parabola_vertex,
-)
 from model.identification.parameters import default_values, elongation_parameter, parameter_spec, parse_elongation
 
 
 def linearized_errors(
-    observations: observed.ObservationSet, options: PaperChainOptions, result: PaperChainResult
+    observations: observed.ObservationSet, options: chain.PaperChainOptions, result: chain.PaperChainResult
 ) -> tuple[tuple[EstimatedQuantity, ...], Array]:
     """Estimates with standard errors, and their covariance (E, E), of what `identify_by_paper_chain` found; SI.
 
@@ -58,7 +51,7 @@ def linearized_errors(
     return _estimates(every, S, result), S
 
 
-def _estimates(names: tuple[str, ...], S: Array, result: PaperChainResult) -> tuple[EstimatedQuantity, ...]:
+def _estimates(names: tuple[str, ...], S: Array, result: chain.PaperChainResult) -> tuple[EstimatedQuantity, ...]:
     """The chain's values by name with the standard errors of their covariance S."""
     sources = {n: step.runs for step in result.steps for n in step.values}
     return tuple(
@@ -90,7 +83,7 @@ def _write_step_weights(
     a: Array,
     name: str,
     campaign: observed.ObservationSet,
-    method: PaperChainOptions,
+    method: chain.PaperChainOptions,
     where: dict[str, slice],
     y: Array,
     h: Array,
@@ -116,7 +109,7 @@ def _write_step_weights(
                 a[where[r.label]] = method.amplifier.specimen_v(r.input_v[r.usable])
         case "m_add" | "c0":
             part, order = where[free[0].label], np.argsort(free[0].frequency_hz[free[0].usable])
-            f, A = measured_amplitudes(free[0], False)
+            f, A = chain.measured_amplitudes(free[0], False)
             top = int(A.argmax())
             three = slice(top - 1, top + 2)
             a[part.start + order[three]] = _vertex_derivatives(f[three], A[three])[0 if name == "m_add" else 1]
@@ -140,11 +133,14 @@ def _write_step_weights(
 def _vertex_derivatives(f: Array, A: Array) -> Array:
     """(2, 3): slopes of the vertex's frequency and height to the three amplitudes."""
     step = 1e-6 * A.max()
-    moves = [np.subtract(parabola_vertex(f, A + d), parabola_vertex(f, A - d)) / (2 * step) for d in step * np.eye(3)]
+    moves = [
+        np.subtract(chain.parabola_vertex(f, A + d), chain.parabola_vertex(f, A - d)) / (2 * step)
+        for d in step * np.eye(3)
+    ]
     return np.array(moves).T
 
 
-def _line_transform(names: tuple[str, ...], result: PaperChainResult, line: tuple[str, ...]) -> Array:
+def _line_transform(names: tuple[str, ...], result: chain.PaperChainResult, line: tuple[str, ...]) -> Array:
     """Takes the steps' parameters to themselves and to the line's intercept and slope."""
     extra = [n for n in line if n in result.values]
     T = np.vstack((np.eye(len(names)), np.zeros((len(extra), len(names)))))
@@ -163,8 +159,8 @@ def _line_transform(names: tuple[str, ...], result: PaperChainResult, line: tupl
 
 def resampled_errors(
     observations: observed.ObservationSet,
-    options: PaperChainOptions,
-    result: PaperChainResult,
+    options: chain.PaperChainOptions,
+    result: chain.PaperChainResult,
     draws: int = 100,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -182,16 +178,16 @@ def resampled_errors(
         if cancelled is not None and cancelled():
             raise FitCancelled("the chain's errors were stopped on request")
         try:
-            values = identify_by_paper_chain(
+            values = chain.identify_by_paper_chain(
                 observed.resample(observations, np.random.default_rng((seed, i)))[0], options
             ).values
             rows.append([values[n] for n in names])
-        except (PaperChainError, KeyError):
+        except (chain.PaperChainError, KeyError):
             pass
         if progress is not None:
             progress(i + 1, draws)
     if len(rows) < max(draws / 2, 2):
-        raise PaperChainError(
+        raise chain.PaperChainError(
             f"{draws - len(rows)} of {draws} redrawn campaigns cannot be identified: the data are too noisy"
         )
     S = np.atleast_2d(np.cov(np.array(rows).T))

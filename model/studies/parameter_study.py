@@ -17,16 +17,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, specimen_record, variable_specs
+from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, response, specimen_record, variable_specs
 from model.beam import check_shape_count, gram, hermite_gram, matrices, modal_form, receptance
-from model.response import (
-    check_frequency,
-    fourier_series,
-    harmonic_orders,
-    lag_factor,
-    peak_to_peak,
-    samples_per_period,
-)
 
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
 MEASURE_UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
@@ -97,9 +89,9 @@ class Study:
     memory_mb: float = 64.0
 
     def __post_init__(self) -> None:
-        f = check_frequency(self.frequency_hz)
+        f = response.check_frequency(self.frequency_hz)
         check_shape_count(self.n)
-        fourier_series("sine", self.amplitude_v, self.offset_v, self.amplifier, 1)
+        response.fourier_series("sine", self.amplitude_v, self.offset_v, self.amplifier, 1)
         if self.measure == "peak_to_peak" and (f == 0).any():
             raise ParameterError("frequency is 0 Hz: a periodic drive needs a frequency greater than 0; leave 0 out")
         for name, values in self.vary.items():
@@ -143,8 +135,8 @@ class Study:
         points = len(self.frequency_hz)
         samples = 0
         if self.measure == "peak_to_peak":
-            orders = harmonic_orders(np.asarray(self.frequency_hz))
-            samples, points = points * samples_per_period(orders + 1), points * (orders + 1)
+            orders = response.harmonic_orders(np.asarray(self.frequency_hz))
+            samples, points = points * response.samples_per_period(orders + 1), points * (orders + 1)
         per_set = 8 * (3 * self.n + 8) * points + 32 * samples + 200 * self.n**2
         return max(1, int(self.memory_mb * 1e6 / per_set))
 
@@ -198,25 +190,25 @@ def _compute_chunk(study: Study, start: int, stop: int) -> NDArray[Any]:
 
 def study_responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
     """The study's measure for sets of values, arrays of one length P, instead of its own grid; shape (P, F)."""
-    f = check_frequency(study.frequency_hz)
+    f = response.check_frequency(study.frequency_hz)
     beam, k_s, c_s = study.specimen.coefficients(values)
     M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n, hermite_gram if study.hermite else gram)
     sets = max((np.size(v) for v in values.values()), default=1)
     form = modal_form(M, C, K, B, 2 * B_F)
     hysteresis, creep = (values.get(name, getattr(study.specimen, name)) for name in ("hysteresis", "creep"))
     drive = study.amplitude_v, study.offset_v, study.amplifier
-    lag = np.abs(lag_factor(hysteresis, creep, f, *drive)) if np.any(hysteresis) or np.any(creep) else 1.0
+    lag = np.abs(response.lag_factor(hysteresis, creep, f, *drive)) if np.any(hysteresis) or np.any(creep) else 1.0
     match study.measure:
         case "receptance":
             out: NDArray[Any] = receptance(form, 2 * np.pi * f)
         case "fundamental":
-            V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
+            V = response.fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
             out = 2 * abs(V[1]) * np.abs(receptance(form, 2 * np.pi * f)) * lag
         case "peak_to_peak":
-            orders = harmonic_orders(f)
-            V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
+            orders = response.harmonic_orders(f)
+            V = response.fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
             H = receptance(form, np.outer(2 * np.pi * f, np.arange(orders + 1)).ravel())
-            out = peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V) * lag
+            out = response.peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V) * lag
     return np.broadcast_to(out, (sets, f.size))
 
 

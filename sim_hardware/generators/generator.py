@@ -13,17 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from sim_hardware.plant import (
-    ArbitraryWaveform,
-    ChirpSegment,
-    ConstantSegment,
-    PeriodicSegment,
-    RelayGlitchSegment,
-    SaggingSegment,
-    Segment,
-)
+from sim_hardware import plant
 
-SegmentFactory = Callable[[float], Segment]
+SegmentFactory = Callable[[float], plant.Segment]
 """Given the instant of the change, the segment that begins there."""
 
 RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
@@ -70,7 +62,7 @@ class GeneratorSettings:
 
     on: bool = False
     function: Literal["SIN", "DC", "ARB"] = "SIN"
-    wave: ArbitraryWaveform | None = None
+    wave: plant.ArbitraryWaveform | None = None
     frequency_hz: float = 1e3
     emf_vpp: float = 0.2
     emf_offset_v: float = 0.0
@@ -127,13 +119,13 @@ class SimulatedGenerator:
         self._random = random.Random(seed)
         self._clock = self._next_clock = 1 + clock_ppm * 1e-6
         self._relay_s = relay_s
-        self._open = ConstantSegment(open_circuit_v)
+        self._open = plant.ConstantSegment(open_circuit_v)
         self._powered = True
         self._glitch_until = -math.inf
-        self._burst: PeriodicSegment | None = None
-        self._carrier: PeriodicSegment | ChirpSegment | None = None
+        self._burst: plant.PeriodicSegment | None = None
+        self._carrier: plant.PeriodicSegment | plant.ChirpSegment | None = None
         self.settings = GeneratorSettings()
-        self._waveform_cache: dict[tuple[bytes, bool], ArbitraryWaveform] = {}
+        self._waveform_cache: dict[tuple[bytes, bool], plant.ArbitraryWaveform] = {}
         self._deviations: Mapping[str, str] = {}
         self._triggers = 0
 
@@ -160,7 +152,7 @@ class SimulatedGenerator:
             key = hashlib.sha256(wave.points.tobytes()).digest(), wave.interpolated
             settings["wave"] = self._waveform_cache.setdefault(key, wave)
 
-        def make(t: float) -> Segment:
+        def make(t: float) -> plant.Segment:
             old, self.settings = self.settings, replace(self.settings, **settings)
             self._carry_over_phase(old, t)
             return self._segment(t)
@@ -170,7 +162,7 @@ class SimulatedGenerator:
     def reset(self) -> None:
         """Factory state: output off, whatever is connected to it."""
 
-        def make(t: float) -> Segment:
+        def make(t: float) -> plant.Segment:
             self.settings = GeneratorSettings(**self._hidden_settings())
             self._burst, self._carrier, self._glitch_until = None, None, -math.inf
             return self._segment(t)
@@ -195,7 +187,7 @@ class SimulatedGenerator:
         """Seconds until the running burst or sweep ends."""
         if self._burst is not None:
             return max(0.0, self._burst.end_s - now)
-        if isinstance(self._carrier, ChirpSegment):
+        if isinstance(self._carrier, plant.ChirpSegment):
             return max(0.0, self._carrier.origin_s + self._carrier.duration_s - now)
         return 0.0
 
@@ -205,7 +197,7 @@ class SimulatedGenerator:
         if self._triggers % 2 == 0 and self._deviates("start", "sometimes-lost"):
             return
 
-        def make(t: float) -> Segment:
+        def make(t: float) -> plant.Segment:
             self._clock = self._next_clock
             s = self.settings
             if s.burst:
@@ -213,10 +205,10 @@ class SimulatedGenerator:
                 if self._deviates("after", "zero"):
                     self._burst = replace(self._burst, idle_v=0.0)
                 if self._deviates("surge", "at-start"):
-                    return RelayGlitchSegment(t + SURGE_S, s.level_v + SURGE_V, self._segment(t))
+                    return plant.RelayGlitchSegment(t + SURGE_S, s.level_v + SURGE_V, self._segment(t))
             elif s.sweep:
                 phase = self._carrier.phase_at(t) if self._carrier else 0.0
-                self._carrier = ChirpSegment(
+                self._carrier = plant.ChirpSegment(
                     t,
                     s.start_hz * self._clock,
                     s.stop_hz * self._clock,
@@ -232,17 +224,19 @@ class SimulatedGenerator:
     def abort(self) -> None:
         """End a running burst or sweep immediately."""
 
-        def make(t: float) -> Segment:
+        def make(t: float) -> plant.Segment:
             self._burst = None
             if self._deviates("abort", "drops"):
                 self._glitch_until = t + self._relay_s
-            if isinstance(self._carrier, ChirpSegment):
+            if isinstance(self._carrier, plant.ChirpSegment):
                 self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
             return self._segment(t)
 
         self._emit(make)
 
-    def _tone(self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf) -> PeriodicSegment:
+    def _tone(
+        self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf
+    ) -> plant.PeriodicSegment:
         s = self.settings
         f = (s.start_hz if s.sweep else s.frequency_hz) * self._clock
         wave = s.wave if s.function == "ARB" else None
@@ -252,7 +246,7 @@ class SimulatedGenerator:
         offset_v = s.level_v
         start = -1.0 if self._deviates("idle", "bottom") else start if s.idle is None else s.idle
         idle = 0.0 if s.gated else offset_v + s.emf_peak_v * start
-        return PeriodicSegment(origin_s, f, s.emf_peak_v, offset_v, phase_rad, idle, cycles, period_s, wave)
+        return plant.PeriodicSegment(origin_s, f, s.emf_peak_v, offset_v, phase_rad, idle, cycles, period_s, wave)
 
     def _switches_relay(self, previous: GeneratorSettings) -> bool:
         """Return whether the change from the previous settings switches a relay."""
@@ -267,8 +261,8 @@ class SimulatedGenerator:
         )
 
     def _burst_after_change(
-        self, run: PeriodicSegment, previous: GeneratorSettings, t: float
-    ) -> PeriodicSegment | None:
+        self, run: plant.PeriodicSegment, previous: GeneratorSettings, t: float
+    ) -> plant.PeriodicSegment | None:
         """Return a running burst with the present settings; None if it has ended."""
         s = self.settings
         if t >= run.end_s:
@@ -296,27 +290,27 @@ class SimulatedGenerator:
         elif self._carrier is None:
             # The oscillator has been running all the time; its phase is unknown.
             self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
-        elif isinstance(self._carrier, ChirpSegment) and s.sweep:
+        elif isinstance(self._carrier, plant.ChirpSegment) and s.sweep:
             self._carrier = replace(self._carrier, amplitude_v=s.emf_peak_v, offset_v=s.level_v)
         else:
             self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
 
-    def _segment(self, t: float) -> Segment:
+    def _segment(self, t: float) -> plant.Segment:
         segment = self._nominal_segment(t)
-        return RelayGlitchSegment(self._glitch_until, 0.0, segment) if t < self._glitch_until else segment
+        return plant.RelayGlitchSegment(self._glitch_until, 0.0, segment) if t < self._glitch_until else segment
 
-    def _nominal_segment(self, t: float) -> Segment:
+    def _nominal_segment(self, t: float) -> plant.Segment:
         s = self.settings
         if not (self._powered and s.on):
             return self._open
         if s.function == "DC":
-            return ConstantSegment(s.level_v)
+            return plant.ConstantSegment(s.level_v)
         if s.burst and s.trigger == "IMM":
             return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
         if s.burst:
             if self._burst is not None and self._deviates("droop", "sags"):
-                return SaggingSegment(self._burst, s.level_v, SAG_TAU_S)
-            return self._burst or ConstantSegment(self._tone(t, 0.0, 1.0).idle_v)
+                return plant.SaggingSegment(self._burst, s.level_v, SAG_TAU_S)
+            return self._burst or plant.ConstantSegment(self._tone(t, 0.0, 1.0).idle_v)
         return self._carrier or self._tone(t, 0.0, math.inf)
 
 

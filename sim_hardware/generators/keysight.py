@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from model import Array
+from sim_hardware import wires
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import (
     OTHER_CHANNEL_V,
@@ -29,15 +30,6 @@ from sim_hardware.generators.scpi_generator import (
     decode_block,
 )
 from sim_hardware.generators.traits import UNKNOWN_HEADER, deviations
-from sim_hardware.wires import (
-    Arguments,
-    ScpiCommand,
-    ScpiError,
-    check_argument_count,
-    match_keyword,
-    parse_number,
-    single_argument,
-)
 
 TRAITS = (UNKNOWN_HEADER,)
 DEVIATIONS = deviations(range="", abort="", uneven="", filter="335|336|EDU|FG")
@@ -65,7 +57,7 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
         self._big_endian = True
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         period_s = self._generator.settings.period_s
         return [
             *self._levels.commands(SOURCE),
@@ -73,29 +65,29 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
             self._number(SOURCE + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 100.0),
             self._number(SOURCE + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
             self._number(SOURCE + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
-            ScpiCommand(SOURCE + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
+            wires.ScpiCommand(SOURCE + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
             self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
             self._number(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
             self._number(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, period_s),
-            ScpiCommand(SOURCE + "APPLy:SINusoid", partial(self._apply, function="SIN")),
-            ScpiCommand(SOURCE + "APPLy:DC", partial(self._apply, function="DC")),
+            wires.ScpiCommand(SOURCE + "APPLy:SINusoid", partial(self._apply, function="SIN")),
+            wires.ScpiCommand(SOURCE + "APPLy:DC", partial(self._apply, function="DC")),
             self._keyword_command("UNIT:ANGLe", "DEGree", "RADian"),
             self._choice("FORMat:BORDer", "_big_endian", {"NORMal": True, "SWAPped": False}),
         ]
 
     def _select_trigger(self, source: str) -> None:
         if source == "IMM" and np.isinf(self._generator.settings.cycles):
-            self.queue_error(ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
+            self.queue_error(wires.ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
             self._generator.apply_settings(cycles=1.0)
         super()._select_trigger(source)
 
-    def _apply(self, a: Arguments, function: str) -> None:
+    def _apply(self, a: wires.Arguments, function: str) -> None:
         """Set frequency, amplitude and offset, end modes, set automatic range, turn the output on (APPLy)."""
         requested = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
         self._levels.unfreeze_range()
         self._generator.apply_settings(burst=False, sweep=False, trigger="IMM", function=function)
         if 0 in requested:
-            hertz = parse_number(requested[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
+            hertz = wires.parse_number(requested[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
             self._generator.apply_settings(frequency_hz=self._levels.clip(hertz, 1e-6, self.MAX_FREQUENCY_HZ))
         if 1 in requested and function == "SIN":
             self._levels.set_vpp(requested[1])
@@ -123,7 +115,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         self._output_waveform(BUILT_IN_WAVEFORM)
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         shapes = {"STEP": True, "NORMal": True, "OFF": False}
         play = self._output_selected
         return [
@@ -131,17 +123,19 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
             *self._other_channel_commands(),
             self._gate_command(),
             self._keyword_command("SYSTem:COMMunicate:RLSTate", "LOCal", "REMote", "RWLock"),
-            ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
-            ScpiCommand(SOURCE + "DATA:ARBitrary[1]", self._download),
-            ScpiCommand(SOURCE + "DATA:VOLatile:CLEar", self._clear),
-            ScpiCommand(SOURCE + "DATA:VOLatile:FREE", None, lambda _: str(self._free_points)),
-            ScpiCommand(SOURCE + "DATA:VOLatile:CATalog", None, lambda _: ",".join(f'"{n}"' for n in self._names)),
-            ScpiCommand(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
+            wires.ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
+            wires.ScpiCommand(SOURCE + "DATA:ARBitrary[1]", self._download),
+            wires.ScpiCommand(SOURCE + "DATA:VOLatile:CLEar", self._clear),
+            wires.ScpiCommand(SOURCE + "DATA:VOLatile:FREE", None, lambda _: str(self._free_points)),
+            wires.ScpiCommand(
+                SOURCE + "DATA:VOLatile:CATalog", None, lambda _: ",".join(f'"{n}"' for n in self._names)
+            ),
+            wires.ScpiCommand(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
             self._number(SOURCE + "FUNCtion:ARBitrary:SRATe", "_rate_hz", "SA/S", 1e-6, 250e6, 40e3, play),
             self._choice(SOURCE + "FUNCtion:ARBitrary:FILTer", "_interpolated", shapes, play),
         ]
 
-    def _other_channel_commands(self) -> list[ScpiCommand]:
+    def _other_channel_commands(self) -> list[wires.ScpiCommand]:
         """Return the commands that only two-channel models know: others answer -113."""
         if not re.search(r"33\d\d2", self._model):
             return []
@@ -161,24 +155,24 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
     def _free_points(self) -> int:
         return MEMORY_POINTS - sum(w.size for w in self._waveforms.values())
 
-    def _download(self, a: Arguments) -> None:
-        check_argument_count(a, 2)
+    def _download(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 2)
         if a[0].upper() in self._waveforms:
-            raise ScpiError(786)
+            raise wires.ScpiError(786)
         points = decode_block(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
         if points.size > self._free_points:
-            raise ScpiError(-225)
+            raise wires.ScpiError(-225)
         self._waveforms[a[0].upper()] = points
 
-    def _clear(self, _: Arguments) -> None:
+    def _clear(self, _: wires.Arguments) -> None:
         self._waveforms.clear()
         self._selected = BUILT_IN_NAME
         self._output_waveform(BUILT_IN_WAVEFORM)
 
-    def _select(self, a: Arguments) -> None:
-        name = single_argument(a).strip("\"'").upper()
+    def _select(self, a: wires.Arguments) -> None:
+        name = wires.single_argument(a).strip("\"'").upper()
         if name not in self._names:
-            raise ScpiError(-224)
+            raise wires.ScpiError(-224)
         self._selected = name
         self._output_selected()
 
@@ -224,32 +218,32 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
         return FULL_SCALE.get(self._model[:5], 8191)
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         known = [c for c in super().commands if "LIMit" not in c.pattern]
         return [
             *known,
-            ScpiCommand("SYSTem:REMote", lambda _: None),
-            ScpiCommand("SYSTem:LOCal", lambda _: None),
-            ScpiCommand(SOURCE + "DATA:DAC", self._download),
-            ScpiCommand(SOURCE + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
+            wires.ScpiCommand("SYSTem:REMote", lambda _: None),
+            wires.ScpiCommand("SYSTem:LOCal", lambda _: None),
+            wires.ScpiCommand(SOURCE + "DATA:DAC", self._download),
+            wires.ScpiCommand(SOURCE + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
         ]
 
-    def _download(self, a: Arguments) -> None:
-        check_argument_count(a, 2)
-        match_keyword(a[0], "VOLATILE")
+    def _download(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 2)
+        wires.match_keyword(a[0], "VOLATILE")
         points = decode_block(a[1], ">i2" if self._big_endian else "<i2", -self._full_scale, self._full_scale)
         if points.size > VOLATILE_POINTS.get(self._model[:5], 65_536):
-            raise ScpiError(-225)
+            raise wires.ScpiError(-225)
         self._load_waveform(points / self._full_scale)
 
-    def _select(self, a: Arguments) -> None:
-        match_keyword(single_argument(a), "VOLATILE")
+    def _select(self, a: wires.Arguments) -> None:
+        wires.match_keyword(wires.single_argument(a), "VOLATILE")
         if self._generator.settings.wave is None:
-            raise ScpiError(-224)
+            raise wires.ScpiError(-224)
 
     def _select_function(self, function: str) -> None:
         if function == "ARB" and self._generator.settings.wave is None:
-            raise ScpiError(-224)
+            raise wires.ScpiError(-224)
         super()._select_function(function)
 
 

@@ -20,18 +20,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from model import Array
+from sim_hardware import wires
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE, SimulatedScpiGenerator, decode_block
 from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviations
-from sim_hardware.wires import (
-    Arguments,
-    ScpiCommand,
-    ScpiError,
-    check_argument_count,
-    match_keyword,
-    parse_boolean,
-    single_argument,
-)
 
 FULL_SCALE = 16383
 PACKET_POINTS, MIN_PACKET_POINTS = 8192, 8
@@ -70,7 +62,7 @@ def _decoded_points(block: str, fewest: int, most: int) -> Array:
     """Return the points of a download, -1 to 1. Raises ScpiError for another number of them."""
     points = decode_block(block, "<u2", 0, FULL_SCALE)
     if not fewest <= points.size <= most:
-        raise ScpiError(-225)
+        raise wires.ScpiError(-225)
     return 2 * points / (FULL_SCALE - 1) - 1
 
 
@@ -106,16 +98,16 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         return "ON" if on else "OFF"
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         levels = self._levels
         shared = [c for c in levels.commands(SOURCE) if "LIMit" not in c.pattern and ":RANGe" not in c.pattern]
         own_offset = next(c for c in shared if c.pattern.endswith(":OFFSet"))
         return [
-            ScpiCommand(own_offset.pattern, own_offset.set, self._query_offset),
+            wires.ScpiCommand(own_offset.pattern, own_offset.set, self._query_offset),
             *(c for c in shared if c is not own_offset),
             *self._range_commands(),
             *self._other_channel_commands(),
-            ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
+            wires.ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
             *super().commands,
             *self._rate_commands(),
             self._mode_command(SOURCE + "SWEep:STATe", "sweep", "burst"),
@@ -123,30 +115,30 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             *self._idle_commands(),
             self._stored_switch("SYSTem:KLOCk[:STATe]"),
             *self._download_commands(),
-            ScpiCommand(SOURCE + "APPLy", None, lambda _: self._query_apply()),
-            ScpiCommand(SOURCE + "APPLy:DC", self._apply_dc),
+            wires.ScpiCommand(SOURCE + "APPLy", None, lambda _: self._query_apply()),
+            wires.ScpiCommand(SOURCE + "APPLy:DC", self._apply_dc),
         ]
 
-    def _range_commands(self) -> list[ScpiCommand]:
+    def _range_commands(self) -> list[wires.ScpiCommand]:
         core, levels, shown = self._generator, self._levels, self.format_switch
         return [
-            ScpiCommand(
+            wires.ScpiCommand(
                 SOURCE + "VOLTage:RANGe:AUTO", levels.set_auto_range, lambda _: shown(core.settings.auto_range)
             ),
             self._gate_command(),
         ]
 
-    def _rate_commands(self) -> list[ScpiCommand]:
+    def _rate_commands(self) -> list[wires.ScpiCommand]:
         return [
             self._choice(SOURCE + "FUNCtion:ARB:MODE", "_sample_rate_mode", {"FREQ": False, "SRATe": True}),
             self._number(SOURCE + "FUNCtion:ARB:SRATe", "_rate_hz", "SA/S", 1e-6, 60e6, 20e6, self._change_rate),
         ]
 
-    def _idle_commands(self) -> list[ScpiCommand]:
+    def _idle_commands(self) -> list[wires.ScpiCommand]:
         return [self._choice(SOURCE + "BURSt:IDLE", "idle", {"FPT": None, "TOP": 1.0, "CENTER": 0.0, "BOTTOM": -1.0})]
 
-    def _download_commands(self) -> list[ScpiCommand]:
-        return [ScpiCommand(SOURCE + "TRACe:DATA:DAC[16]", self._download)]
+    def _download_commands(self) -> list[wires.ScpiCommand]:
+        return [wires.ScpiCommand(SOURCE + "TRACe:DATA:DAC[16]", self._download)]
 
     def trigger(self) -> None:
         if self._trigger_lost:
@@ -163,16 +155,16 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             "INVERTED" if inverted else "NORMAL"
         )  # in full, unlike a Keysight (DG1000Z and DG4000 programming guides)
 
-    def _other_channel_commands(self) -> list[ScpiCommand]:
+    def _other_channel_commands(self) -> list[wires.ScpiCommand]:
         return [
-            ScpiCommand("COUPling[1][:STATe]", self._set_coupling, lambda _: self._query_coupling()),
+            wires.ScpiCommand("COUPling[1][:STATe]", self._set_coupling, lambda _: self._query_coupling()),
             self._keyword_command(SOURCE + "TRACK", "OFF", "ON", "INVerted"),
             self._keyword_command("SOURce2:TRACK", "OFF", "ON", "INVerted"),
             self._sum_command(SOURCE + "SUM[:STATe]"),
         ]
 
-    def _set_coupling(self, a: Arguments) -> None:
-        self._keyword_settings["COUPling"] = self.format_switch(parse_boolean(single_argument(a)))
+    def _set_coupling(self, a: wires.Arguments) -> None:
+        self._keyword_settings["COUPling"] = self.format_switch(wires.parse_boolean(wires.single_argument(a)))
 
     def _query_coupling(self) -> str:
         on = self._keyword_settings.get("COUPling", "OFF")
@@ -183,7 +175,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         if function == "ARB":
             self._output_waveform()
 
-    def _query_offset(self, _: Arguments) -> str:
+    def _query_offset(self, _: wires.Arguments) -> str:
         s = self._generator.settings
         return self.format_number(0.0 if s.function == "DC" else s.emf_offset_v * self._levels.display_ratio)
 
@@ -195,16 +187,16 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         rate = self._rate_hz if s.function == "ARB" and self._sample_rate_mode else s.frequency_hz
         return f'"{self._function_keyword()},{self.format_number(rate)},{self.format_number(s.emf_vpp * shown)},{offset},{self.format_number(s.phase_deg)}"'
 
-    def _apply_dc(self, a: Arguments) -> None:
-        check_argument_count(a, 3)
+    def _apply_dc(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 3)
         self._generator.apply_settings(burst=False, sweep=False, function="DC")
         self._levels.set_offset(a[2])
         self._generator.apply_settings(on=True)
 
-    def _download(self, a: Arguments) -> None:
-        check_argument_count(a, 3)
-        match_keyword(a[0], "VOLATILE")
-        last = match_keyword(a[1], "CON", "END") == "END"
+    def _download(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 3)
+        wires.match_keyword(a[0], "VOLATILE")
+        last = wires.match_keyword(a[1], "CON", "END") == "END"
         self._packets.append(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS))
         if not last:
             return
@@ -239,7 +231,7 @@ class SimulatedRigolDg800(SimulatedRigolDg):
     def format_polarity(self, inverted: bool) -> str:
         return super().format_polarity(inverted) if self._model.startswith("DG4") else "INV" if inverted else "NORM"
 
-    def _range_commands(self) -> list[ScpiCommand]:
+    def _range_commands(self) -> list[wires.ScpiCommand]:
         levels = self._levels
         delay = self._setting(
             SOURCE + "BURSt:TDELay", "_delay_s", partial(levels.parse_delay, longest_s=100.0), self.format_number
@@ -249,7 +241,7 @@ class SimulatedRigolDg800(SimulatedRigolDg):
         noise = self._choice("OUTPut[1]:NOISe[:STATe]", "added_v", {"OFF": 0.0, "ON": OTHER_CHANNEL_NOISE_V})
         return [
             delay,
-            ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),
+            wires.ScpiCommand("OUTPut[1]:LOAD", levels.set_load, lambda _: self._format_load()),
             self._keyword_command(OTHER_FUNCTION, "SINusoid", "USER"),
             self._keyword_command(PANEL_CHANNEL, "CH1", "CH2"),
             self._stored_switch(SOURCE + "MOD[:STATe]"),
@@ -260,32 +252,32 @@ class SimulatedRigolDg800(SimulatedRigolDg):
         ohm = self._levels.load_ohm
         return "INFINITY" if ohm == float("inf") else self.format_number(ohm)
 
-    def _other_channel_commands(self) -> list[ScpiCommand]:
+    def _other_channel_commands(self) -> list[wires.ScpiCommand]:
         if self._is_dg4000:
-            return [ScpiCommand("COUPling[:STATe]", self._set_coupling, lambda _: self._query_coupling())]
+            return [wires.ScpiCommand("COUPling[:STATe]", self._set_coupling, lambda _: self._query_coupling())]
         return super()._other_channel_commands() if self._model[4:5] == "2" else []
 
-    def _rate_commands(self) -> list[ScpiCommand]:
+    def _rate_commands(self) -> list[wires.ScpiCommand]:
         return []
 
-    def _idle_commands(self) -> list[ScpiCommand]:
+    def _idle_commands(self) -> list[wires.ScpiCommand]:
         return [] if self._is_dg4000 else super()._idle_commands()
 
-    def _download_commands(self) -> list[ScpiCommand]:
+    def _download_commands(self) -> list[wires.ScpiCommand]:
         if self._is_dg4000:
-            return [ScpiCommand("[TRACe:]DATA:DAC", self._download_to_panel_channel)]
-        return [ScpiCommand(SOURCE + "TRACe:DATA:DAC16", self._download)]
+            return [wires.ScpiCommand("[TRACe:]DATA:DAC", self._download_to_panel_channel)]
+        return [wires.ScpiCommand(SOURCE + "TRACe:DATA:DAC16", self._download)]
 
-    def _download(self, a: Arguments) -> None:
-        check_argument_count(a, 3)
-        match_keyword(a[0], "VOLATILE")
-        if match_keyword(a[1], "CON", "END") == "CON":
-            raise ScpiError(-225)  # whether it takes several is not known
+    def _download(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 3)
+        wires.match_keyword(a[0], "VOLATILE")
+        if wires.match_keyword(a[1], "CON", "END") == "CON":
+            raise wires.ScpiError(-225)  # whether it takes several is not known
         self._play(_decoded_points(a[2], MIN_PACKET_POINTS, PACKET_POINTS), PACKET_POINTS)
 
-    def _download_to_panel_channel(self, a: Arguments) -> None:
-        check_argument_count(a, 2)
-        match_keyword(a[0], "VOLATILE")
+    def _download_to_panel_channel(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 2)
+        wires.match_keyword(a[0], "VOLATILE")
         points = _decoded_points(a[1], 2, DG4000_POINTS)
         if self._keyword_settings.get(PANEL_CHANNEL) == "CH2":
             self._keyword_settings[OTHER_FUNCTION] = "USER"

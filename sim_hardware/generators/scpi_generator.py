@@ -12,20 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from model import Array
+from sim_hardware import wires
 from sim_hardware.generators.generator import GeneratorSettings, InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP, OutputLevels
 from sim_hardware.plant import ArbitraryWaveform
-from sim_hardware.wires import (
-    Arguments,
-    ScpiCommand,
-    ScpiError,
-    format_real,
-    match_keyword,
-    parse_boolean,
-    parse_number,
-    short_form,
-    single_argument,
-)
 
 SOURCE = "[SOURce[1]:]"
 """Beginning of the patterns of the source subsystem."""
@@ -68,7 +58,7 @@ class SimulatedScpiGenerator:
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], unit: InstrumentUnit) -> None:
         self.identity, self.traits = unit.identity, unit.traits
         self._model = unit.model
-        self.queue_error: Callable[[ScpiError], None] = lambda _: None
+        self.queue_error: Callable[[wires.ScpiError], None] = lambda _: None
         self._generator = generator
         self._now = now
         self._keyword_settings: dict[str, str] = {}
@@ -81,7 +71,7 @@ class SimulatedScpiGenerator:
 
     def format_number(self, value: float) -> str:
         """Return a number as this family writes it."""
-        return format_real(value)
+        return wires.format_real(value)
 
     def format_switch(self, on: bool) -> str:
         """Return a switch as this family writes it."""
@@ -92,19 +82,19 @@ class SimulatedScpiGenerator:
         return "INV" if inverted else "NORM"
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         """The commands that all families have under headers of their own; a family adds others."""
         core, number = self._generator, self.format_number
         return [
-            ScpiCommand(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
+            wires.ScpiCommand(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
             self._number(SOURCE + self.FREQUENCY_HEADER, "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
-            self._setting("OUTPut[1][:STATe]", "on", parse_boolean, self.format_switch),
+            self._setting("OUTPut[1][:STATe]", "on", wires.parse_boolean, self.format_switch),
             self._mode_command(SOURCE + self.BURST_HEADER, "burst", "sweep"),
             self._keyword_command(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
-            ScpiCommand(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: number(core.settings.cycles)),
+            wires.ScpiCommand(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: number(core.settings.cycles)),
             *self._polarity_commands(),
-            ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
-            ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
+            wires.ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
+            wires.ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
         ]
 
     def reset(self) -> None:
@@ -114,13 +104,13 @@ class SimulatedScpiGenerator:
 
     def trigger(self) -> None:
         if not self._generator.ready_for_trigger(self._now()):
-            raise ScpiError(-211)
+            raise wires.ScpiError(-211)
         self._generator.trigger()
 
     def busy_s(self) -> float:
         return self._generator.busy_s(self._now())
 
-    def _queue_error(self, error: ScpiError) -> None:
+    def _queue_error(self, error: wires.ScpiError) -> None:
         self.queue_error(error)
 
     def _setting(
@@ -130,19 +120,19 @@ class SimulatedScpiGenerator:
         parse: Callable[[str], Any],
         show: Callable[[Any], str],
         then: Callable[[], None] = lambda: None,
-    ) -> ScpiCommand:
+    ) -> wires.ScpiCommand:
         """Make the command of a setting of the output, or of an attribute of this model, after whose change `then` is called."""
         of_output = name in OUTPUT_SETTINGS
 
-        def setter(a: Arguments) -> None:
-            value = parse(single_argument(a))
+        def setter(a: wires.Arguments) -> None:
+            value = parse(wires.single_argument(a))
             if of_output:
                 self._generator.apply_settings(**{name: value})
             else:
                 setattr(self, name, value)
             then()
 
-        return ScpiCommand(
+        return wires.ScpiCommand(
             pattern, setter, lambda _: show(getattr(self._generator.settings if of_output else self, name))
         )
 
@@ -155,84 +145,90 @@ class SimulatedScpiGenerator:
         high: float,
         default: float,
         then: Callable[[], None] = lambda: None,
-    ) -> ScpiCommand:
+    ) -> wires.ScpiCommand:
         """Make the command of a number, which is clipped to its limits."""
 
         def parse(text: str) -> float:
-            return self._levels.clip(parse_number(text, unit, low, high, default), low, high)
+            return self._levels.clip(wires.parse_number(text, unit, low, high, default), low, high)
 
         return self._setting(pattern, name, parse, self.format_number, then)
 
     def _choice(
         self, pattern: str, name: str, values: Mapping[str, Any], then: Callable[[], None] = lambda: None
-    ) -> ScpiCommand:
+    ) -> wires.ScpiCommand:
         """Make the command of a setting by its keywords; where two mean the same value, the first is replied."""
-        shorts = {short_form(keyword): value for keyword, value in values.items()}
+        shorts = {wires.short_form(keyword): value for keyword, value in values.items()}
         replies = {value: short for short, value in reversed(shorts.items())}
         return self._setting(
-            pattern, name, lambda text: shorts[match_keyword(text, *values)], replies.__getitem__, then
+            pattern, name, lambda text: shorts[wires.match_keyword(text, *values)], replies.__getitem__, then
         )
 
-    def _mode_command(self, pattern: str, mode: str, other: str) -> ScpiCommand:
-        return ScpiCommand(
+    def _mode_command(self, pattern: str, mode: str, other: str) -> wires.ScpiCommand:
+        return wires.ScpiCommand(
             pattern,
             partial(self._set_mode, mode=mode, other=other),
             lambda _: self.format_switch(getattr(self._generator.settings, mode)),
         )
 
-    def _keyword_command(self, pattern: str, *names: str) -> ScpiCommand:
+    def _keyword_command(self, pattern: str, *names: str) -> wires.ScpiCommand:
         """Make a setting that is stored and does not affect an idle output; the first name is the factory value."""
 
-        def setter(a: Arguments) -> None:
-            self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
+        def setter(a: wires.Arguments) -> None:
+            self._keyword_settings[pattern] = wires.match_keyword(wires.single_argument(a), *names)
 
-        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, short_form(names[0])))
+        return wires.ScpiCommand(
+            pattern, setter, lambda _: self._keyword_settings.get(pattern, wires.short_form(names[0]))
+        )
 
-    def _polarity_commands(self) -> list[ScpiCommand]:
+    def _polarity_commands(self) -> list[wires.ScpiCommand]:
         if self.traits.get("polarity") == "absent":
             return []
 
         def is_inverted(text: str) -> bool:
-            return match_keyword(text, "NORMal", "INVerted") == "INV"
+            return wires.match_keyword(text, "NORMal", "INVerted") == "INV"
 
         return [self._setting("OUTPut[1]:POLarity", "inverted", is_inverted, self.format_polarity)]
 
-    def _gate_command(self) -> ScpiCommand:
+    def _gate_command(self) -> wires.ScpiCommand:
         """Make the setting that gates the output with the sync signal: between bursts there is no output."""
         return self._choice("OUTPut[1]:MODE", "gated", {"NORMal": False, "GATed": True})
 
-    def _sum_command(self, pattern: str) -> ScpiCommand:
+    def _sum_command(self, pattern: str) -> wires.ScpiCommand:
         """Make the switch that adds another channel to the output."""
         return self._setting(
             pattern,
             "added_v",
-            lambda text: OTHER_CHANNEL_V if parse_boolean(text) else 0.0,
+            lambda text: OTHER_CHANNEL_V if wires.parse_boolean(text) else 0.0,
             lambda volts: self.format_switch(bool(volts)),
         )
 
-    def _stored_switch(self, pattern: str) -> ScpiCommand:
+    def _stored_switch(self, pattern: str) -> wires.ScpiCommand:
         """Make a switch that is stored and does not affect an idle output."""
 
-        def setter(a: Arguments) -> None:
-            self._keyword_settings[pattern] = self.format_switch(parse_boolean(single_argument(a)))
+        def setter(a: wires.Arguments) -> None:
+            self._keyword_settings[pattern] = self.format_switch(wires.parse_boolean(wires.single_argument(a)))
 
-        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, self.format_switch(False)))
+        return wires.ScpiCommand(
+            pattern, setter, lambda _: self._keyword_settings.get(pattern, self.format_switch(False))
+        )
 
     def _function_keyword(self) -> str:
         function = self._generator.settings.function
-        return short_form(self.ARBITRARY_KEYWORD) if function == "ARB" else function
+        return wires.short_form(self.ARBITRARY_KEYWORD) if function == "ARB" else function
 
-    def _set_function(self, a: Arguments) -> None:
-        function = match_keyword(single_argument(a), "SINusoid", "DC", self.ARBITRARY_KEYWORD)
-        self._select_function("ARB" if function == short_form(self.ARBITRARY_KEYWORD) else function)
+    def _set_function(self, a: wires.Arguments) -> None:
+        function = wires.match_keyword(wires.single_argument(a), "SINusoid", "DC", self.ARBITRARY_KEYWORD)
+        self._select_function("ARB" if function == wires.short_form(self.ARBITRARY_KEYWORD) else function)
 
     def _trigger_keyword(self) -> str:
         source = self._generator.settings.trigger
-        return next(short_form(name) for name, setting in self.TRIGGER_KEYWORDS.items() if setting == source)
+        return next(wires.short_form(name) for name, setting in self.TRIGGER_KEYWORDS.items() if setting == source)
 
-    def _set_trigger(self, a: Arguments) -> None:
-        keyword = match_keyword(single_argument(a), *self.TRIGGER_KEYWORDS)
-        self._select_trigger(next(self.TRIGGER_KEYWORDS[n] for n in self.TRIGGER_KEYWORDS if short_form(n) == keyword))
+    def _set_trigger(self, a: wires.Arguments) -> None:
+        keyword = wires.match_keyword(wires.single_argument(a), *self.TRIGGER_KEYWORDS)
+        self._select_trigger(
+            next(self.TRIGGER_KEYWORDS[n] for n in self.TRIGGER_KEYWORDS if wires.short_form(n) == keyword)
+        )
 
     def _select_trigger(self, source: str) -> None:
         self._generator.apply_settings(trigger=source)
@@ -244,32 +240,32 @@ class SimulatedScpiGenerator:
         if function == "DC":
             if s.burst or s.sweep:
                 mode = "burst" if s.burst else "sweep"
-                self.queue_error(ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
+                self.queue_error(wires.ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
             self._generator.apply_settings(function="DC", burst=False, sweep=False)
             return
         # DC allows an offset at which a wave would exceed the range.
         room = MAX_EMF_V - s.emf_vpp / 2
         if abs(s.emf_offset_v) > room:
-            self.queue_error(ScpiError(-221, "offset changed on exit from dc function"))
+            self.queue_error(wires.ScpiError(-221, "offset changed on exit from dc function"))
         self._generator.apply_settings(function=function, emf_offset_v=min(max(s.emf_offset_v, -room), room))
 
-    def _set_mode(self, a: Arguments, mode: str, other: str) -> None:
-        on, s = parse_boolean(single_argument(a)), self._generator.settings
+    def _set_mode(self, a: wires.Arguments, mode: str, other: str) -> None:
+        on, s = wires.parse_boolean(wires.single_argument(a)), self._generator.settings
         if on and s.function == "DC":
-            raise ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
+            raise wires.ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
         changed: dict[str, Any] = {mode: on}
         if on and getattr(s, other):
-            self.queue_error(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
+            self.queue_error(wires.ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
             changed[other] = False
         self._generator.apply_settings(**changed)
 
-    def _set_cycles(self, a: Arguments) -> None:
-        cycles = parse_number(single_argument(a), "", 1.0, self.MAX_BURST_CYCLES, 1.0)
+    def _set_cycles(self, a: wires.Arguments) -> None:
+        cycles = wires.parse_number(wires.single_argument(a), "", 1.0, self.MAX_BURST_CYCLES, 1.0)
         if not math.isinf(cycles):
             self._generator.apply_settings(cycles=float(round(self._levels.clip(cycles, 1.0, self.MAX_BURST_CYCLES))))
             return
         if self._generator.settings.trigger == "IMM":
-            self.queue_error(ScpiError(-221, "infinite burst changed trigger source to BUS"))
+            self.queue_error(wires.ScpiError(-221, "infinite burst changed trigger source to BUS"))
             self._generator.apply_settings(trigger="BUS")
         self._generator.apply_settings(cycles=cycles)
 
@@ -295,17 +291,17 @@ def decode_block(argument: str, dtype: str, low: float, high: float) -> Array:
     raw = argument.encode("latin-1")
     width = np.dtype(dtype).itemsize
     if not raw or len(raw) % width:
-        raise ScpiError(-161)
+        raise wires.ScpiError(-161)
     points = np.frombuffer(raw, dtype).astype(np.float64)
     if not np.all((points >= low) & (points <= high)):
-        raise ScpiError(-222, "a point lies outside the converter's range")
+        raise wires.ScpiError(-222, "a point lies outside the converter's range")
     return points
 
 
-def accept_keywords(*names: str) -> Callable[[Arguments], None]:
+def accept_keywords(*names: str) -> Callable[[wires.Arguments], None]:
     """Return the setter of a setting that accepts these values without an effect."""
 
-    def setter(a: Arguments) -> None:
-        match_keyword(single_argument(a), *names)
+    def setter(a: wires.Arguments) -> None:
+        wires.match_keyword(wires.single_argument(a), *names)
 
     return setter

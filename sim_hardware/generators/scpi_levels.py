@@ -9,17 +9,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import ClassVar
 
+from sim_hardware import wires
 from sim_hardware.generators.generator import RANGES_VPP, SimulatedGenerator
-from sim_hardware.wires import (
-    Arguments,
-    ScpiCommand,
-    ScpiError,
-    format_real,
-    match_keyword,
-    parse_boolean,
-    parse_number,
-    single_argument,
-)
 
 SOURCE_OHM = 50.0
 MAX_EMF_V = 10.0
@@ -43,8 +34,8 @@ class OutputLevels:
     def __init__(
         self,
         generator: SimulatedGenerator,
-        queue_error: Callable[[ScpiError], None],
-        format_number: Callable[[float], str] = format_real,
+        queue_error: Callable[[wires.ScpiError], None],
+        format_number: Callable[[float], str] = wires.format_real,
         min_emf_vpp: float = MIN_EMF_VPP,
     ) -> None:
         self._generator = generator
@@ -69,14 +60,14 @@ class OutputLevels:
     def clip(self, value: float, low: float, high: float) -> float:
         """Return the nearest possible value; queue an error if it differs."""
         if value > high * (1 + 1e-9) + 1e-12:
-            self._queue_error(ScpiError(-222, "value clipped to upper limit"))
+            self._queue_error(wires.ScpiError(-222, "value clipped to upper limit"))
         elif value < low - abs(low) * 1e-9 - 1e-12:
-            self._queue_error(ScpiError(-222, "value clipped to lower limit"))
+            self._queue_error(wires.ScpiError(-222, "value clipped to lower limit"))
         return min(max(value, low), high)
 
     def parse_delay(self, text: str, longest_s: float) -> float:
         """Return a delay of the burst in seconds."""
-        return self.clip(parse_number(text, "S"), 0.0, longest_s)
+        return self.clip(wires.parse_number(text, "S"), 0.0, longest_s)
 
     def check_limits(self, emf_vpp: float, emf_offset_v: float, function: str) -> None:
         """Raise ScpiError if that output would leave the limits that are on."""
@@ -86,9 +77,9 @@ class OutputLevels:
         edges = (wave.low, wave.high) if wave else (0.0, 0.0) if function == "DC" else (-1.0, 1.0)
         low_v, high_v = (emf_offset_v + emf_vpp / 2 * edge for edge in edges)
         if high_v * self.display_ratio > self._high_limit_v + 1e-9:
-            raise ScpiError(-221, "output voltage exceeds the high limit")
+            raise wires.ScpiError(-221, "output voltage exceeds the high limit")
         if low_v * self.display_ratio < self._low_limit_v - 1e-9:
-            raise ScpiError(-221, "output voltage exceeds the low limit")
+            raise wires.ScpiError(-221, "output voltage exceeds the low limit")
 
     def unfreeze_range(self) -> None:
         """Make the range follow the amplitude again."""
@@ -102,7 +93,7 @@ class OutputLevels:
         top = min(2 * (MAX_EMF_V - abs(s.emf_offset_v)), self._frozen_range_vpp)
         floor = self._min_emf_vpp if math.isinf(self._frozen_range_vpp) else max(self._min_emf_vpp, self.min_held_vpp)
         low, high = (self._from_vpp(emf * self.display_ratio, unit) for emf in (floor, top))
-        value = parse_number(text, unit if unit in text.upper() else "V", low, high)
+        value = wires.parse_number(text, unit if unit in text.upper() else "V", low, high)
         emf = self._to_vpp(value, unit) / self.display_ratio
         self._apply_levels(self.clip(emf, floor, top), s.emf_offset_v)
 
@@ -110,7 +101,9 @@ class OutputLevels:
         """Offset in volts."""
         s = self._generator.settings
         top = MAX_EMF_V - (s.emf_vpp / 2 if s.function != "DC" else 0.0)
-        value = parse_number(text, "V", -top * self.display_ratio, top * self.display_ratio, 0.0) / self.display_ratio
+        value = (
+            wires.parse_number(text, "V", -top * self.display_ratio, top * self.display_ratio, 0.0) / self.display_ratio
+        )
         self._apply_levels(s.emf_vpp, self.clip(value, -top, top))
 
     def _apply_levels(self, emf_vpp: float, emf_offset_v: float) -> None:
@@ -121,7 +114,7 @@ class OutputLevels:
         """Displayed volts peak to peak of an amplitude in `unit`."""
         if unit == "DBM":
             if math.isinf(self.load_ohm):
-                raise ScpiError(-221, "dBm needs a finite load")
+                raise wires.ScpiError(-221, "dBm needs a finite load")
             return VPP_PER_VRMS * math.sqrt(self.load_ohm * 1e-3 * 10 ** (value / 10))
         return value * (VPP_PER_VRMS if unit == "VRMS" else 1.0)
 
@@ -131,36 +124,36 @@ class OutputLevels:
             return 10 * math.log10((max(vpp, 1e-12) / VPP_PER_VRMS) ** 2 / self.load_ohm * 1e3)
         return vpp / (VPP_PER_VRMS if unit == "VRMS" else 1.0)
 
-    def _set_level(self, a: Arguments, high: bool) -> None:
+    def _set_level(self, a: wires.Arguments, high: bool) -> None:
         s = self._generator.settings
         most = MAX_EMF_V * self.display_ratio
-        value = parse_number(single_argument(a), "V", -most, most) / self.display_ratio
+        value = wires.parse_number(wires.single_argument(a), "V", -most, most) / self.display_ratio
         low_v = s.emf_offset_v - s.emf_vpp / 2 if high else value
         high_v = value if high else s.emf_offset_v + s.emf_vpp / 2
         if high_v - low_v < self._min_emf_vpp:
-            raise ScpiError(-221, "high level must be above low level")
+            raise wires.ScpiError(-221, "high level must be above low level")
         if max(abs(low_v), abs(high_v)) > MAX_EMF_V * (1 + 1e-9):
-            raise ScpiError(-222)
+            raise wires.ScpiError(-222)
         self._apply_levels(high_v - low_v, (high_v + low_v) / 2)
 
-    def _set_unit(self, a: Arguments) -> None:
-        unit = match_keyword(single_argument(a), "VPP", "VRMS", "DBM")
+    def _set_unit(self, a: wires.Arguments) -> None:
+        unit = wires.match_keyword(wires.single_argument(a), "VPP", "VRMS", "DBM")
         if unit == "DBM" and math.isinf(self.load_ohm):
-            raise ScpiError(-221, "dBm needs a finite load")
+            raise wires.ScpiError(-221, "dBm needs a finite load")
         self._unit = unit
 
-    def set_load(self, a: Arguments) -> None:
+    def set_load(self, a: wires.Arguments) -> None:
         if self.limits_on:
-            raise ScpiError(-221, "load cannot be changed while voltage limits are on")
-        ohm = parse_number(single_argument(a), "OHM", 1.0, 10e3, 50.0)
+            raise wires.ScpiError(-221, "load cannot be changed while voltage limits are on")
+        ohm = wires.parse_number(wires.single_argument(a), "OHM", 1.0, 10e3, 50.0)
         self.load_ohm = ohm if math.isinf(ohm) else self.clip(ohm, 1.0, 10e3)
         if math.isinf(ohm) and self._unit == "DBM":
             self._unit = "VPP"
-            self._queue_error(ScpiError(-221, "amplitude units changed to Vpp due to high-Z load"))
+            self._queue_error(wires.ScpiError(-221, "amplitude units changed to Vpp due to high-Z load"))
 
-    def set_auto_range(self, a: Arguments) -> None:
-        once = single_argument(a).strip().upper() == "ONCE"
-        auto = not once and parse_boolean(a[0])
+    def set_auto_range(self, a: wires.Arguments) -> None:
+        once = wires.single_argument(a).strip().upper() == "ONCE"
+        auto = not once and wires.parse_boolean(a[0])
         if auto or once:
             self.unfreeze_range()
         if not auto:
@@ -169,22 +162,22 @@ class OutputLevels:
                 self._frozen_range_vpp = next(r for r in RANGES_VPP if r >= vpp)
             self._generator.apply_settings(auto_range=False)
 
-    def set_limit(self, a: Arguments, high: bool) -> None:
+    def set_limit(self, a: wires.Arguments, high: bool) -> None:
         most = MAX_EMF_V * self.display_ratio
-        value = self.clip(parse_number(single_argument(a), "V", -most, most), -most, most)
+        value = self.clip(wires.parse_number(wires.single_argument(a), "V", -most, most), -most, most)
         before = self._low_limit_v, self._high_limit_v
         self._low_limit_v, self._high_limit_v = (before[0], value) if high else (value, before[1])
         try:
             self._check_present_levels()
-        except ScpiError:
+        except wires.ScpiError:
             self._low_limit_v, self._high_limit_v = before
             raise
 
-    def set_limits_on(self, a: Arguments) -> None:
-        self.limits_on = parse_boolean(single_argument(a))
+    def set_limits_on(self, a: wires.Arguments) -> None:
+        self.limits_on = wires.parse_boolean(wires.single_argument(a))
         try:
             self._check_present_levels()
-        except ScpiError:
+        except wires.ScpiError:
             self.limits_on = False
             raise
 
@@ -192,7 +185,7 @@ class OutputLevels:
         s = self._generator.settings
         self.check_limits(s.emf_vpp, s.emf_offset_v, s.function)
 
-    def commands(self, source: str) -> Sequence[ScpiCommand]:
+    def commands(self, source: str) -> Sequence[wires.ScpiCommand]:
         """The commands, their patterns beginning with `source`."""
         level, voltage = source + "VOLTage[:LEVel][:IMMediate]", source + "VOLTage"
         core, number = self._generator, self._format_number
@@ -200,29 +193,33 @@ class OutputLevels:
         def shown(on: bool) -> str:
             return str(int(on))
 
-        def volts(_: Arguments, swings: float) -> str:
+        def volts(_: wires.Arguments, swings: float) -> str:
             s = core.settings
             return number((s.emf_offset_v + swings * s.emf_vpp / 2) * self.display_ratio)
 
-        def amplitude(_: Arguments) -> str:
+        def amplitude(_: wires.Arguments) -> str:
             return number(self._from_vpp(core.settings.emf_vpp * self.display_ratio, self._unit))
 
         return [
-            ScpiCommand(level + "[:AMPLitude]", lambda a: self.set_vpp(single_argument(a)), amplitude),
-            ScpiCommand(level + ":OFFSet", lambda a: self.set_offset(single_argument(a)), partial(volts, swings=0)),
-            ScpiCommand(level + ":HIGH", partial(self._set_level, high=True), partial(volts, swings=+1)),
-            ScpiCommand(level + ":LOW", partial(self._set_level, high=False), partial(volts, swings=-1)),
-            ScpiCommand(voltage + ":UNIT", self._set_unit, lambda _: self._unit),
-            ScpiCommand(voltage + ":RANGe:AUTO", self.set_auto_range, lambda _: shown(core.settings.auto_range)),
+            wires.ScpiCommand(level + "[:AMPLitude]", lambda a: self.set_vpp(wires.single_argument(a)), amplitude),
+            wires.ScpiCommand(
+                level + ":OFFSet", lambda a: self.set_offset(wires.single_argument(a)), partial(volts, swings=0)
+            ),
+            wires.ScpiCommand(level + ":HIGH", partial(self._set_level, high=True), partial(volts, swings=+1)),
+            wires.ScpiCommand(level + ":LOW", partial(self._set_level, high=False), partial(volts, swings=-1)),
+            wires.ScpiCommand(voltage + ":UNIT", self._set_unit, lambda _: self._unit),
+            wires.ScpiCommand(voltage + ":RANGe:AUTO", self.set_auto_range, lambda _: shown(core.settings.auto_range)),
             *self.limit_commands(voltage + ":LIMit", ":STATe", shown),
-            ScpiCommand("OUTPut[1]:LOAD", self.set_load, lambda _: number(self.load_ohm)),
+            wires.ScpiCommand("OUTPut[1]:LOAD", self.set_load, lambda _: number(self.load_ohm)),
         ]
 
-    def limit_commands(self, limit: str, state: str, format_switch: Callable[[bool], str]) -> list[ScpiCommand]:
+    def limit_commands(self, limit: str, state: str, format_switch: Callable[[bool], str]) -> list[wires.ScpiCommand]:
         """The commands of both limits, their patterns beginning with `limit`, and of their switch with the ending `state`."""
         number = self._format_number
         return [
-            ScpiCommand(limit + ":HIGH", partial(self.set_limit, high=True), lambda _: number(self._high_limit_v)),
-            ScpiCommand(limit + ":LOW", partial(self.set_limit, high=False), lambda _: number(self._low_limit_v)),
-            ScpiCommand(limit + state, self.set_limits_on, lambda _: format_switch(self.limits_on)),
+            wires.ScpiCommand(
+                limit + ":HIGH", partial(self.set_limit, high=True), lambda _: number(self._high_limit_v)
+            ),
+            wires.ScpiCommand(limit + ":LOW", partial(self.set_limit, high=False), lambda _: number(self._low_limit_v)),
+            wires.ScpiCommand(limit + state, self.set_limits_on, lambda _: format_switch(self.limits_on)),
         ]

@@ -13,18 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from sim_hardware import wires
 from sim_hardware.generators.generator import InstrumentUnit, SimulatedGenerator
 from sim_hardware.generators.scpi_generator import OTHER_CHANNEL_V, SOURCE, SimulatedScpiGenerator, decode_block
 from sim_hardware.generators.scpi_levels import MIN_EMF_VPP
 from sim_hardware.generators.traits import RETIME, UNKNOWN_HEADER, Trait, deviations
-from sim_hardware.wires import (
-    Arguments,
-    ScpiCommand,
-    ScpiError,
-    check_argument_count,
-    match_keyword,
-    parse_number,
-)
 
 FULL_SCALE = 16382
 
@@ -90,10 +83,10 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         return {"AFG30": 0.02, "AFG31": 0.04, "AFG32": 0.1}.get(self._model[:5], MIN_EMF_VPP)
 
     @property
-    def commands(self) -> Sequence[ScpiCommand]:
+    def commands(self) -> Sequence[wires.ScpiCommand]:
         levels, delay = self._levels, partial(self._levels.parse_delay, longest_s=85.0)
         shared = [c for c in levels.commands(SOURCE) if not any(w in c.pattern for w in (":RANGe", ":LOAD", ":STATe"))]
-        load = ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm))
+        load = wires.ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm))
         kept = [c for c in shared if not (self._is_afg1000 and "LIMit" in c.pattern)]
         return [
             *kept,
@@ -104,13 +97,13 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             *self._afg31000_commands(),
             *([] if self._is_afg1000 else [self._stored_switch("SYSTem:KLOCk[:STATe]")]),
             self._setting(SOURCE + "BURSt:TDELay", "_delay_s", delay, self.format_number),
-            ScpiCommand("TRACe:DEFine", self._define_edit_memory),
-            ScpiCommand("DATA:DEFine", self._define_edit_memory),
-            ScpiCommand("DATA[:DATA]", self._download),
-            ScpiCommand("DATA:POINts", None, lambda _: str(self._edit_memory.size)),
+            wires.ScpiCommand("TRACe:DEFine", self._define_edit_memory),
+            wires.ScpiCommand("DATA:DEFine", self._define_edit_memory),
+            wires.ScpiCommand("DATA[:DATA]", self._download),
+            wires.ScpiCommand("DATA:POINts", None, lambda _: str(self._edit_memory.size)),
         ]
 
-    def _afg31000_commands(self) -> list[ScpiCommand]:
+    def _afg31000_commands(self) -> list[wires.ScpiCommand]:
         if not self._is_afg31000:
             return []
         places = {place: place for place in ("START", "DC", "END")}
@@ -124,7 +117,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             levels = {"START": None, "DC": 0.0, "END": last}
             self._generator.apply_settings(idle=levels[self._idle_keyword])
 
-    def _other_channel_commands(self) -> list[ScpiCommand]:
+    def _other_channel_commands(self) -> list[wires.ScpiCommand]:
         if self._is_afg1000:
             return []
         feed = self._setting(
@@ -147,7 +140,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         # *TRG fires an external trigger; no other command does.
         s = self._generator.settings
         if not s.burst or s.trigger != "BUS" or self.busy_s() > 0:
-            raise ScpiError(-211)
+            raise wires.ScpiError(-211)
         self._generator.trigger()
 
     def _select_function(self, function: str) -> None:
@@ -158,20 +151,20 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         elif function == "DC" and self._is_afg1000:
             self._generator.apply_settings(emf_offset_v=0.0)
 
-    def _define_edit_memory(self, a: Arguments) -> None:
-        check_argument_count(a, 2)
-        match_keyword(a[0], "EMEMory")
-        size = int(parse_number(a[1], ""))
+    def _define_edit_memory(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 2)
+        wires.match_keyword(a[0], "EMEMory")
+        size = int(wires.parse_number(a[1], ""))
         if not 2 <= size <= self._memory_points:
-            raise ScpiError(-222)
+            raise wires.ScpiError(-222)
         self._set_edit_memory(np.zeros(size))
 
-    def _download(self, a: Arguments) -> None:
-        check_argument_count(a, 2)
-        match_keyword(a[0], "EMEMory")
+    def _download(self, a: wires.Arguments) -> None:
+        wires.check_argument_count(a, 2)
+        wires.match_keyword(a[0], "EMEMory")
         points = decode_block(a[1], ">u2", 0, FULL_SCALE)
         if points.size > self._memory_points:
-            raise ScpiError(-225)
+            raise wires.ScpiError(-225)
         self._set_edit_memory(2 * points / FULL_SCALE - 1)
 
     def _set_edit_memory(self, points: np.ndarray) -> None:

@@ -15,18 +15,11 @@ import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
 from drivers import Closeable
+from sim_hardware.nidaq import properties
 from sim_hardware.nidaq.card import Counts
 from sim_hardware.nidaq.errors import ERROR_MESSAGES, NiError
 from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.properties import (
-    SYSTEM_PROPERTIES,
-    NiTaskTable,
-    device_property,
-    physical_channel_property,
-    read_property,
-    task_property,
-)
 from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.wires import HOST
 
@@ -59,7 +52,7 @@ class NiGrpcServer(Closeable):
         self.device = device
         self.port = 0
         self.calls: dict[str, int] = {}
-        self._tasks = NiTaskTable(device)
+        self._tasks = properties.NiTaskTable(device)
         self._task_numbers = itertools.count(1)
         self._server: Any = None
         self._closed = False
@@ -225,9 +218,9 @@ class NiGrpcServer(Closeable):
         number = request.attribute_raw or request.attribute
         fields = request.DESCRIPTOR.fields_by_name
         if "task" in fields:
-            return task_property(self._task(request), number, getattr(request, "channel", ""))
+            return properties.task_property(self._task(request), number, getattr(request, "channel", ""))
         if "device_name" in fields:
-            return device_property(self.device, request.device_name, number)
+            return properties.device_property(self.device, request.device_name, number)
         if "physical_channel" in fields:
-            return physical_channel_property(self.device, request.physical_channel, number)
-        return read_property(SYSTEM_PROPERTIES, number, self.device)
+            return properties.physical_channel_property(self.device, request.physical_channel, number)
+        return properties.read_property(properties.SYSTEM_PROPERTIES, number, self.device)
