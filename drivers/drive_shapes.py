@@ -44,7 +44,7 @@ class _CheckedDrive:
                 raise ValueError(f"{self.kind}: {name} must be positive, not {value}")
 
 
-class ReachedLevels:
+class _Levels(_CheckedDrive):
     """Levels that are reached one after the other: extremes and end levels."""
 
     __slots__ = ()
@@ -123,7 +123,7 @@ class _WholeCycles(_Oscillation, ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class Hold(ReachedLevels, _CheckedDrive):
+class Hold(_Levels):
     """A constant level for `duration_s`."""
 
     level_v: float
@@ -145,7 +145,7 @@ class Hold(ReachedLevels, _CheckedDrive):
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp(ReachedLevels, _CheckedDrive):
+class Ramp(_Levels):
     """A straight line from one level to another, which is then held."""
 
     start_v: float
@@ -344,7 +344,7 @@ class SquareWave(_WholeCycles):
 
 
 @dataclass(frozen=True, slots=True)
-class Steps(ReachedLevels, _CheckedDrive):
+class Steps(_Levels):
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.
 
     The first level is where it starts; each later one is reached in `rise_s` and then held.

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
-
-from drivers.drive_shapes import Array, ReachedLevels
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, slots=True)
-class LevelPulse(ReachedLevels):
+class LevelPulse:
     """A level that is reached from rest by a straight line in `rise_s`, held for `hold_s`, and left for rest in `rise_s`.
 
     It is how a source plays a `Hold` that must end at rest without a further command.
@@ -28,17 +26,28 @@ class LevelPulse(ReachedLevels):
         return self.hold_s + 2 * self.rise_s
 
     @property
-    def levels_v(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Levels in order."""
-        return self.rest_v, self.level_v, self.rest_v
+    def low_v(self) -> float:
+        """Lowest level."""
+        return min(self.rest_v, self.level_v)
+
+    @property
+    def high_v(self) -> float:
+        """Highest level."""
+        return max(self.rest_v, self.level_v)
+
+    @property
+    def end_levels_v(self) -> tuple[float, float]:
+        """Levels at the start and at the end."""
+        return self.rest_v, self.rest_v
 
     @property
     def slew_v_per_s(self) -> float:
         """Largest slope, V/s."""
         return abs(self.level_v - self.rest_v) / self.rise_s
 
-    def volts(self, t: ArrayLike) -> Array:
+    def volts(self, t: ArrayLike) -> NDArray[np.float64]:
         """Return the volts at the times `t` after the start, an array of the shape of `t`; 0 to `duration_s`."""
         knots = [0.0, self.rise_s, self.rise_s + self.hold_s, self.duration_s]
-        levels = [self.rest_v, self.level_v, self.level_v, self.rest_v]
-        return np.asarray(np.interp(np.asarray(t, float), knots, levels))
+        return np.asarray(
+            np.interp(np.asarray(t, float), knots, [self.rest_v, self.level_v, self.level_v, self.rest_v])
+        )

@@ -3,8 +3,8 @@
 At their defaults they change nothing. Each can be free, fixed or have a prior, like a parameter of the model.
 """
 
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -53,16 +53,19 @@ DEFAULTS: dict[str, Any] = {name: spec.default for name, spec in NONIDEALITIES.i
 
 def specimen_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
-    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-    different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([harmonic_of_sine(amplifier, *drive, order) for drive in different.tolist()])[where.ravel()]
+    return _of_drives(run, lambda *drive: harmonic_of_sine(amplifier, *drive, order))
 
 
 def loop_harmonic(run: observed.FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
     """Return V_k of what a `hysteresis` of 1 adds to the volts on the specimen at each usable point of a run, (F,)."""
+    return _of_drives(run, lambda *drive: loop_harmonics(amplifier, *drive)[order])
+
+
+def _of_drives(run: observed.FrequencyResponseObservation, function: Callable[[float, float], Any]) -> Any:
+    """Return a function of amplitude and offset, called once for each different drive, at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
-    return np.array([loop_harmonics(amplifier, *drive)[order] for drive in different.tolist()])[where.ravel()]
+    return np.array([function(*drive) for drive in different.tolist()])[where.ravel()]
 
 
 def crept_tilt(creep: Any, omega: Any) -> tuple[Any, Any]:
@@ -156,15 +159,9 @@ class NonidealResponse:
             factor = factor * (1 + _column(v["gain_drift"]) * (run.order - self._first) / (self._last - self._first))
         below, above = v["gain_below_rest"], v["gain_above_rest"]
         if np.any(below) or np.any(above):
-            share = self._share_below(run)
+            share = _of_drives(run, partial(_share_below, self._amplifier))
             factor = factor * (1 + _column(below) * share + _column(above) * (1 - share))
         return factor
-
-    def _share_below(self, run: observed.FrequencyResponseObservation) -> Array:
-        """Return the share of the fundamental of the volts on the specimen that the slope below rest makes, (F,)."""
-        drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-        different, where = np.unique(drives, axis=0, return_inverse=True)
-        return np.array([_share_below(self._amplifier, *drive) for drive in different.tolist()])[where.ravel()]
 
     def volts(self, run: observed.VoltageStepsObservation, v: Values, volts: Array) -> Array:
         """Return the volts on the specimen that act, (S, F), of those by the amplifier's map, with what was before each reading."""
