@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from annotated_types import Interval
+from numpy.typing import NDArray
 
 from model import CLAMP_FLEXIBILITY, CREEP, HYSTERESIS, AmplifierMap, Array, Complex, Mask, ParameterSpec
 from model.drive_history import DriveHistory, rayleigh_response
@@ -61,7 +62,7 @@ def loop_harmonic(run: observed.FrequencyResponseObservation, amplifier: Amplifi
     return _of_drives(run, lambda *drive: loop_harmonics(amplifier, *drive)[order])
 
 
-def _of_drives(run: observed.FrequencyResponseObservation, function: Callable[[float, float], Any]) -> Any:
+def _of_drives(run: observed.FrequencyResponseObservation, function: Callable[[float, float], Any]) -> NDArray[Any]:
     """Return a function of amplitude and offset, called once for each different drive, at each usable point of a run, (F,)."""
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
     different, where = np.unique(drives, axis=0, return_inverse=True)
