@@ -146,15 +146,27 @@ def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepan
         }
         yield "creep", "the dwells <lose|gain> {} % a decade of frequency, with the lag that belongs to it: creep", late
     drives = {r.label: np.asarray(r.drive_amplitude_v)[r.usable] for r in with_phase}
-    if drives:
-        every = np.concatenate(list(drives.values()))
-        if np.ptp(every) > 0.1 * every.max():
-            share = {label: (a - every.mean()) / every.max() for label, a in drives.items()}
-            message = "at full drive the dwells give {} % <more|less> a volt than at none: the response is not linear"
-            yield "amplitude", message, {label: y[label] * s for label, s in share.items()}
-            message = "at full drive the dwells lag {} % of a radian <more|less> than at none: hysteresis"
-            yield "amplitude", message, {label: -1j * y[label] * s for label, s in share.items()}
-    ordered = sorted((r for r in dwells if r.order is not None), key=lambda r: float(r.order or 0))
+    yield from _amplitude_discrepancies(drives, y)
+    yield from _drift_discrepancies([r for r in dwells if r.order is not None], y)
+
+
+def _amplitude_discrepancies(drives: dict[str, Array], y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
+    """Yield what dwells with different drives show, by the amplitudes at their points."""
+    every = np.concatenate([*drives.values(), np.zeros(0)])
+    if not every.size or np.ptp(every) <= 0.1 * every.max():
+        return
+    share = {label: (a - every.mean()) / every.max() for label, a in drives.items()}
+    message = "at full drive the dwells give {} % <more|less> a volt than at none: the response is not linear"
+    yield "amplitude", message, {label: y[label] * s for label, s in share.items()}
+    message = "at full drive the dwells lag {} % of a radian <more|less> than at none: hysteresis"
+    yield "amplitude", message, {label: -1j * y[label] * s for label, s in share.items()}
+
+
+def _drift_discrepancies(
+    dwells: list[observed.FrequencyResponseObservation], y: dict[str, Any]
+) -> Iterator[DiscrepancyParts]:
+    """Yield what dwells whose order is known show."""
+    ordered = sorted(dwells, key=lambda r: float(r.order or 0))
     if len(ordered) > 1 and ordered[0].order != ordered[-1].order:
         first, last = float(ordered[0].order or 0), float(ordered[-1].order or 0)
         parts = {r.label: y[r.label] * ((float(r.order or 0) - first) / (last - first) - 0.5) for r in ordered}

@@ -6,7 +6,7 @@ NI's own server: status metadata `ni-error` (NI gRPC Device Server 2.0 release n
 """
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent import futures
 from typing import Any
 
@@ -148,13 +148,14 @@ class NiGrpcServer(Closeable):
             "GetErrorString": lambda q: {"error_string": ERROR_MESSAGES.get(q.error_code, "")},
             "SetBufferAttributeUInt32": self._set_buffer,
         }
-        for name in _SERVICE.methods_by_name:
+        return table | dict(self._property_calls())
+
+    def _property_calls(self) -> Iterator[tuple[str, Call]]:
+        """Yield the calls that get a property, by name."""
+        for name, method in _SERVICE.methods_by_name.items():
             if name.startswith("Get") and "Attribute" in name:
-                value = (
-                    "value_raw" if "value_raw" in _SERVICE.methods_by_name[name].output_type.fields_by_name else "value"
-                )
-                table[name] = lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
-        return table
+                value = "value_raw" if "value_raw" in method.output_type.fields_by_name else "value"
+                yield name, lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
 
     def _task(self, request: Any) -> NiInputTask | NiOutputTask:
         return self._tasks[request.task.name]
