@@ -92,54 +92,51 @@ def connect(
     Raises:
         BenchError: an instrument does not answer.
     """
+    control: BenchControls | None = None
     with ExitStack() as stack:
         if not config.simulated:
             suspend_warning = stack.enter_context(suspend_inhibited())
-            connection = _open_instruments(
+            bench = _open_instruments(
                 config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server, wrap_link
             )
-            connection.bench.suspend_warning = suspend_warning
-            _gate(config, connection.bench, without_commissioning)
-            yield connection
+            bench.suspend_warning = suspend_warning
         elif speed is None:
             from sim_hardware import SimulatedBench, VirtualClock, keep_freed_memory
 
             keep_freed_memory()
-            virtual = SimulatedBench(config.simulation_parameters, VirtualClock())
+            clock = VirtualClock()
+            control = virtual = SimulatedBench(config.simulation_parameters, clock)
             if config.source.kind == "card-output":  # input and output are one card, served in its own time
                 from sim_hardware.service import ServedBench
 
                 server = stack.enter_context(ServedBench(virtual)).card.address
-                digitizer = open_digitizer(config, virtual.clock, server, stack)
+                digitizer = open_digitizer(config, clock, server, stack)
             else:
                 further = [each.channel for each in config.channels]
                 server, digitizer = "", virtual.digitizer(terminals=["ai0", "ai1", *further])
-            clock = virtual.clock
             source = open_source(
                 config, clock, lambda timeout_s: wrap_link(virtual.link(timeout_s), clock), server, stack
             )
-            meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
-            bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
+            meters = open_meters(config.meters, clock, stack, virtual.laser_reading_m)
+            bench = _make_bench(config, clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
             bench.hold_s = UNATTENDED_HOLD_S if block_s >= UNATTENDED_BLOCK_S else 0.0
-            _gate(config, bench)
-            yield BenchConnection(
-                bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual
-            )
         else:
             from sim_hardware.service import BenchProcess
 
-            process = stack.enter_context(
+            control = process = stack.enter_context(
                 BenchProcess(config.simulation_parameters, speed, meanwhile=_import_for_a_run)
             )
-            clock = HeartbeatClock(speed, process.time)
-            connection = _open_instruments(
-                config, stack, clock, process.resource, process.server, wrap_link, process.laser_reading_m
+            beating = HeartbeatClock(speed, process.time)
+            bench = _open_instruments(
+                config, stack, beating, process.resource, process.server, wrap_link, process.laser_reading_m
             )
-            _gate(config, connection.bench)
-            yield BenchConnection(
-                connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
-            )
+        _gate(config, bench, without_commissioning)
+        if control is None:
+            yield BenchConnection(bench)
+        else:
+            operator = SimulatedOperator(control, config.simulation_parameters.hands.patience_s)
+            yield BenchConnection(bench, operator, control)
 
 
 def _import_for_a_run() -> None:
@@ -150,7 +147,7 @@ def _import_for_a_run() -> None:
         importlib.import_module(name)
 
 
-def _gate(config: BenchConfig, bench: Bench, without_commissioning: str = "") -> None:
+def _gate(config: BenchConfig, bench: Bench, without_commissioning: str) -> None:
     """Keep high voltage off a real source that is not commissioned, unless there is a reason; each run stores which."""
     simulated_bench = ""
     if config.simulated and bench.amplifier.plays_to_the_end:
@@ -173,7 +170,7 @@ def _open_instruments(
     server: str,
     wrap_link: LinkWrapper,
     read_displacement: ReadDisplacement | None = None,
-) -> BenchConnection:
+) -> Bench:
     """Open the instruments: the same code for a real bench and a served simulated one.
 
     Raises:
@@ -211,9 +208,9 @@ def _open_instruments(
             locks.lock_address(f"the meter '{name}'", table.port)
         meters = open_meters(config.meters, clock, stack, read_displacement)
         watch = partial(_make_watchdog, config, resource, server, clock, locks.files)
-        connection = BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
+        bench = _make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed)
     locks.forget_earlier_program()
-    return connection
+    return bench
 
 
 @contextmanager
