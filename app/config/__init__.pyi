@@ -32,7 +32,6 @@ from .certificate import bench_warnings as bench_warnings
 from .certificate import due_after as due_after
 from .certificate import read_certificates as read_certificates
 from .certificate import store_certificate as store_certificate
-from .config_table import ConfigTable as ConfigTable
 from .dcc import read_dcc as read_dcc
 from .discovery import FoundDevice as FoundDevice
 from .discovery import find_devices as find_devices
@@ -53,4 +52,5 @@ from .simulation_tables import simulation_tables as simulation_tables
 from .simulation_tables import table_at as table_at
 from .simulation_tables import with_simulation_tables as with_simulation_tables
 from .template import bench_template as bench_template
+from .validation import ConfigTable as ConfigTable
 from .validation import validation_messages as validation_messages

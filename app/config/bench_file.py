@@ -27,8 +27,7 @@ from app.config.bench_tables import (
     WatchdogTable,
     check_channels,
 )
-from app.config.config_table import ConfigTable
-from app.config.validation import read_toml
+from app.config.validation import ConfigTable, read_toml
 from sim_hardware.plant import SimulationParameters
 
 SIMULATED_BENCHES = {"sim": "realistic.toml", "ideal": "ideal.toml", "realistic": "realistic.toml"}

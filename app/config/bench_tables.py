@@ -10,7 +10,7 @@ from annotated_types import Interval, Unit
 from pydantic import AfterValidator, field_validator, model_validator
 
 from app.config import driver_registry as drivers
-from app.config.config_table import ConfigTable
+from app.config.validation import ConfigTable
 from drivers import DriveLimits, InputChannel, LaserSensor, LevelAction, LevelSettings
 from drivers.sensors import PRESETS
 from model import AmplifierMap

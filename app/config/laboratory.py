@@ -8,8 +8,7 @@ from typing import Annotated
 from pydantic import Field, create_model
 
 from app.common import UsageError, read_toml_text
-from app.config.config_table import ConfigTable
-from app.config.validation import read_toml
+from app.config.validation import ConfigTable, read_toml
 
 LABORATORY_FILE_NAME = "laboratory.toml"
 """Name of the file in the folder of the runs."""

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args, get_type_hints
 from annotated_types import Unit
 from pydantic import create_model, model_validator
 
-from app.config.config_table import ConfigTable
+from app.config.validation import ConfigTable
 from model import parameter_specs
 from sim_hardware.plant import SimulationParameters
 

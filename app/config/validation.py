@@ -1,12 +1,12 @@
-"""Messages for pydantic validation errors: line, value and remedy."""
+"""Validation of TOML files by pydantic: base class of their tables, and messages with line, value and remedy."""
 
 import re
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from app.common import parse_toml, truncate_text
+from app.common import parse_toml, read_value, truncate_text
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -16,6 +16,17 @@ BOUNDS = {
     "less_than": ("lt", "less than"),
     "less_than_equal": ("le", "at most"),
 }
+
+
+class ConfigTable(BaseModel):
+    """Base class of all tables: frozen, with units parsed and unknown keys rejected."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _parse_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        return read_value(cls, info.field_name or "", value)
 
 
 def read_toml(kind: type[Model], text: str, where: str, error_of: Callable[[str], Exception]) -> Model:

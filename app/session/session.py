@@ -323,7 +323,7 @@ class Session:
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 is slow to import: neither before the window is painted nor in its thread.
-        from app.session.simulated_sheet import provide_sheet
+        from app.session.simulation import provide_sheet
         from protocols import complete_results
         from protocols.runfile import RunReadError, StorageError, notes_path, repair_folder
         from protocols.runner import Runner

@@ -1,14 +1,18 @@
-"""Speed of a simulated bench, and who answers its prompts; both are chosen by the operator."""
+"""Speed of a simulated bench, who answers its prompts, and the specimen sheet that its laboratory writes beside the first run."""
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from app.common import format_duration
+from app.common import format_duration, parse_toml
 from app.session.session import ConnectedBench
-from protocols.base import Operator, Prompt
+from protocols.base import Operator, Prompt, write_atomic
+from protocols.runfile import sheet_path
 
 if TYPE_CHECKING:
     from drivers import Bench
@@ -116,3 +120,41 @@ def format_bench_duration(seconds: float, bench: "Bench | None") -> str:
     if not isinstance(speed, int | float):
         return f"{duration} of bench time"
     return duration if speed == 1.0 else f"{duration} at {speed:g} times real speed"
+
+
+SHEET_HEAD = """# Specimen sheet of a simulated specimen: what its laboratory measured, off the truth within the uncertainty that is stated.
+# Uncertainties are standard uncertainties (k = 1). Values not listed here are the paper's Table I, with the uncertainty of ruler, caliper or scale.
+# Another bench's specimen needs another name.
+
+"""
+
+
+def provide_sheet(configuration: Mapping[str, Any], folder: Path, specimen: str) -> str:
+    """Write the sheet of a simulated bench's specimen beside its runs if there is none; return a message, or an empty text.
+
+    A sheet that was written for another bench is left as it is, and the message names it.
+
+    Args:
+        configuration: of the bench, as a run file stores it; `sheet` of its table `simulation` names the file.
+        folder: of the runs.
+        specimen: the name under which the specimen is measured.
+    """
+    source = str((configuration.get("simulation") or {}).get("sheet", ""))
+    if not specimen:
+        return ""
+    path = sheet_path(folder, specimen)
+    try:
+        if path.exists():
+            if source or not parse_toml(path.read_text("utf-8")).get("simulated"):
+                return ""
+            return f"{path.name} describes the specimen of another, simulated bench; give this one another name, or delete that file"
+        if not source:
+            return ""
+        text = resources.files("sim_hardware").joinpath(Path(source).name).read_text("utf-8")
+        _, key, rest = text.partition("specimen = ")
+        entries = rest.partition("\n")[2]
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, f"{SHEET_HEAD}{key}{json.dumps(specimen, ensure_ascii=False)}\n{entries}")
+    except (OSError, ValueError):  # the run reports a folder without access; the fits report a damaged sheet
+        return ""
+    return f"Wrote {path.name}: dimensions and masses of the simulated specimen with their uncertainties, which every fit of its runs uses"
