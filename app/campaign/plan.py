@@ -202,11 +202,7 @@ def drop_unknown_protocols(
             found.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
         return tuple(found)
 
-    return tuple(
-        CampaignItem(**{**{f: getattr(item, f) for f in CampaignItem.__dataclass_fields__}, "needs": needs(item.needs)})
-        for item in items
-        if item.name not in lost
-    )
+    return tuple(replace(item, needs=needs(item.needs)) for item in items if item.name not in lost)
 
 
 class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):

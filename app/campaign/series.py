@@ -48,21 +48,23 @@ def evaluate_series(
     measured = [step for step in steps if step.status in HAS_VALID_RUN]
     following = next((step for step in steps if step.is_ready), None)
     newest = max(measured, key=lambda step: step.started_at, default=None)
-    running = [run for run in runs if run.running]
-    status, reason, do = _series_status(item, steps, running[-1].name if running else "", following)
+    running = next((run.name for run in reversed(runs) if run.running), "")
+    status, reason, do = _series_status(item, steps, running, following)
+    run, started_at = (None, "") if newest is None else (newest.run, newest.started_at)
+    resumed, step = (None, None) if following is None else (following.resumed_run, following.item)
     return ItemState(
         item,
         title,
         status,
         reason,
         do,
-        None if newest is None else newest.run,
-        "" if newest is None else newest.started_at,
+        run,
+        started_at,
         tuple(_named_estimates(item, measured)),
-        None if following is None else following.resumed_run,
+        resumed,
         next((step.candidate for step in steps if step.candidate is not None), None),
         tuple(sorted((run for step in steps for run in step.results), key=lambda run: (run.start_time, run.name))),
-        None if following is None or do is NextAction.WAIT else following.item,
+        None if do is NextAction.WAIT else step,
         steps,
     )
 

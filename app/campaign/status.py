@@ -1,7 +1,7 @@
 """Status of campaign items, computed from run summaries and from what each run was based on."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -171,18 +171,36 @@ def evaluate_item(
     if last is not None and last.running:
         return state(ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, folder / last.path)
     waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
-    resumes = last is not None and not last.has_result and last.resumable and last.state != RunState.UNSAFE
     if (done := _valid_run(item, results, previous, based_on)) is None:
-        return _state_without_result(state, folder, last, waits, resumes)
-    newest = [run for run in results if run.name not in item.rejected][-1]
+        return _state_without_result(state, folder, last, waits)
+    stale = _stale_reason(item, done, previous, based_on.get(done.name))
+    return _state_with_result(state, folder, item, done, stale, last, waits)
+
+
+def _resumes(last: RunSummary | None) -> bool:
+    """Whether the last run of an item is resumed."""
+    return last is not None and not last.has_result and last.resumable and last.state != RunState.UNSAFE
+
+
+def _state_with_result(
+    state: partial[ItemState],
+    folder: Path,
+    item: CampaignItem,
+    done: RunSummary,
+    stale: str,
+    last: RunSummary | None,
+    waits: Sequence[str],
+) -> ItemState:
+    """Return the state of an item with a valid run; `stale` is why that is stale, `last` and `waits` as below."""
+    newest = [run for run in state.keywords["results"] if run.name not in item.rejected][-1]
     candidate = newest if newest is not done and newest.name not in item.accepted else None
     requested = bool(item.since) and newest.start_time < item.since
-    why = REPEAT_REASON if requested else _stale_reason(item, done, previous, based_on.get(done.name))
+    why = REPEAT_REASON if requested else stale
     if candidate is not None:
         why, later = "", "; a later run is to be accepted"
     else:
         later = "" if last is None or last.has_result else f"; a later run {_later_text(last)}"
-    action = NextAction.RESUME if requested and resumes else NextAction.REPEAT
+    action = NextAction.RESUME if requested and _resumes(last) else NextAction.REPEAT
     return state(
         ItemStatus.STALE if why else ItemStatus.DONE,
         (why or _result_text(done)) + later,
@@ -196,7 +214,7 @@ def evaluate_item(
 
 
 def _state_without_result(
-    state: Callable[..., ItemState], folder: Path, last: RunSummary | None, waits: Sequence[str], resumes: bool
+    state: partial[ItemState], folder: Path, last: RunSummary | None, waits: Sequence[str]
 ) -> ItemState:
     """Return the state of an item without a valid run; `last` is its last run, `waits` are the dependencies that are not done."""
     if last is None:
@@ -204,7 +222,7 @@ def _state_without_result(
             return state(ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT)
         return state(ItemStatus.MISSING, "not measured yet", NextAction.RUN)
     path = folder / last.path
-    if resumes:
+    if _resumes(last):
         why = "its program is gone" if last.state == RunState.CRASHED else last.record.reason
         reason = f"{last.state} with {last.record.entry_count} points: {why}"
         action = NextAction.WAIT if waits else NextAction.RESUME

@@ -27,6 +27,10 @@ class TimeSpan:
     def columns(self) -> int:
         return round(COLUMNS * self.buffer_s / self.shown_s)
 
+    def make_trace(self) -> MinMaxTrace:
+        """Return an empty trace of this span."""
+        return MinMaxTrace(self.buffer_s, self.columns)
+
 
 COLUMNS = 1000
 MAX_DELAY_S = 0.4
@@ -70,12 +74,10 @@ class LiveFeed:
     """Drive in volts at the amplifier's input and displacement in micrometres, the last of each of `SPANS`."""
 
     def __init__(self) -> None:
-        self._traces = {
-            span: (MinMaxTrace(span.buffer_s, span.columns), MinMaxTrace(span.buffer_s, span.columns)) for span in SPANS
-        }
+        self._traces = {span: [span.make_trace() for _ in range(2)] for span in SPANS}
+        """Of drive, displacement and the further channels."""
         self._inputs: tuple[InputChannel, ...] = ()
         self._scales: tuple[Scale, ...] = ()
-        self._input_traces: dict[TimeSpan, tuple[MinMaxTrace, ...]] = {}
         self._lock = threading.Lock()
         self._channels: tuple[ChannelCalibration, ...] = ()
         self._rate_hz = 1.0
@@ -122,18 +124,14 @@ class LiveFeed:
         self.running_curve.start_stream(rate_hz, scales, sensor)
         with self._lock:
             self._inputs, self._scales = tuple(inputs), scales[2:]
-            self._input_traces = {
-                span: tuple(MinMaxTrace(span.buffer_s, span.columns) for _ in inputs) for span in SPANS
-            }
-            for trace in (each for traces in self._input_traces.values() for each in traces):
-                trace.reset(rate_hz)
+            for span, traces in self._traces.items():
+                self._traces[span] = [*traces[:2], *(span.make_trace() for _ in inputs)]
+                for trace in self._traces[span]:
+                    trace.reset(rate_hz)
             self._channels = ChannelCalibration.pair(scales, sensor)
             self._rate_hz, self._scans = rate_hz, 0
             self._arrivals.clear()
             self._monitored.clear()
-            for drive, displacement in self._traces.values():
-                drive.reset(rate_hz)
-                displacement.reset(rate_hz)
 
     def add_block(self, block: Block, monitored: bool = False) -> None:
         """Append a block; one before `start_stream` is dropped: its scale is not known.
@@ -146,13 +144,11 @@ class LiveFeed:
             return
         drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
         displacement_um = 1e6 * displacement_m
-        for drive, displacement in self._traces.values():
-            drive.append(drive_v)
-            displacement.append(displacement_um)
-        for at, (channel, scale, raw) in enumerate(zip(self._inputs, self._scales, block.raw[2:], strict=False)):
-            values = channel.values(scale.to_volts(raw))
-            for traces in self._input_traces.values():
-                traces[at].append(values)
+        further = zip(self._inputs, self._scales, block.raw[2:], strict=False)
+        values = [drive_v, displacement_um, *(channel.values(scale.to_volts(raw)) for channel, scale, raw in further)]
+        for traces in self._traces.values():
+            for trace, samples in zip(traces, values, strict=False):
+                trace.append(samples)
         with self._lock:
             before_s = self._scans / self._rate_hz
             self._scans += block.raw.shape[1]
@@ -198,11 +194,10 @@ class LiveFeed:
         with self._lock:
             return tuple((channel.name, channel.unit) for channel in self._inputs)
 
-    def channel_traces(self, span: TimeSpan) -> tuple[MinMaxTrace, ...]:
+    def channel_traces(self, span: TimeSpan) -> Sequence[MinMaxTrace]:
         """Return the further channels over one of `SPANS`."""
-        with self._lock:
-            return self._input_traces.get(span, ())
+        return self._traces[span][2:]
 
-    def traces(self, span: TimeSpan) -> tuple[MinMaxTrace, MinMaxTrace]:
+    def traces(self, span: TimeSpan) -> Sequence[MinMaxTrace]:
         """Return drive and displacement over one of `SPANS`."""
-        return self._traces[span]
+        return self._traces[span][:2]

@@ -121,16 +121,14 @@ class SessionAdapter:
     def observe(self, event: SessionEvent) -> None:
         """Forward blocks to the feed and every other event to the queue; called in the bench thread."""
         self.feed.running_curve.observe(event)
-        if isinstance(event, BlockStored | BlockDiscarded):
-            self.feed.add_block(event.block)
+        if isinstance(event, BlockStored | BlockDiscarded | BlockMonitored):
+            self.feed.add_block(event.block, monitored=isinstance(event, BlockMonitored))
             return
-        if isinstance(event, MonitorStarted | BlockMonitored):
-            self._observe_monitor(event)
-            return
-        if isinstance(event, StreamStarted) and self.session.bench is not None:
-            bench = self.session.bench
+        if isinstance(event, StreamStarted | MonitorStarted) and (bench := self.session.bench) is not None:
             self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
-        elif isinstance(event, RunEnded):
+        if isinstance(event, MonitorStarted):
+            return
+        if isinstance(event, RunEnded):
             self.mailbox.clear()
         try:
             if isinstance(event, RunStarted):
@@ -138,12 +136,6 @@ class SessionAdapter:
             self.events.publish(event)
         finally:
             self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
-
-    def _observe_monitor(self, event: MonitorStarted | BlockMonitored) -> None:
-        if isinstance(event, BlockMonitored):
-            self.feed.add_block(event.block, monitored=True)
-        elif (bench := self.session.bench) is not None:
-            self.feed.start_stream(event.rate_hz, event.scales, bench.sensor, bench.channels)
 
     def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)
