@@ -273,14 +273,6 @@ class Campaign:
             self._plan.move(name, before)
             self._save()
 
-    @property
-    def can_undo(self) -> bool:
-        return self._plan.can_undo
-
-    @property
-    def can_redo(self) -> bool:
-        return self._plan.can_redo
-
     def undo(self) -> bool:
         """Undo the last change of the plan; return whether there was one. Runs are not changed."""
         with self._lock:

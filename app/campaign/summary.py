@@ -86,8 +86,6 @@ class CampaignSummary:
     """Next item that can be measured without the operator."""
     refusal: str = ""
     """Why the bench cannot measure the rest; empty if it can, or without a bench."""
-    can_undo: bool = False
-    can_redo: bool = False
     time_scale: float = 1.0
     """Real seconds per second of bench time."""
 
@@ -166,8 +164,6 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
         next_item=ready[0] if ready else None,
         next_hands_free=next((row for row in ready if not row.needs_operator), None),
         refusal=refusal,
-        can_undo=campaign.can_undo,
-        can_redo=campaign.can_redo,
         time_scale=time_scale,
     )
 

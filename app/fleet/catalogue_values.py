@@ -13,7 +13,7 @@ import numpy as np
 from app.archive import Catalogue, RunSummary
 from app.common import MAX_TOML_BYTES, parse_toml
 from app.identification import FORMAT, SUFFIX
-from model import THRESHOLD_M, Array, current_name, quantity_label
+from model import THRESHOLD_M, Array, current_name, quantity_label, shown_unit
 from model.response import ABDOMEN_THRESHOLD, PerceptionThreshold
 from protocols.base import RunFigure, read_json_file, visible_text, visible_values
 from protocols.runfile import SHEET_SUFFIX
@@ -134,6 +134,12 @@ class FleetSelection:
         return quantity_label(self.name)
 
     @property
+    def display_unit(self) -> str:
+        """Unit in which tables show the values; empty for the unit of the values themselves."""
+        unit = shown_unit(self.unit, self.name)[1]
+        return unit if unit != self.unit else ""
+
+    @property
     def newest(self) -> tuple[FleetValue, ...]:
         """The newest value of each specimen, by name of the specimen."""
         found = {value.specimen: value for value in self.values}
@@ -195,9 +201,8 @@ def _run_values(
 
     for entry in entries:
         for each in entry.figures:
-            figure = each
-            if figure.frequency_hz:
-                figure = _over(figure, threshold.marked_label, scale(figure.frequency_hz))
+            margin = each.frequency_hz
+            figure = _over(each, threshold.marked_label, scale(margin)) if margin else each
             yield FleetValue(
                 figure.name,
                 figure.value,

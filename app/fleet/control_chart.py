@@ -5,6 +5,7 @@ the moving range) and 6.3.2.4 (EWMA); the rules are numbered as by L. S. Nelson,
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -69,6 +70,14 @@ class ControlChart:
     average: Array
     average_limit: Array
     signals: tuple[Signal, ...]
+
+    @cached_property
+    def rules(self) -> Mapping[int, Sequence[str]]:
+        """Names of the rules that are broken, by the index of the value."""
+        found: dict[int, list[str]] = {}
+        for signal in self.signals:
+            found.setdefault(signal.index, []).append(signal.rule)
+        return found
 
     @property
     def in_control(self) -> bool:

@@ -17,11 +17,6 @@ Bounds = tuple[float | None, float | None]
 """Lower and upper limit, SI; None for no limit."""
 
 
-def bounds_of(selection: FleetSelection, limits: Mapping[str, Bounds]) -> Bounds | None:
-    """Return the limits of a quantity by its name in a file of limits; None without any."""
-    return limits.get(selection.name)
-
-
 class _QuantityRow(NamedTuple):
     """Figures of one quantity over the newest values of all specimens."""
 
@@ -46,7 +41,7 @@ def _quantity_row(selection: FleetSelection, limit: Bounds | None) -> _QuantityR
 
 def quantity_table(selections: Sequence[FleetSelection], limits: Mapping[str, Bounds]) -> Table:
     """Return a row for each quantity: mean, spread, outliers and capability of the newest values."""
-    rows = [_quantity_row(selection, bounds_of(selection, limits)) for selection in selections]
+    rows = [_quantity_row(selection, limits.get(selection.name)) for selection in selections]
     return Table(
         "quantities",
         "Newest value of each specimen",
@@ -113,8 +108,7 @@ def group_table(selection: FleetSelection, by: str) -> Table:
     """Return mean and spread of a quantity by batch, bench, month and so on, of all values."""
     values, errors = arrays(selection.values)
     groups = by_group(values, errors, [str(getattr(v, by)) or "unknown" for v in selection.values])
-    spreads, unit = list(groups.values()), shown_unit(selection.unit, selection.name)[1]
-    shown = unit if unit != selection.unit else ""
+    spreads, shown = list(groups.values()), selection.display_unit
     return Table(
         f"{selection.name} by {by}",
         f"{selection.label} by {by}, all values",
@@ -160,8 +154,7 @@ def times_of(selection: FleetSelection) -> Array:
 
 def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[GoldenChart]) -> Table:
     """Return a row for each sensor: centre, sigma, first signal with its rules, and what drifted."""
-    first, unit = [each.first_signal for each in charts], shown_unit(selection.unit, selection.name)[1]
-    shown = unit if unit != selection.unit else ""
+    first, shown = [each.first_signal for each in charts], selection.display_unit
     return Table(
         "charts",
         f"{selection.label} of {golden}, {selection.about}",
@@ -179,20 +172,19 @@ def verdict_table(selection: FleetSelection, golden: str, charts: Sequence[Golde
                 ["" if at is None else each.values[at].start_time[:10] for each, at in zip(charts, first, strict=True)],
                 "first signal",
             ),
-            Column("rules", None, [_rules_text(each) for each in charts]),
+            Column("rules", None, [_rules_text(each, at) for each, at in zip(charts, first, strict=True)]),
             Column("cause", None, [str(each.cause) for each in charts], "drift of"),
         ),
     )
 
 
-def _rules_text(chart: GoldenChart) -> str:
-    return ", ".join(signal.rule for signal in chart.chart.signals if signal.index == chart.first_signal)
+def _rules_text(chart: GoldenChart, at: int | None) -> str:
+    return "" if at is None else ", ".join(chart.chart.rules.get(at, ()))
 
 
 def chart_table(selection: FleetSelection, charts: Sequence[GoldenChart]) -> Table:
     """Return a row for each value of the charts, with the rules that it breaks."""
     rows = [(each, i, value) for each in charts for i, value in enumerate(each.values)]
-    rules = [", ".join(s.rule for s in each.chart.signals if s.index == i) for each, i, _ in rows]
     unit = selection.unit
     return Table(
         "points",
@@ -206,7 +198,7 @@ def chart_table(selection: FleetSelection, charts: Sequence[GoldenChart]) -> Tab
             Column("sigma", unit, [each.chart.sigma for each, *_ in rows]),
             Column("ewma", unit, [each.chart.average[i] for each, i, _ in rows]),
             Column("ewma_limit", unit, [each.chart.average_limit[i] for each, i, _ in rows]),
-            Column("rules", None, rules),
+            Column("rules", None, [_rules_text(each, i) for each, i, _ in rows]),
             Column("run", None, [v.path for *_, v in rows]),
         ),
     )

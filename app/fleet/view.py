@@ -15,7 +15,6 @@ from app.fleet.drift import GoldenChart, golden_charts
 from app.fleet.statistics import Spread, outlier_mask, spread_of, trend_of
 from app.fleet.summary_tables import (
     Bounds,
-    bounds_of,
     chart_notes,
     chart_table,
     format_trend,
@@ -24,7 +23,7 @@ from app.fleet.summary_tables import (
     specimen_table,
     times_of,
 )
-from model import Series, shown_unit
+from model import Series
 
 MAX_SPECIMEN_QUANTITIES = 4
 """Quantities in the table of the specimens: more do not fit beside each other at 900 points."""
@@ -53,8 +52,6 @@ class FleetView:
     """What a query selects.
 
     Attributes:
-        names: quantities of the whole fleet.
-        batches: of the whole fleet.
         groups: every value of the quantity in SI over seconds since 1970, by group, and the values themselves.
         outliers: specimens whose newest value is a possible outlier.
         summary: a row for each statistic of the quantity.
@@ -62,8 +59,6 @@ class FleetView:
         specimens: a row for each specimen; the rows of outliers are highlighted.
     """
 
-    names: tuple[str, ...]
-    batches: tuple[str, ...]
     selection: FleetSelection
     spread: Spread
     groups: tuple[tuple[Series, tuple[FleetValue, ...]], ...]
@@ -101,13 +96,11 @@ def view_fleet(fleet: Fleet, query: FleetQuery, limits: Mapping[str, Bounds]) ->
     specimens = specimen_table(shown)
     marked = frozenset(at for at, each in enumerate(specimens.columns[0].values) if each in outliers)
     return FleetView(
-        fleet.names,
-        tuple(sorted({v.batch for v in fleet.values})),
         selection,
         spread_of(values, errors),
         tuple(_plot_groups(selection, query.group_by)),
         outliers,
-        bounds_of(selection, limits),
+        limits.get(selection.name),
         _summary_table(selection, limits),
         _without_extremes(group_table(selection, query.group_by)),
         replace(specimens, highlighted_rows=marked),
@@ -196,23 +189,15 @@ def view_charts(fleet: Fleet, golden: str, quantity: str, baseline: int = BASELI
 
 
 def _broken_table(selection: FleetSelection, chart: GoldenChart) -> Table:
-    rules: dict[int, list[str]] = {}
-    for signal in chart.chart.signals:
-        rules.setdefault(signal.index, []).append(signal.rule)
+    rules = chart.chart.rules
     found = [(at, chart.values[at]) for at in sorted(rules)]
-    unit = shown_unit(selection.unit, selection.name)[1]
     return Table(
         "broken rules",
         f"{len(found)} of {len(chart.values)} values break a rule",
         (
             Column("number", None, [at + 1 for at, _ in found], "no.", format_spec="d"),
             Column("begun", None, [v.start_time[:10] for _, v in found]),
-            Column(
-                "value",
-                selection.unit,
-                [v.value for _, v in found],
-                display_unit=unit if unit != selection.unit else "",
-            ),
+            Column("value", selection.unit, [v.value for _, v in found], display_unit=selection.display_unit),
             Column("rules", None, [", ".join(rules[at]) for at, _ in found], "broken rules"),
             Column("run", None, [Path(v.path).name for _, v in found], displayed=False),
         ),

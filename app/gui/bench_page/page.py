@@ -236,7 +236,8 @@ class BenchPage(QSplitter):
         return draft.config.same_bench(self._config) and view.can_run
 
     def _move_target(self, by_m: float) -> None:
-        self._worker.submit(lambda: self._adapter.faults.move_target(by_m), on_error=self._on_error)
+        feed, move = self._adapter.feed, self._adapter.faults.move_target
+        self._worker.submit(lambda: move(by_m), lambda _: feed.restart_reading(), self._on_error)
 
     def _show_draft(self, draft: BenchDraft, files: list[Path]) -> None:
         self.benches.show_benches(files, draft.name, self._open_bench)

@@ -168,7 +168,6 @@ class CampaignBoard(QWidget):
 
     action_requested = Signal(str, str)
     """Action (a `CampaignAction` or a key of `details.BUTTONS`) and name of the item ("": none)."""
-    item_moved = Signal(str, str)
     review_requested = Signal()
     """The details show another run, which is to be read."""
 
@@ -190,7 +189,6 @@ class CampaignBoard(QWidget):
         self.live_pane.setObjectName("campaign/rows")
         self.live_pane.setMinimumWidth(MIN_LIVE_WIDTH)
         column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
-        self.item_list.item_moved.connect(self.item_moved)
         self.item_list.selected_item_changed.connect(self._show_details_later)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
         self._details.pressed.connect(self._request_action)

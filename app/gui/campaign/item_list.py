@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 ITEM_ROLE = Qt.ItemDataRole.UserRole
 STATUS_SYMBOLS = {
-    "done": "tick",
-    "doubtful": "question",
-    "stale": "again",
-    "missing": "open",
-    "waiting": "dots",
-    "unfinished": "pause",
-    "failed": "cross",
-    "running": "play",
-    "skipped": "nothing",
+    "done": ("tick", "success"),
+    "doubtful": ("question", "warning"),
+    "stale": ("again", "warning"),
+    "missing": ("open", "secondary_text"),
+    "waiting": ("dots", "secondary_text"),
+    "unfinished": ("pause", "warning"),
+    "failed": ("cross", "error"),
+    "running": ("play", "accent"),
+    "skipped": ("nothing", "secondary_text"),
 }
-"""By item status."""
+"""Symbol and name of its colour in a `Theme`, by item status."""
 
 
 class CampaignList(QListWidget):
@@ -156,10 +156,11 @@ class CampaignItemDelegate(QStyledItemDelegate):
         status = "running" if running else "doubtful" if doubtful else str(row.state.status)
         side = 0.52 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
-        color = self._text_color(status)
+        symbol, color_name = STATUS_SYMBOLS[status]
+        color = getattr(theme, color_name)
         painter.setPen(QColor(color))
         painter.save()
-        SYMBOLS[STATUS_SYMBOLS[status]](painter, box)
+        SYMBOLS[symbol](painter, box)
         painter.restore()
         left, right, middle = round(box.right()) + 16, area.right() - 10, area.center().y()
         top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
@@ -199,14 +200,3 @@ class CampaignItemDelegate(QStyledItemDelegate):
         painter.drawText(area.adjusted(used, 0, 0, 0), left_aligned, elided)
         painter.setPen(QColor(self.theme.colors.secondary_text))
         painter.drawText(area, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, right)
-
-    def _text_color(self, status: str) -> str:
-        theme = self.theme.colors
-        return {
-            "done": theme.success,
-            "doubtful": theme.warning,
-            "stale": theme.warning,
-            "unfinished": theme.warning,
-            "failed": theme.error,
-            "running": theme.accent,
-        }.get(status, theme.secondary_text)

@@ -301,7 +301,7 @@ class CampaignPage(QStackedWidget):
         header_actions = {"add": self._show_add, "new": self._show_start, "open": self._choose_campaign_file}
         self.board.header.action_requested.connect(lambda action: header_actions[action]())
         self.board.action_requested.connect(self.perform_action)
-        self.board.item_moved.connect(
+        self.board.item_list.item_moved.connect(
             lambda name, before: self.controller.modify(
                 lambda campaign: campaign.move(name, before), f"{name} is moved"
             )

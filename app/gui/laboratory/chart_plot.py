@@ -1,6 +1,6 @@
 """Plot of a control chart: Shewhart chart with its zones above the EWMA, values that break a rule marked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -100,12 +100,10 @@ class ControlChartPlot(PlotBase):
             mark.setValue(at + 0.5)
             mark.label.setFormat(text)
             mark.setVisible(0 < at < one.values.size)
-        rules: dict[int, list[str]] = {}
-        for signal in one.signals:
-            rules.setdefault(signal.index, []).append(signal.rule)
-        texts = [_describe(chart, at, rules.get(at, [])) for at in range(one.values.size)]
-        shewhart = np.array([any(rule != EWMA for rule in rules.get(at, ())) for at in range(one.values.size)], bool)
-        ewma = np.array([EWMA in rules.get(at, ()) for at in range(one.values.size)], bool)
+        rules = [one.rules.get(at, ()) for at in range(one.values.size)]
+        texts = [_describe(chart, at, broken) for at, broken in enumerate(rules)]
+        shewhart = np.array([any(rule != EWMA for rule in broken) for broken in rules], bool)
+        ewma = np.array([EWMA in broken for broken in rules], bool)
         self.line.setData(x, y)
         self.average.setData(x, factor * one.average)
         for curve, side in ((self.upper_limit, 1), (self.lower_limit, -1)):
@@ -151,7 +149,7 @@ def _label_at(position: float, upright: bool = False) -> dict[str, Any]:
     return {"position": position, "anchors": [(1, 0), (0, 0)] if upright else [(1, 1), (1, 1)]}
 
 
-def _describe(chart: GoldenChart, at: int, rules: list[str]) -> str:
+def _describe(chart: GoldenChart, at: int, rules: Sequence[str]) -> str:
     value = chart.values[at]
     found = format_quantity(value.value, value.total, value.unit, value.name)
     broken = f"\nbreaks: {', '.join(rules)}" if rules else ""
